@@ -1,0 +1,5 @@
+//! Completion without training.
+
+mod linear;
+
+pub use linear::linear;

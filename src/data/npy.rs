@@ -1,0 +1,113 @@
+//! NumPy `.npy` arrays of depths.
+
+use super::{DepthMap, write_atomically};
+use crate::error::{Error, Result};
+use npyz::{DType, NpyFile, Order, WriterBuilder as _};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+/// Reads a depth map of shape `[height, width]` or `[height, width, 1]`, in metres times `scale`.
+///
+/// Element types: float16, float32, float64, uint8 to uint64, int8 to int64. NaN, infinite and
+/// negative values mean no measurement.
+///
+/// # Errors
+/// Not an `.npy` file, another shape or element type, or fewer bytes than the header declares.
+pub fn read_npy(path: &Path, scale: f32) -> Result<DepthMap> {
+    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
+    let npy = NpyFile::new(BufReader::new(file)).map_err(|e| {
+        Error::format(path, "is not a NumPy array")
+            .because(e)
+            .hint("save the depths with `numpy.save`, as a float32 array of shape (height, width)")
+    })?;
+    let (height, width) = match npy.shape()[..] {
+        [height, width] | [height, width, 1] => (height, width),
+        ref other => {
+            return Err(Error::format(
+                path,
+                format!("has shape {other:?}, expected (height, width)"),
+            )
+            .hint("save one depth per pixel of the image; 0 where there is no measurement"));
+        }
+    };
+    let DType::Plain(element) = npy.dtype() else {
+        return Err(Error::format(path, "holds records, expected plain numbers")
+            .hint("save the depths as a float32 array"));
+    };
+    let bytes = (element.size_field() as u64)
+        .checked_mul(height)
+        .and_then(|n| n.checked_mul(width));
+    if height == 0 || width == 0 || bytes.is_none_or(|n| n > size) {
+        return Err(Error::format(
+            path,
+            format!("declares {height}x{width} values but is only {size} bytes long"),
+        )
+        .hint("the file is empty or cut off; write it again"));
+    }
+    let fortran = npy.order() == Order::Fortran;
+    let values = decode(npy, &element.to_string())
+        .map_err(|e| Error::format(path, "is damaged").because(e))?
+        .ok_or_else(|| {
+            Error::format(path, format!("holds `{element}` values, expected numbers"))
+                .hint("save the depths as a float32 array")
+        })?;
+    let (height, width) = (height as usize, width as usize);
+    let row_major = |i: usize| {
+        if fortran {
+            values[(i % width) * height + i / width]
+        } else {
+            values[i]
+        }
+    };
+    let scaled = (0..values.len()).map(|i| row_major(i) * scale).collect();
+    DepthMap::new(width, height, scaled)
+}
+
+/// The values in file order, or `None` for an element type that is no number.
+fn decode(
+    npy: NpyFile<BufReader<File>>,
+    element: &str,
+) -> std::io::Result<Option<Vec<f32>>> {
+    macro_rules! as_f32 {
+        ($t:ty) => {
+            npy.into_vec::<$t>()?.into_iter().map(|v| v as f32).collect()
+        };
+    }
+    let kind = element.trim_start_matches(['<', '>', '|', '=']);
+    Ok(Some(match kind {
+        "f2" => npy
+            .into_vec::<half::f16>()?
+            .into_iter()
+            .map(half::f16::to_f32)
+            .collect(),
+        "f4" => npy.into_vec::<f32>()?,
+        "f8" => as_f32!(f64),
+        "u1" => as_f32!(u8),
+        "u2" => as_f32!(u16),
+        "u4" => as_f32!(u32),
+        "u8" => as_f32!(u64),
+        "i1" => as_f32!(i8),
+        "i2" => as_f32!(i16),
+        "i4" => as_f32!(i32),
+        "i8" => as_f32!(i64),
+        _ => return Ok(None),
+    }))
+}
+
+/// Writes a depth map as float32 of shape `(height, width)`, in metres.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_npy(path: &Path, depth: &DepthMap) -> Result<()> {
+    write_atomically(path, |out| {
+        let mut writer = npyz::WriteOptions::new()
+            .default_dtype()
+            .shape(&[depth.height() as u64, depth.width() as u64])
+            .writer(out)
+            .begin_nd()?;
+        writer.extend(depth.values().iter().copied())?;
+        writer.finish()
+    })
+}

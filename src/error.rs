@@ -1,0 +1,117 @@
+//! One error type for the whole crate, classified by cause.
+
+use std::path::Path;
+
+/// What a failure is about; decides the exit code of the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Cause {
+    /// A file or folder cannot be read.
+    Read,
+    /// A file or folder cannot be written.
+    Write,
+    /// A file is damaged or is not of the expected format.
+    Format,
+    /// Sizes or shapes do not go together.
+    Shape,
+    /// A setting is unknown or out of range.
+    Config,
+    /// Network weights do not belong to the network.
+    Weights,
+    /// A compute device cannot be used.
+    Device,
+    /// The least-squares problem has no answer.
+    Fit,
+}
+
+/// An error: its cause, one sentence that says what is wrong and where, and often what to do.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct Error {
+    cause: Cause,
+    message: String,
+    hint: Option<String>,
+    source: Option<Box<dyn std::error::Error + Send + Sync>>,
+}
+
+/// The crate's result.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// An error of the given cause; `message` is one sentence without a full stop.
+    pub fn new(cause: Cause, message: impl Into<String>) -> Self {
+        Self {
+            cause,
+            message: message.into(),
+            hint: None,
+            source: None,
+        }
+    }
+
+    /// `path` cannot be read.
+    pub fn read(path: &Path, source: std::io::Error) -> Self {
+        Self::new(Cause::Read, format!("cannot read `{}`", path.display())).because(source)
+    }
+
+    /// `path` cannot be written.
+    pub fn write(path: &Path, source: std::io::Error) -> Self {
+        Self::new(Cause::Write, format!("cannot write `{}`", path.display())).because(source)
+    }
+
+    /// `path` is damaged or not of the expected format.
+    pub fn format(path: &Path, what: impl std::fmt::Display) -> Self {
+        Self::new(Cause::Format, format!("`{}`: {what}", path.display()))
+    }
+
+    /// Sizes or shapes do not go together.
+    pub fn shape(message: impl Into<String>) -> Self {
+        Self::new(Cause::Shape, message)
+    }
+
+    /// A setting is unknown or out of range.
+    pub fn config(message: impl Into<String>) -> Self {
+        Self::new(Cause::Config, message)
+    }
+
+    /// Weights do not belong to the network.
+    pub fn weights(message: impl Into<String>) -> Self {
+        Self::new(Cause::Weights, message)
+    }
+
+    /// A compute device cannot be used.
+    pub fn device(message: impl Into<String>) -> Self {
+        Self::new(Cause::Device, message)
+    }
+
+    /// The least-squares problem has no answer.
+    pub fn fit(message: impl Into<String>) -> Self {
+        Self::new(Cause::Fit, message)
+    }
+
+    /// Adds what to do about it.
+    #[must_use]
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        self.hint = Some(hint.into());
+        self
+    }
+
+    /// Adds the underlying error.
+    #[must_use]
+    pub fn because(
+        mut self,
+        source: impl Into<Box<dyn std::error::Error + Send + Sync>>,
+    ) -> Self {
+        self.source = Some(source.into());
+        self
+    }
+
+    /// What the failure is about.
+    pub fn cause(&self) -> Cause {
+        self.cause
+    }
+
+    /// What to do about it, where that is known.
+    pub fn advice(&self) -> Option<&str> {
+        self.hint.as_deref()
+    }
+}

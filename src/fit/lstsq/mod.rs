@@ -1,0 +1,83 @@
+//! Weighted least squares as a differentiable burn op.
+//!
+//! One problem per image: rows are points, columns are base functions, a row weight of 0 marks
+//! padding. All arithmetic is f64 on the host; tensors of any device and float type go in.
+
+mod autodiff;
+mod host;
+mod problem;
+#[cfg(test)]
+mod tests;
+
+pub use problem::{Problem, Solution, Solver};
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::tensor::Tensor;
+
+/// Backends that solve; the defaults read the tensors, solve on the host and write back.
+#[backend_extension(
+    Autodiff,
+    Flex,
+    NdArray: cfg(feature = "ndarray"),
+    Cube: cfg(feature = "wgpu"),
+)]
+pub trait LstsqBackend: Backend {
+    /// `bases [b, n, k]`, `depths [b, n]`, `weights [b, n]` to the solution `[b, k]`.
+    fn lstsq(
+        bases: FloatTensor<Self>,
+        depths: FloatTensor<Self>,
+        weights: FloatTensor<Self>,
+        solver: Solver,
+    ) -> FloatTensor<Self> {
+        host::forward::<Self>(bases, depths, weights, solver)
+    }
+
+    /// The gradients of `bases` and `depths` from that of the solution.
+    fn lstsq_backward(
+        bases: FloatTensor<Self>,
+        depths: FloatTensor<Self>,
+        weights: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        solver: Solver,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        host::backward::<Self>(bases, depths, weights, grad, solver)
+    }
+}
+
+impl LstsqBackend for burn::backend::Flex {}
+
+#[cfg(feature = "ndarray")]
+impl LstsqBackend for burn_ndarray::NdArray {}
+
+#[cfg(feature = "wgpu")]
+impl LstsqBackend for burn_cubecl::CubeBackend {}
+
+/// Minimises `sum_i weights_i (depths_i - bases_i . x)^2` for every image of a batch.
+///
+/// `bases [batch, points, k]`, `depths` and `weights [batch, points]`, result `[batch, k]`.
+/// Differentiable in `bases` and `depths`; the weights are constants. A problem without a solution
+/// (values that are not finite) yields NaN.
+pub fn lstsq(
+    bases: Tensor<3>,
+    depths: Tensor<2>,
+    weights: Tensor<2>,
+    solver: Solver,
+) -> Tensor<2> {
+    Tensor::from_dispatch(Dispatch::lstsq(
+        bases.into_dispatch(),
+        depths.into_dispatch(),
+        weights.into_dispatch(),
+        solver,
+    ))
+}
+
+/// `depths - bases * x`.
+pub(super) fn residuals(bases: &[f64], depths: &[f64], x: &[f64]) -> Vec<f64> {
+    let fitted = bases.chunks_exact(x.len().max(1)).map(|row| dot(row, x));
+    depths.iter().zip(fitted).map(|(d, f)| d - f).collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}

@@ -1,0 +1,110 @@
+//! Base functions and sparse depths to weights: the least-squares fit (paper section 3.3).
+
+mod lstsq;
+mod robust;
+
+pub use lstsq::{LstsqBackend, Problem, Solution, Solver, lstsq};
+pub use robust::{Irls, irls};
+
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// How weights are found.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FitConfig {
+    /// Singular values below this share of the largest are left out (paper Algorithm 1). The
+    /// default is 129 times the epsilon of f32.
+    pub rcond: f64,
+    /// Added to the normal equations, as a share of their mean diagonal; 0 is the paper's fit.
+    pub ridge: f64,
+    /// Iteratively reweighted least squares against outliers (paper Algorithm 2).
+    pub irls: Option<Irls>,
+}
+
+impl Default for FitConfig {
+    fn default() -> Self {
+        Self {
+            rcond: 1.5e-5,
+            ridge: 0.0,
+            irls: None,
+        }
+    }
+}
+
+impl FitConfig {
+    /// The solver of one linear problem.
+    pub fn solver(&self) -> Solver {
+        if self.ridge > 0.0 {
+            Solver::Ridge(self.ridge)
+        } else {
+            Solver::Truncated(self.rcond)
+        }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check(&self) -> Result<()> {
+        if !(0.0..1.0).contains(&self.rcond) {
+            return Err(Error::config("`fit.rcond` must be in [0, 1)"));
+        }
+        if !(self.ridge >= 0.0 && self.ridge.is_finite()) {
+            return Err(Error::config("`fit.ridge` must be 0 or more"));
+        }
+        self.irls.map_or(Ok(()), |irls| irls.check())
+    }
+}
+
+/// The outcome of a fit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// Weights of the base functions, the constant first, in metres.
+    pub weights: Vec<f64>,
+    /// Depth minus fitted depth at each point, in metres.
+    pub residuals: Vec<f64>,
+    /// The weight of each point in the last solve: all 1 without IRLS.
+    pub point_weights: Vec<f64>,
+    /// The number of directions that the points determine, at most N + 1.
+    pub rank: usize,
+}
+
+impl Fit {
+    /// Root mean square of the residuals, in metres.
+    pub fn rms(&self) -> f64 {
+        let sum: f64 = self.residuals.iter().map(|r| r * r).sum();
+        (sum / self.residuals.len().max(1) as f64).sqrt()
+    }
+}
+
+/// Fits `bases` (`depths.len()` rows of N + 1 values) to `depths` in metres.
+///
+/// # Errors
+/// No point, values that are not finite, or a decomposition that does not converge.
+pub fn fit(bases: &[f32], depths: &[f32], config: &FitConfig) -> Result<Fit> {
+    if depths.is_empty() {
+        return Err(Error::fit("there is no sparse depth to fit")
+            .hint("give at least one pixel a positive, finite depth"));
+    }
+    let columns = bases.len() / depths.len();
+    let all_finite = bases.iter().chain(depths).all(|v| v.is_finite());
+    if !all_finite || columns * depths.len() != bases.len() {
+        return Err(Error::fit("base functions or depths are not finite")
+            .hint("the weights of the network may be damaged"));
+    }
+    let bases: Vec<f64> = bases.iter().map(|&v| f64::from(v)).collect();
+    let depths: Vec<f64> = depths.iter().map(|&v| f64::from(v)).collect();
+    let mut point_weights = vec![1.0; depths.len()];
+    let mut solution = Problem::new(&bases, &depths, &point_weights).solve(config.solver())?;
+    if let Some(settings) = config.irls {
+        (solution, point_weights) = irls(&bases, &depths, solution, config.solver(), settings)?;
+    }
+    let residuals = lstsq::residuals(&bases, &depths, &solution.weights);
+    Ok(Fit {
+        weights: solution.weights,
+        residuals,
+        point_weights,
+        rank: solution.rank,
+    })
+}

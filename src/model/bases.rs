@@ -1,0 +1,93 @@
+//! The per-pixel MLP, and base functions that can be read at any pixel of any output size.
+
+use super::layers::{Hidden, Init, Linear};
+use super::{BasisNetConfig, encoding, grid};
+use burn::module::Module;
+use burn::tensor::{Tensor, TensorData};
+
+/// The MLP from features and position to N base functions (paper section 3.2).
+#[derive(Module, Debug)]
+pub struct BasisHead {
+    hidden: Vec<Hidden>,
+    last: Linear,
+    #[module(skip)]
+    octaves: usize,
+}
+
+impl BasisHead {
+    pub(super) fn init(config: &BasisNetConfig, init: &mut Init) -> Self {
+        let mut width = config.extractor.features + encoding::channels(config.octaves);
+        let mut hidden = Vec::new();
+        for &next in &config.hidden {
+            hidden.push(Hidden::init(width, next, init));
+            width = next;
+        }
+        Self {
+            hidden,
+            last: Linear::init(width, config.bases, init),
+            octaves: config.octaves,
+        }
+    }
+
+    /// `[rows, features + position]` to `[rows, N]`.
+    fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        self.last.forward(self.hidden.iter().fold(x, |x, layer| layer.forward(x)))
+    }
+}
+
+/// The base functions of a batch of images: features at a quarter of the resolution, and the MLP
+/// that turns them into values at any pixel of any output size (paper section 4.5).
+#[derive(Clone, Debug)]
+pub struct Bases {
+    features: Tensor<4>,
+    head: BasisHead,
+}
+
+impl Bases {
+    pub(super) fn new(features: Tensor<4>, head: BasisHead) -> Self {
+        Self { features, head }
+    }
+
+    /// Values at pixels of an output of `size` (height, width): `[batch, pixels, N + 1]`, the
+    /// first function being the constant 1.
+    ///
+    /// `pixels[b]` lists `y * width + x` for image `b`, equally many for each.
+    pub fn at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<3> {
+        let device = self.features.device();
+        let batch = pixels.len();
+        let count = pixels.first().map_or(0, Vec::len);
+        let mut input = grid::sample(self.features.clone(), size, pixels);
+        let width = encoding::channels(self.head.octaves);
+        if width > 0 {
+            let codes = pixels
+                .iter()
+                .flat_map(|list| encoding::encode(size, list, self.head.octaves))
+                .collect::<Vec<f32>>();
+            let codes = TensorData::new(codes, [batch * count, width]);
+            input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
+        }
+        let learned = self.head.forward(input);
+        let functions = learned.dims()[1];
+        let one = Tensor::ones([batch, count, 1], &device);
+        Tensor::cat(vec![one, learned.reshape([batch, count, functions])], 2)
+    }
+
+    /// Bases x weights over the whole output, for one image: `size.0 * size.1` depths.
+    ///
+    /// Works on strips of rows, so memory does not grow with the output.
+    pub fn combine(&self, size: (usize, usize), weights: &[f32]) -> Vec<f32> {
+        const STRIP: usize = 1 << 15;
+        let device = self.features.device();
+        let column = TensorData::new(weights.to_vec(), [weights.len(), 1]);
+        let column = Tensor::<2>::from_data(column, &device);
+        let total = size.0 * size.1;
+        let mut depths = Vec::with_capacity(total);
+        for start in (0..total).step_by(STRIP) {
+            let pixels = (start..(start + STRIP).min(total)).map(|i| i as u32).collect();
+            let strip = self.at(size, &[pixels]).squeeze_dim::<2>(0);
+            let values = strip.matmul(column.clone()).into_data();
+            depths.extend(values.iter::<f32>());
+        }
+        depths
+    }
+}

@@ -1,0 +1,262 @@
+//! The feature extractor of PSMNet (Chang and Chen 2018, `feature_extraction`), a spatial pyramid
+//! pooling network that yields features at a quarter of the image's resolution.
+//!
+//! Two departures, so that every input size works: the pools are 32, 16, 8 and 4 instead of 64,
+//! 32, 16 and 8 pixels, and they run in ceil mode, averaging only the pixels inside the map.
+
+use super::layers::{Conv, ConvNorm, Init};
+use crate::conv::ConvSpec;
+use crate::error::{Error, Result};
+use burn::module::Module;
+use burn::tensor::{Device, Tensor, TensorData};
+use serde::{Deserialize, Serialize};
+
+/// A run of residual blocks of equal width.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageConfig {
+    /// Channels.
+    pub width: usize,
+    /// Residual blocks of two 3x3 convolutions.
+    pub blocks: usize,
+}
+
+/// Widths and depths of the extractor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExtractorConfig {
+    /// Channels of the three convolutions at half resolution.
+    pub stem: usize,
+    /// Four stages: at half resolution, at a quarter, wider, and with dilation 2.
+    pub stages: [StageConfig; 4],
+    /// Pool sizes in pixels at a quarter of the resolution, one branch each.
+    pub pools: Vec<usize>,
+    /// Channels of each pooling branch.
+    pub branch: usize,
+    /// Channels of the convolution that merges all branches.
+    pub merge: usize,
+    /// Channels of the result.
+    pub features: usize,
+}
+
+impl Default for ExtractorConfig {
+    fn default() -> Self {
+        Self::psmnet()
+    }
+}
+
+impl ExtractorConfig {
+    /// PSMNet's sizes: 3,339,552 parameters.
+    pub fn psmnet() -> Self {
+        let stage = |width, blocks| StageConfig { width, blocks };
+        Self {
+            stem: 32,
+            stages: [stage(32, 3), stage(64, 16), stage(128, 3), stage(128, 3)],
+            pools: vec![32, 16, 8, 4],
+            branch: 32,
+            merge: 128,
+            features: 32,
+        }
+    }
+
+    /// Half the widths and two fifths of the blocks.
+    pub fn small() -> Self {
+        let stage = |width, blocks| StageConfig { width, blocks };
+        Self {
+            stem: 16,
+            stages: [stage(16, 2), stage(32, 6), stage(64, 2), stage(64, 1)],
+            pools: vec![32, 16, 8, 4],
+            branch: 16,
+            merge: 64,
+            features: 32,
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<()> {
+        let blocks = self.stages.iter().map(|s| s.blocks);
+        if self.widths().contains(&0) || self.pools.contains(&0) || blocks.min() == Some(0) {
+            return Err(Error::config(
+                "every width, pool and number of blocks of the extractor must be above 0",
+            ));
+        }
+        Ok(())
+    }
+
+    /// All widths that a normalisation sees.
+    pub(super) fn widths(&self) -> Vec<usize> {
+        let mut widths: Vec<usize> = self.stages.iter().map(|s| s.width).collect();
+        widths.extend([self.stem, self.branch, self.merge]);
+        widths
+    }
+
+    pub(super) fn init(&self, init: &mut Init) -> Extractor {
+        let plain = ConvSpec::same(1);
+        let [first, second, third, fourth] = self.stages;
+        let merged = second.width + fourth.width + self.pools.len() * self.branch;
+        Extractor {
+            stem: vec![
+                ConvNorm::init(3, self.stem, 3, ConvSpec::halving(), init),
+                ConvNorm::init(self.stem, self.stem, 3, plain, init),
+                ConvNorm::init(self.stem, self.stem, 3, plain, init),
+            ],
+            half: stage(self.stem, first, plain, plain, init),
+            quarter: stage(first.width, second, ConvSpec::halving(), plain, init),
+            wide: stage(second.width, third, plain, plain, init),
+            dilated: stage(third.width, fourth, ConvSpec::same(2), ConvSpec::same(2), init),
+            branches: self
+                .pools
+                .iter()
+                .map(|_| ConvNorm::init(fourth.width, self.branch, 1, ConvSpec::pointwise(), init))
+                .collect(),
+            merge: ConvNorm::init(merged, self.merge, 3, plain, init),
+            project: Conv::init(self.merge, self.features, 1, ConvSpec::pointwise(), init),
+            pools: self.pools.clone(),
+        }
+    }
+}
+
+/// The extractor with its weights.
+#[derive(Module, Debug)]
+pub struct Extractor {
+    stem: Vec<ConvNorm>,
+    half: Vec<Block>,
+    quarter: Vec<Block>,
+    wide: Vec<Block>,
+    dilated: Vec<Block>,
+    branches: Vec<ConvNorm>,
+    merge: ConvNorm,
+    project: Conv,
+    #[module(skip)]
+    pools: Vec<usize>,
+}
+
+impl Extractor {
+    /// `[batch, 3, height, width]` to `[batch, features, ceil(height / 4), ceil(width / 4)]`.
+    pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
+        let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
+        let x = self.stem.iter().fold(images, |x, conv| conv.forward_relu(x));
+        let raw = run(run(x, &self.half), &self.quarter);
+        let skip = run(run(raw.clone(), &self.wide), &self.dilated);
+        let pooled = self.branches.iter().zip(&self.pools).map(|(conv, &pool)| {
+            let (down, up) = resampling(skip.dims(), pool, &skip.device());
+            up.apply(conv.forward_relu(down.apply(skip.clone())))
+        });
+        let all = [raw, skip.clone()].into_iter().chain(pooled).collect();
+        self.project.forward(self.merge.forward_relu(Tensor::cat(all, 1)))
+    }
+}
+
+/// PSMNet's residual block: two convolutions, no ReLU after the sum.
+#[derive(Module, Debug)]
+struct Block {
+    first: ConvNorm,
+    second: ConvNorm,
+    shortcut: Option<ConvNorm>,
+}
+
+impl Block {
+    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        let shortcut = match &self.shortcut {
+            Some(conv) => conv.forward(x.clone()),
+            None => x.clone(),
+        };
+        self.second.forward(self.first.forward_relu(x)) + shortcut
+    }
+}
+
+fn stage(
+    from: usize,
+    config: StageConfig,
+    first: ConvSpec,
+    others: ConvSpec,
+    init: &mut Init,
+) -> Vec<Block> {
+    (0..config.blocks)
+        .map(|i| {
+            let (from, spec) = if i == 0 { (from, first) } else { (config.width, others) };
+            let inner = ConvSpec { stride: 1, ..others };
+            let changes = from != config.width || spec.stride != 1;
+            let shortcut = ConvSpec { stride: spec.stride, ..ConvSpec::pointwise() };
+            Block {
+                first: ConvNorm::init(from, config.width, 3, spec, init),
+                second: ConvNorm::init(config.width, config.width, 3, inner, init),
+                shortcut: changes.then(|| ConvNorm::init(from, config.width, 1, shortcut, init)),
+            }
+        })
+        .collect()
+}
+
+/// A linear map of rows and one of columns: pooling or bilinear enlargement of a whole map.
+struct Separable {
+    rows: Tensor<4>,
+    columns: Tensor<4>,
+}
+
+impl Separable {
+    fn apply(&self, x: Tensor<4>) -> Tensor<4> {
+        self.rows.clone().matmul(x.matmul(self.columns.clone()))
+    }
+}
+
+/// Average pooling of `[_, _, height, width]` by `pool` and the bilinear way back.
+fn resampling(dims: [usize; 4], pool: usize, device: &Device) -> (Separable, Separable) {
+    let [_, _, height, width] = dims;
+    let tensor = |values: Vec<f32>, rows: usize, columns: usize| {
+        Tensor::<4>::from_data(TensorData::new(values, [1, 1, rows, columns]), device)
+    };
+    let (short, narrow) = (height.div_ceil(pool), width.div_ceil(pool));
+    let down = Separable {
+        rows: tensor(averages(height, pool), short, height),
+        columns: tensor(averages(width, pool), narrow, width).transpose(),
+    };
+    let up = Separable {
+        rows: tensor(enlargement(short, height), height, short),
+        columns: tensor(enlargement(narrow, width), width, narrow).transpose(),
+    };
+    (down, up)
+}
+
+/// Matrix `[ceil(length / pool), length]` of averages over windows cut off at the end.
+fn averages(length: usize, pool: usize) -> Vec<f32> {
+    let windows = length.div_ceil(pool);
+    let mut matrix = vec![0.0; windows * length];
+    for i in 0..length {
+        let window = i / pool;
+        let count = pool.min(length - window * pool);
+        matrix[window * length + i] = 1.0 / count as f32;
+    }
+    matrix
+}
+
+/// Matrix `[to, from]` of bilinear interpolation between pixel centres.
+fn enlargement(from: usize, to: usize) -> Vec<f32> {
+    let mut matrix = vec![0.0; to * from];
+    for i in 0..to {
+        let (low, high, t) = super::grid::neighbours(i, to, from);
+        matrix[i * from + low] += 1.0 - t;
+        matrix[i * from + high] += t;
+    }
+    matrix
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pools_count_only_pixels_inside() {
+        assert_eq!(averages(5, 2), [
+            0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+        ]);
+    }
+
+    #[test]
+    fn enlargement_is_exact_on_ramps_inside() {
+        let matrix = enlargement(4, 8);
+        let row = |i: usize| (0..4).map(|j| matrix[i * 4 + j] * j as f32).sum::<f32>();
+        for i in 1..7 {
+            assert!((row(i) - ((i as f32 + 0.5) / 2.0 - 0.5)).abs() < 1e-6);
+        }
+        assert!(row(0).abs() < 1e-6 && (row(7) - 3.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,212 @@
+//! The building blocks: convolution or linear map without bias, normalisation, ReLU.
+
+use crate::conv::{ConvSpec, conv2d};
+use crate::error::{Error, Result};
+use crate::norm::batch_norm_relu;
+use crate::rng::Rng;
+use burn::module::{Module, Param, RunningState};
+use burn::nn::{GroupNorm, GroupNormConfig};
+use burn::tensor::{Device, Tensor, TensorData};
+use serde::{Deserialize, Serialize};
+
+/// Which normalisation follows every layer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NormKind {
+    /// Batch normalisation (Ioffe and Szegedy 2015), as PSMNet; can be folded for inference.
+    #[default]
+    Batch,
+    /// Group normalisation (Wu and He 2018), 8 channels a group; per pixel in the MLP.
+    Group,
+}
+
+const CHANNELS_PER_GROUP: usize = 8;
+const EPSILON: f64 = 1e-5;
+const MOMENTUM: f64 = 0.1;
+
+impl NormKind {
+    pub(super) fn check(self, mut widths: impl Iterator<Item = usize>) -> Result<()> {
+        match self {
+            Self::Group => match widths.find(|w| w % CHANNELS_PER_GROUP != 0) {
+                Some(width) => Err(Error::config(format!(
+                    "`norm = \"group\"` needs widths divisible by {CHANNELS_PER_GROUP}, got {width}"
+                ))),
+                None => Ok(()),
+            },
+            Self::Batch => Ok(()),
+        }
+    }
+}
+
+/// What every layer needs to be built.
+pub(super) struct Init {
+    pub(super) rng: Rng,
+    pub(super) norm: NormKind,
+    pub(super) device: Device,
+}
+
+impl Init {
+    /// Normal values of the given standard deviation.
+    fn normal<const D: usize>(&mut self, shape: [usize; D], deviation: f32) -> Param<Tensor<D>> {
+        let count = shape.iter().product();
+        let values: Vec<f32> = (0..count).map(|_| self.rng.normal() * deviation).collect();
+        Param::from_data(TensorData::new(values, shape), &self.device)
+    }
+}
+
+/// Batch normalisation: with the batch's own statistics in training, running ones otherwise.
+#[derive(Module, Debug)]
+pub(super) struct BatchNorm {
+    gain: Param<Tensor<1>>,
+    shift: Param<Tensor<1>>,
+    running_mean: RunningState<Tensor<1>>,
+    running_variance: RunningState<Tensor<1>>,
+}
+
+impl BatchNorm {
+    fn init(channels: usize, device: &Device) -> Self {
+        let fill = |value: f32| TensorData::new(vec![value; channels], [channels]);
+        Self {
+            gain: Param::from_data(fill(1.0), device),
+            shift: Param::from_data(fill(0.0), device),
+            running_mean: RunningState::new(Tensor::zeros([channels], device)),
+            running_variance: RunningState::new(Tensor::ones([channels], device)),
+        }
+    }
+
+    fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
+        let (gain, shift) = (self.gain.val(), self.shift.val());
+        if !(x.device().is_autodiff() && self.gain.is_require_grad()) {
+            let device = x.device();
+            let mean = self.running_mean.value().to_device(&device);
+            let variance = self.running_variance.value().to_device(&device);
+            let x = burn::tensor::module::batch_norm(x, gain, shift, mean, variance, EPSILON);
+            return rectify(x, relu);
+        }
+        let (output, mean, variance) = batch_norm_relu(x, gain, shift, EPSILON, relu);
+        let follow = |running: &RunningState<Tensor<1>>, now: Tensor<1>| {
+            running.update(running.value() * (1.0 - MOMENTUM) + now.detach().inner() * MOMENTUM);
+            // Written through at once: a checkpoint must hold the last batch too.
+            running.value_sync();
+        };
+        follow(&self.running_mean, mean);
+        follow(&self.running_variance, variance);
+        output
+    }
+}
+
+fn rectify<const D: usize>(x: Tensor<D>, relu: bool) -> Tensor<D> {
+    if relu { burn::tensor::activation::relu(x) } else { x }
+}
+
+#[derive(Module, Debug)]
+pub(super) enum Norm {
+    Batch(BatchNorm),
+    Group(GroupNorm),
+}
+
+impl Norm {
+    fn init(channels: usize, init: &Init) -> Self {
+        match init.norm {
+            NormKind::Batch => Self::Batch(BatchNorm::init(channels, &init.device)),
+            NormKind::Group => {
+                let config = GroupNormConfig::new(channels / CHANNELS_PER_GROUP, channels);
+                Self::Group(config.with_epsilon(EPSILON).init(&init.device))
+            }
+        }
+    }
+
+    fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
+        match self {
+            Self::Batch(norm) => norm.forward(x, relu),
+            Self::Group(norm) => rectify(norm.forward(x), relu),
+        }
+    }
+}
+
+/// Convolution without bias.
+#[derive(Module, Debug)]
+pub(super) struct Conv {
+    weight: Param<Tensor<4>>,
+    #[module(skip)]
+    spec: ConvSpec,
+}
+
+impl Conv {
+    pub(super) fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
+        let deviation = (2.0 / (kernel * kernel * to) as f32).sqrt();
+        Self {
+            weight: init.normal([to, from, kernel, kernel], deviation),
+            spec,
+        }
+    }
+
+    /// `[batch, from, height, width]` to `[batch, to, height', width']`.
+    pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        conv2d(x, self.weight.val(), self.spec)
+    }
+}
+
+/// Convolution and normalisation, with or without ReLU.
+#[derive(Module, Debug)]
+pub(super) struct ConvNorm {
+    conv: Conv,
+    norm: Norm,
+}
+
+impl ConvNorm {
+    pub(super) fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
+        Self {
+            conv: Conv::init(from, to, kernel, spec, init),
+            norm: Norm::init(to, init),
+        }
+    }
+
+    pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        self.norm.forward(self.conv.forward(x), false)
+    }
+
+    pub(super) fn forward_relu(&self, x: Tensor<4>) -> Tensor<4> {
+        self.norm.forward(self.conv.forward(x), true)
+    }
+}
+
+/// Linear map of rows without bias.
+#[derive(Module, Debug)]
+pub(super) struct Linear {
+    weight: Param<Tensor<2>>,
+}
+
+impl Linear {
+    pub(super) fn init(from: usize, to: usize, init: &mut Init) -> Self {
+        let deviation = (2.0 / from as f32).sqrt();
+        Self {
+            weight: init.normal([from, to], deviation),
+        }
+    }
+
+    /// `[rows, from]` to `[rows, to]`.
+    pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        x.matmul(self.weight.val())
+    }
+}
+
+/// Linear map, normalisation, ReLU.
+#[derive(Module, Debug)]
+pub(super) struct Hidden {
+    linear: Linear,
+    norm: Norm,
+}
+
+impl Hidden {
+    pub(super) fn init(from: usize, to: usize, init: &mut Init) -> Self {
+        Self {
+            linear: Linear::init(from, to, init),
+            norm: Norm::init(to, init),
+        }
+    }
+
+    pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        self.norm.forward(self.linear.forward(x), true)
+    }
+}

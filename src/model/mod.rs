@@ -1,0 +1,130 @@
+//! Image to base functions. Knows no file, no dataset, and never sees a sparse depth.
+
+mod bases;
+mod encoding;
+mod extractor;
+mod grid;
+mod layers;
+mod weights;
+
+pub use bases::{Bases, BasisHead};
+pub use encoding::encode;
+pub use extractor::{Extractor, ExtractorConfig, StageConfig};
+pub use layers::NormKind;
+pub use weights::{Normalisation, Weights, WeightsRecord};
+
+use crate::error::{Error, Result};
+use crate::rng::Rng;
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use layers::Init;
+use serde::{Deserialize, Serialize};
+
+/// The network: a pyramid-pooling extractor and a per-pixel MLP (paper section 3.2).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BasisNetConfig {
+    /// The convolutional part.
+    pub extractor: ExtractorConfig,
+    /// E of the positional encoding: the raw coordinates twice and E - 1 octaves; 0 leaves the
+    /// position out.
+    pub octaves: usize,
+    /// Widths of the hidden layers of the MLP.
+    pub hidden: Vec<usize>,
+    /// N, the number of learned base functions; the constant 1 comes in addition.
+    pub bases: usize,
+    /// Normalisation after every convolution and hidden layer.
+    pub norm: NormKind,
+}
+
+impl Default for BasisNetConfig {
+    fn default() -> Self {
+        Self::paper()
+    }
+}
+
+impl BasisNetConfig {
+    /// The paper's network: 3,466,016 parameters, 48 GFLOP at 228x304.
+    pub fn paper() -> Self {
+        Self {
+            extractor: ExtractorConfig::psmnet(),
+            octaves: 5,
+            hidden: vec![512, 128, 128],
+            bases: 128,
+            norm: NormKind::Batch,
+        }
+    }
+
+    /// The same design at about a tenth of the compute, for weak machines.
+    pub fn small() -> Self {
+        Self {
+            extractor: ExtractorConfig::small(),
+            octaves: 5,
+            hidden: vec![64, 64],
+            bases: 128,
+            norm: NormKind::Batch,
+        }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check(&self) -> Result<()> {
+        self.extractor.check()?;
+        if self.bases == 0 || self.hidden.contains(&0) {
+            return Err(Error::config("`bases` and every width in `hidden` must be above 0"));
+        }
+        if self.octaves > 16 {
+            return Err(Error::config("`octaves` must be at most 16"));
+        }
+        self.norm.check(
+            self.extractor
+                .widths()
+                .into_iter()
+                .chain(self.hidden.iter().copied()),
+        )
+    }
+
+    /// Builds the network with random weights: He et al. 2015 for convolutions (fan-out, as
+    /// PSMNet) and linear layers, drawn from the stream of `seed`.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    pub fn init(&self, seed: u64, device: &Device) -> Result<BasisNet> {
+        self.check()?;
+        let mut init = Init {
+            rng: Rng::stream(seed, &["weights"]),
+            norm: self.norm,
+            device: device.clone(),
+        };
+        Ok(BasisNet {
+            extractor: self.extractor.init(&mut init),
+            head: BasisHead::init(self, &mut init),
+        })
+    }
+}
+
+/// The network with its weights.
+#[derive(Module, Debug)]
+pub struct BasisNet {
+    extractor: Extractor,
+    head: BasisHead,
+}
+
+impl BasisNet {
+    /// Computes the base functions of normalised images `[batch, 3, height, width]`.
+    pub fn bases(&self, images: Tensor<4>) -> Bases {
+        let features = self.extractor.forward(images);
+        Bases::new(features, self.head.clone())
+    }
+}
+
+/// The number of trained parameters: weights, gains and shifts, without running statistics.
+pub fn parameter_count<M: Module>(module: &M) -> usize {
+    weights::named(module)
+        .into_iter()
+        .filter(|tensor| !tensor.is_statistic())
+        .map(|tensor| tensor.data.num_elements())
+        .sum()
+}

@@ -1,0 +1,269 @@
+//! Weights files: safetensors with a record of what the weights belong to.
+
+use super::{BasisNet, BasisNetConfig};
+use crate::error::{Error, Result};
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{DType, Device, Tensor, TensorData};
+use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, TensorView};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashMap};
+
+/// What is done to colours before the network sees them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Normalisation {
+    /// Subtracted from colours in `[0, 1]`.
+    pub mean: [f32; 3],
+    /// Then divided by.
+    pub deviation: [f32; 3],
+    /// Height and width of the images of training: the size at which the network works best.
+    pub input: [usize; 2],
+}
+
+impl Default for Normalisation {
+    /// `ImageNet`'s statistics and NYU's evaluation size.
+    fn default() -> Self {
+        Self {
+            mean: [0.485, 0.456, 0.406],
+            deviation: [0.229, 0.224, 0.225],
+            input: [228, 304],
+        }
+    }
+}
+
+/// Everything that must go with a set of weights.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WeightsRecord {
+    /// The network.
+    pub network: BasisNetConfig,
+    /// The preprocessing.
+    pub normalisation: Normalisation,
+    /// Settings of other modules, as JSON by name (`fit`, `training`).
+    pub notes: BTreeMap<String, String>,
+}
+
+/// A record and its tensors, as they lie in a file.
+#[derive(Clone, Debug)]
+pub struct Weights {
+    /// What the tensors belong to.
+    pub record: WeightsRecord,
+    tensors: HashMap<String, TensorData>,
+}
+
+const NETWORK: &str = "network";
+const NORMALISATION: &str = "normalisation";
+const VERSION: &str = "lsdc";
+
+impl Weights {
+    /// Takes the weights out of a network.
+    pub fn of(net: &BasisNet, record: WeightsRecord) -> Self {
+        let tensors = named(net).into_iter().map(|t| (t.name, t.data)).collect();
+        Self { record, tensors }
+    }
+
+    /// The bytes of a safetensors file with f16 tensors.
+    ///
+    /// # Errors
+    /// A record that cannot be written as JSON.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        let broken = |e: &dyn std::fmt::Display| {
+            Error::weights(format!("the weights cannot be written: {e}"))
+        };
+        let json = |value: &dyn erased::Json| value.json().map_err(|e| broken(&e));
+        let mut metadata: HashMap<String, String> =
+            self.record.notes.clone().into_iter().collect();
+        metadata.insert(VERSION.into(), env!("CARGO_PKG_VERSION").into());
+        metadata.insert(NETWORK.into(), json(&self.record.network)?);
+        metadata.insert(NORMALISATION.into(), json(&self.record.normalisation)?);
+        let halves: BTreeMap<&str, (Vec<usize>, Vec<u8>)> = self
+            .tensors
+            .iter()
+            .map(|(name, data)| {
+                let values = data.iter::<f32>();
+                let bytes = values.flat_map(|v| half::f16::from_f32(v).to_le_bytes());
+                (name.as_str(), (data.shape().to_vec(), bytes.collect()))
+            })
+            .collect();
+        let views = halves
+            .iter()
+            .map(|(name, (shape, bytes))| {
+                let view = TensorView::new(Dtype::F16, shape.clone(), bytes);
+                view.map(|view| (*name, view)).map_err(|e| broken(&e))
+            })
+            .collect::<Result<Vec<_>>>()?;
+        safetensors::serialize(views, Some(metadata)).map_err(|e| broken(&e))
+    }
+
+    /// Reads a safetensors file; `name` says in errors which one.
+    ///
+    /// # Errors
+    /// Bytes that are no safetensors file of this program.
+    pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Self> {
+        let foreign = |what: String| {
+            Error::weights(format!("`{name}` is not a weights file of lsdc: {what}"))
+                .hint("`lsdc train` writes `weights.safetensors` into its run folder")
+        };
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| foreign(e.to_string()))?;
+        let metadata = header
+            .metadata()
+            .clone()
+            .ok_or_else(|| foreign("it has no record".into()))?;
+        let record = record(metadata).map_err(foreign)?;
+        let file = SafeTensors::deserialize(bytes).map_err(|e| foreign(e.to_string()))?;
+        let tensors = file
+            .tensors()
+            .into_iter()
+            .map(|(name, view)| {
+                let values = decode(&view).ok_or_else(|| {
+                    foreign(format!("tensor `{name}` is neither f16 nor f32"))
+                })?;
+                Ok((name, TensorData::new(values, view.shape().to_vec())))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self { record, tensors })
+    }
+
+    /// Builds the network and fills in the weights.
+    ///
+    /// # Errors
+    /// A tensor that is missing, superfluous or of another shape.
+    pub fn load(&self, device: &Device) -> Result<BasisNet> {
+        let net = self.record.network.init(0, device)?;
+        let mut filler = Filler {
+            tensors: self.tensors.clone(),
+            path: Vec::new(),
+            wrong: None,
+        };
+        let net = net.map(&mut filler);
+        let wrong = filler
+            .wrong
+            .or_else(|| filler.tensors.keys().min().map(|n| format!("`{n}` is superfluous")));
+        match wrong {
+            None => Ok(net),
+            Some(what) => Err(Error::weights(format!(
+                "the weights do not belong to their network: {what}"
+            ))
+            .hint("the file is damaged or was edited; train or download it again")),
+        }
+    }
+}
+
+/// `&dyn` access to serde's JSON.
+mod erased {
+    pub(super) trait Json {
+        fn json(&self) -> serde_json::Result<String>;
+    }
+
+    impl<T: serde::Serialize> Json for T {
+        fn json(&self) -> serde_json::Result<String> {
+            serde_json::to_string(self)
+        }
+    }
+}
+
+fn record(mut metadata: HashMap<String, String>) -> std::result::Result<WeightsRecord, String> {
+    let mut take = |key: &str| metadata.remove(key).ok_or(format!("it has no `{key}` record"));
+    let network = take(NETWORK)?;
+    let normalisation = take(NORMALISATION)?;
+    take(VERSION)?;
+    Ok(WeightsRecord {
+        network: serde_json::from_str(&network).map_err(|e| format!("`network`: {e}"))?,
+        normalisation: serde_json::from_str(&normalisation)
+            .map_err(|e| format!("`normalisation`: {e}"))?,
+        notes: metadata.into_iter().collect(),
+    })
+}
+
+fn decode(view: &TensorView<'_>) -> Option<Vec<f32>> {
+    match view.dtype() {
+        Dtype::F16 => {
+            let (pairs, _) = view.data().as_chunks::<2>();
+            Some(pairs.iter().map(|b| half::f16::from_le_bytes(*b).to_f32()).collect())
+        }
+        Dtype::F32 => {
+            let (words, _) = view.data().as_chunks::<4>();
+            Some(words.iter().map(|b| f32::from_le_bytes(*b)).collect())
+        }
+        _ => None,
+    }
+}
+
+/// A tensor of a module and its path, such as `extractor.stem.0.conv.weight`.
+pub(super) struct Named {
+    pub(super) name: String,
+    pub(super) data: TensorData,
+}
+
+impl Named {
+    /// Whether this is a running statistic, not a trained parameter.
+    pub(super) fn is_statistic(&self) -> bool {
+        self.name.contains(".running_")
+    }
+}
+
+/// All float tensors of a module.
+pub(super) fn named<M: Module>(module: &M) -> Vec<Named> {
+    let mut collector = Collector::default();
+    module.visit(&mut collector);
+    collector.found
+}
+
+#[derive(Default)]
+struct Collector {
+    path: Vec<String>,
+    found: Vec<Named>,
+}
+
+impl ModuleVisitor for Collector {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        self.found.push(Named {
+            name: self.path.join("."),
+            data: param.val().into_data().convert_dtype(DType::F32),
+        });
+    }
+}
+
+struct Filler {
+    tensors: HashMap<String, TensorData>,
+    path: Vec<String>,
+    wrong: Option<String>,
+}
+
+impl ModuleMapper for Filler {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let name = self.path.join(".");
+        let shape = param.val().dims();
+        match self.tensors.remove(&name) {
+            Some(data) if data.shape()[..] == shape => {
+                param.map(|tensor| Tensor::from_data(data, &tensor.device()))
+            }
+            Some(data) => {
+                let found = data.shape();
+                self.wrong
+                    .get_or_insert(format!("`{name}` has shape {found:?}, expected {shape:?}"));
+                param
+            }
+            None => {
+                self.wrong.get_or_insert(format!("`{name}` is missing"));
+                param
+            }
+        }
+    }
+}

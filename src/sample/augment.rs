@@ -1,0 +1,189 @@
+//! Augmentation as in sparse-to-dense (Ma and Karaman 2018): zoom with the depth divided by it,
+//! rotation, mirroring, colour jitter.
+
+use super::Protocol;
+use super::protocol::Size;
+use crate::data::{DepthMap, Frame};
+use crate::error::{Error, Result};
+use crate::rng::Rng;
+use image::{Rgb, RgbImage};
+use serde::{Deserialize, Serialize};
+
+/// How far frames are changed in training.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AugmentConfig {
+    /// Largest zoom; drawn uniformly from 1 up, and depths are divided by it.
+    pub zoom: f32,
+    /// Largest rotation about the image centre, in degrees either way.
+    pub rotation: f32,
+    /// Probability of mirroring left and right.
+    pub mirror: f32,
+    /// Brightness, contrast and saturation are multiplied by up to 1 +- this.
+    pub jitter: f32,
+}
+
+impl Default for AugmentConfig {
+    fn default() -> Self {
+        Self {
+            zoom: 1.5,
+            rotation: 5.0,
+            mirror: 0.5,
+            jitter: 0.4,
+        }
+    }
+}
+
+impl AugmentConfig {
+    /// Leaves frames as they are.
+    pub fn none() -> Self {
+        Self {
+            zoom: 1.0,
+            rotation: 0.0,
+            mirror: 0.0,
+            jitter: 0.0,
+        }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check(&self) -> Result<()> {
+        let fine = self.zoom >= 1.0
+            && self.zoom.is_finite()
+            && (0.0..=180.0).contains(&self.rotation)
+            && (0.0..=1.0).contains(&self.mirror)
+            && (0.0..1.0).contains(&self.jitter);
+        if fine {
+            Ok(())
+        } else {
+            Err(Error::config(
+                "`augment`: zoom >= 1, rotation 0..180, mirror 0..1 and jitter 0..1 (exclusive)",
+            ))
+        }
+    }
+
+    /// Changes a frame and brings it to the protocol's size. What comes from outside the
+    /// protocol's crop has no depth.
+    pub(super) fn apply(&self, frame: &Frame, protocol: &Protocol, rng: &mut Rng) -> Result<Frame> {
+        let frame = protocol.scale(frame)?;
+        let (left, top) = protocol.corner(&frame)?;
+        let size = protocol.crop.unwrap_or(Size {
+            height: frame.depth.height(),
+            width: frame.depth.width(),
+        });
+        let zoom = rng.range(1.0, self.zoom);
+        let angle = rng.range(-self.rotation, self.rotation).to_radians();
+        let mirror = if rng.chance(self.mirror) { -1.0 } else { 1.0 };
+        let (sin, cos) = (angle.sin() / zoom, angle.cos() / zoom);
+        let (half_width, half_height) = (size.width as f32 / 2.0, size.height as f32 / 2.0);
+        let mut rgb = RgbImage::new(size.width as u32, size.height as u32);
+        let mut depths = Vec::with_capacity(size.width * size.height);
+        for y in 0..size.height {
+            for x in 0..size.width {
+                let u = (x as f32 + 0.5 - half_width) * mirror;
+                let v = y as f32 + 0.5 - half_height;
+                let column = cos * u - sin * v + half_width;
+                let row = sin * u + cos * v + half_height;
+                let inside = (0.0..size.width as f32).contains(&column)
+                    && (0.0..size.height as f32).contains(&row);
+                depths.push(if inside {
+                    frame.depth.at(left + column as usize, top + row as usize) / zoom
+                } else {
+                    0.0
+                });
+                let colour = bilinear(&frame.rgb, left as f32 + column, top as f32 + row);
+                rgb.put_pixel(x as u32, y as u32, Rgb(colour.map(|c| c.round() as u8)));
+            }
+        }
+        self.recolour(&mut rgb, rng);
+        Ok(Frame {
+            id: frame.id,
+            rgb,
+            depth: DepthMap::new(size.width, size.height, depths)?,
+        })
+    }
+
+    fn recolour(&self, rgb: &mut RgbImage, rng: &mut Rng) {
+        let mut factor = || rng.range(1.0 - self.jitter, 1.0 + self.jitter);
+        let (brightness, contrast, saturation) = (factor(), factor(), factor());
+        if self.jitter == 0.0 {
+            return;
+        }
+        let count = (rgb.width() * rgb.height()) as f32;
+        let mean = rgb.pixels().map(grey).sum::<f32>() / count * brightness;
+        for pixel in rgb.pixels_mut() {
+            let level = grey(pixel) * brightness;
+            for channel in &mut pixel.0 {
+                let value = f32::from(*channel) * brightness;
+                let value = level + (value - level) * saturation;
+                *channel = (mean + (value - mean) * contrast).round().clamp(0.0, 255.0) as u8;
+            }
+        }
+    }
+}
+
+/// Luma of BT.601.
+fn grey(pixel: &Rgb<u8>) -> f32 {
+    let [r, g, b] = pixel.0.map(f32::from);
+    0.299 * r + 0.587 * g + 0.114 * b
+}
+
+/// The colour at a position given in pixels from the upper left corner; edges are continued.
+fn bilinear(rgb: &RgbImage, x: f32, y: f32) -> [f32; 3] {
+    let (x, y) = (x - 0.5, y - 0.5);
+    let (x0, y0) = (x.floor(), y.floor());
+    let (u, v) = (x - x0, y - y0);
+    let at = |x: f32, y: f32| {
+        let x = x.clamp(0.0, (rgb.width() - 1) as f32) as u32;
+        let y = y.clamp(0.0, (rgb.height() - 1) as f32) as u32;
+        rgb.get_pixel(x, y).0.map(f32::from)
+    };
+    let (a, b) = (at(x0, y0), at(x0 + 1.0, y0));
+    let (c, d) = (at(x0, y0 + 1.0), at(x0 + 1.0, y0 + 1.0));
+    std::array::from_fn(|i| {
+        (a[i] * (1.0 - u) + b[i] * u) * (1.0 - v) + (c[i] * (1.0 - u) + d[i] * u) * v
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame() -> Frame {
+        let rgb = RgbImage::from_fn(32, 24, |x, y| Rgb([(x * 7) as u8, (y * 9) as u8, 30]));
+        let depths = (0..32 * 24).map(|i| 1.0 + (i % 32) as f32 * 0.1).collect();
+        Frame {
+            id: "f".into(),
+            rgb,
+            depth: DepthMap::new(32, 24, depths).unwrap(),
+        }
+    }
+
+    #[test]
+    fn nothing_changes_without_augmentation() {
+        let frame = frame();
+        let mut rng = Rng::stream(0, &[]);
+        let same = AugmentConfig::none()
+            .apply(&frame, &Protocol::default(), &mut rng)
+            .unwrap();
+        assert_eq!(same.rgb, frame.rgb);
+        assert_eq!(same.depth, frame.depth);
+    }
+
+    #[test]
+    fn zoom_divides_the_depth() {
+        let config = AugmentConfig {
+            zoom: 1.5,
+            ..AugmentConfig::none()
+        };
+        let mut rng = Rng::stream(3, &[]);
+        let zoom = rng.clone().range(1.0, 1.5);
+        let frame = frame();
+        let near = config.apply(&frame, &Protocol::default(), &mut rng).unwrap();
+        // A point at the centre stays there, closer by the zoom.
+        let ratio = frame.depth.at(16, 12) / near.depth.at(16, 12);
+        assert!((ratio - zoom).abs() < 0.05 * zoom, "{ratio} {zoom}");
+    }
+}

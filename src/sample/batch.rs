@@ -1,0 +1,92 @@
+//! Samples to tensors.
+
+use super::patches::Sample;
+use crate::error::{Error, Result};
+use burn::tensor::{Device, Tensor, TensorData};
+use image::RgbImage;
+
+/// A batch of equally large samples on a device.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    /// Normalised colours `[batch, 3, height, width]`.
+    pub images: Tensor<4>,
+    /// Rows and columns of the images.
+    pub size: (usize, usize),
+    /// Pixels at which base functions are needed, for each image.
+    pub pixels: Vec<Vec<u32>>,
+    /// Depths at those pixels `[batch, pixels]` in metres; 0 = none.
+    pub depths: Tensor<2>,
+    /// The number of candidate points at the start of `pixels`.
+    pub points: usize,
+    /// Masks of the draws over the candidate points `[draws * batch, points]`, draw by draw.
+    pub draws: Tensor<2>,
+    /// Rows and columns of every patch.
+    pub patch: (usize, usize),
+}
+
+impl Batch {
+    /// Puts samples on a device; colours become (value / 255 - mean) / deviation.
+    ///
+    /// # Errors
+    /// No sample, or samples of different sizes.
+    pub fn new(
+        samples: &[Sample],
+        mean: [f32; 3],
+        deviation: [f32; 3],
+        device: &Device,
+    ) -> Result<Self> {
+        let first = samples.first().ok_or_else(|| Error::shape("a batch needs a sample"))?;
+        let pixels = first.pixels.len();
+        let points = first.draws.first().map_or(0, Vec::len);
+        let draws = first.draws.len();
+        if samples.iter().any(|s| s.pixels.len() != pixels || s.patch != first.patch) {
+            return Err(Error::shape("the frames of a batch differ in size")
+                .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
+        }
+        let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
+        let depths = samples.iter().flat_map(|s| s.depths.iter().copied()).collect();
+        let masks: Vec<f32> = (0..draws)
+            .flat_map(|d| samples.iter().flat_map(move |s| s.draws[d].iter().copied()))
+            .collect();
+        Ok(Self {
+            images: image_tensor(&images, mean, deviation, device)?,
+            size: (first.rgb.height() as usize, first.rgb.width() as usize),
+            pixels: samples.iter().map(|s| s.pixels.clone()).collect(),
+            depths: matrix(depths, [samples.len(), pixels], device),
+            points,
+            draws: matrix(masks, [draws * samples.len(), points], device),
+            patch: first.patch,
+        })
+    }
+}
+
+/// Images to `[batch, 3, height, width]`; colours become (value / 255 - mean) / deviation.
+///
+/// # Errors
+/// No image, or images of different sizes.
+pub fn image_tensor(
+    images: &[&RgbImage],
+    mean: [f32; 3],
+    deviation: [f32; 3],
+    device: &Device,
+) -> Result<Tensor<4>> {
+    let first = images.first().ok_or_else(|| Error::shape("a batch needs an image"))?;
+    let (width, height) = first.dimensions();
+    if images.iter().any(|i| i.dimensions() != (width, height)) {
+        return Err(Error::shape("the images of a batch differ in size"));
+    }
+    let (width, height) = (width as usize, height as usize);
+    let mut values = Vec::with_capacity(images.len() * 3 * width * height);
+    for image in images {
+        for c in 0..3 {
+            let colours = image.as_raw().iter().skip(c).step_by(3);
+            values.extend(colours.map(|&v| (f32::from(v) / 255.0 - mean[c]) / deviation[c]));
+        }
+    }
+    let shape = [images.len(), 3, height, width];
+    Ok(Tensor::from_data(TensorData::new(values, shape), device))
+}
+
+fn matrix(values: Vec<f32>, shape: [usize; 2], device: &Device) -> Tensor<2> {
+    Tensor::from_data(TensorData::new(values, shape), device)
+}

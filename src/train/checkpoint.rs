@@ -1,0 +1,104 @@
+//! Checkpoints: everything that a run needs to go on bit for bit.
+
+use crate::error::{Cause, Error, Result};
+use crate::model::BasisNet;
+use burn::module::Module as _;
+use burn::optim::ModuleOptimizer;
+use burn::store::ModuleRecord;
+use burn::tensor::Bytes;
+use std::path::{Path, PathBuf};
+
+/// The checkpoints of a run, one folder per step. A folder is written under a temporary name and
+/// renamed when complete; the last two are kept.
+pub(super) struct Checkpoints {
+    folder: PathBuf,
+}
+
+const KEPT: usize = 2;
+const NETWORK: &str = "network.bpk";
+const OPTIMISER: &str = "optimiser.bpk";
+
+impl Checkpoints {
+    pub(super) fn new(run: &Path) -> Self {
+        Self {
+            folder: run.join("checkpoints"),
+        }
+    }
+
+    /// The steps for which there is a checkpoint, in rising order.
+    pub(super) fn steps(&self) -> Vec<usize> {
+        let Ok(entries) = std::fs::read_dir(&self.folder) else {
+            return Vec::new();
+        };
+        let names = entries.filter_map(|e| e.ok()?.file_name().into_string().ok());
+        let mut steps: Vec<usize> = names.filter_map(|name| name.parse().ok()).collect();
+        steps.sort_unstable();
+        steps
+    }
+
+    pub(super) fn save(
+        &self,
+        step: usize,
+        net: &BasisNet,
+        optimiser: &ModuleOptimizer,
+    ) -> Result<()> {
+        let broken = |e: &dyn std::fmt::Display| {
+            Error::new(Cause::Write, format!("cannot encode a checkpoint: {e}"))
+        };
+        let network = net.clone().into_record().into_bytes().map_err(|e| broken(&e))?;
+        let state = optimiser.into_bytes().map_err(|e| broken(&e))?;
+        let target = self.path(step);
+        let temporary = self.folder.join(format!("{step:08}.tmp"));
+        let attempt = || {
+            if temporary.exists() {
+                std::fs::remove_dir_all(&temporary)?;
+            }
+            std::fs::create_dir_all(&temporary)?;
+            for (name, bytes) in [(NETWORK, &network), (OPTIMISER, &state)] {
+                let path = temporary.join(name);
+                std::fs::write(&path, &bytes[..])?;
+                std::fs::File::open(&path)?.sync_all()?;
+            }
+            if target.exists() {
+                std::fs::remove_dir_all(&target)?;
+            }
+            std::fs::rename(&temporary, &target)
+        };
+        attempt().map_err(|e| Error::write(&target, e))?;
+        let steps = self.steps();
+        for &old in steps.iter().rev().skip(KEPT) {
+            // A checkpoint too many does no harm.
+            let _ = std::fs::remove_dir_all(self.path(old));
+        }
+        Ok(())
+    }
+
+    pub(super) fn load(
+        &self,
+        step: usize,
+        net: BasisNet,
+        optimiser: ModuleOptimizer,
+    ) -> Result<(BasisNet, ModuleOptimizer)> {
+        let read = |name: &str| {
+            let path = self.path(step).join(name);
+            std::fs::read(&path)
+                .map(Bytes::from_bytes_vec)
+                .map_err(|e| Error::read(&path, e))
+        };
+        let foreign = |e: &dyn std::fmt::Display| {
+            Error::weights(format!(
+                "checkpoint `{}` does not belong to this configuration: {e}",
+                self.path(step).display()
+            ))
+            .hint("resume with the `config.toml` of the run folder")
+        };
+        let record = ModuleRecord::from_bytes(read(NETWORK)?).map_err(|e| foreign(&e))?;
+        let net = net.try_load_record(record).map_err(|e| foreign(&e))?;
+        let optimiser = optimiser.from_bytes(read(OPTIMISER)?).map_err(|e| foreign(&e))?;
+        Ok((net, optimiser))
+    }
+
+    fn path(&self, step: usize) -> PathBuf {
+        self.folder.join(format!("{step:08}"))
+    }
+}

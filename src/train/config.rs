@@ -1,0 +1,93 @@
+//! Settings of a training run.
+
+use super::{LossConfig, Schedule};
+use crate::error::{Error, Result};
+use crate::sample::{AugmentConfig, Protocol, SupervisionConfig};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// How to train; the defaults are the paper's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Number of optimiser steps.
+    pub steps: usize,
+    /// Images per step.
+    pub batch: usize,
+    /// Peak learning rate of Adam.
+    pub learning_rate: f64,
+    /// L2 penalty added to the gradient.
+    pub weight_decay: f32,
+    /// Largest norm of the gradient of one tensor; absent = not limited.
+    pub clip: Option<f32>,
+    /// The learning rate over time.
+    pub schedule: Schedule,
+    /// The run's seed: weights, order, augmentation, points.
+    pub seed: u64,
+    /// Threads that prepare batches.
+    pub workers: usize,
+    /// Steps between checkpoints.
+    pub save_every: usize,
+    /// Steps between measurements on frames kept out of training.
+    pub measure_every: usize,
+    /// The number of frames kept out of training for that.
+    pub held_out: usize,
+    /// Weights to start from instead of random ones.
+    pub start: Option<PathBuf>,
+    /// The size at which to train.
+    pub protocol: Protocol,
+    /// Random changes of the frames.
+    pub augment: AugmentConfig,
+    /// Points and patches.
+    pub supervision: SupervisionConfig,
+    /// Weights of the losses.
+    pub loss: LossConfig,
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        Self {
+            // 100 epochs of 6000 frames in batches of 2.
+            steps: 300_000,
+            batch: 2,
+            learning_rate: 1e-4,
+            weight_decay: 5e-4,
+            clip: None,
+            schedule: Schedule::default(),
+            seed: 0,
+            workers: 2,
+            save_every: 1000,
+            measure_every: 1000,
+            held_out: 24,
+            start: None,
+            protocol: Protocol::nyu(),
+            augment: AugmentConfig::default(),
+            supervision: SupervisionConfig::default(),
+            loss: LossConfig::default(),
+        }
+    }
+}
+
+impl TrainConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check(&self) -> Result<()> {
+        let positive = [self.steps, self.batch, self.save_every, self.measure_every];
+        if positive.contains(&0) {
+            return Err(Error::config(
+                "`train.steps`, `batch`, `save_every` and `measure_every` must be above 0",
+            ));
+        }
+        let rate = self.learning_rate;
+        if !(rate > 0.0 && rate.is_finite() && self.weight_decay >= 0.0) {
+            return Err(Error::config(
+                "`train.learning_rate` must be above 0 and `weight_decay` at least 0",
+            ));
+        }
+        self.augment.check()?;
+        self.supervision.check()?;
+        self.loss.check()
+    }
+}

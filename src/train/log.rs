@@ -1,0 +1,50 @@
+//! The run's record of numbers: one JSON object a line.
+
+use super::Event;
+use crate::data::write_atomically;
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// A line of `metrics.jsonl`.
+#[derive(Debug, Serialize, Deserialize)]
+struct Line {
+    step: usize,
+    #[serde(flatten)]
+    rest: serde_json::Map<String, serde_json::Value>,
+}
+
+/// Appends to `metrics.jsonl`.
+pub(super) struct Log {
+    path: PathBuf,
+    file: std::fs::File,
+}
+
+impl Log {
+    /// Opens the log of a run that goes on after `step`; later lines are dropped.
+    pub(super) fn open(run: &Path, step: usize) -> Result<Self> {
+        let path = run.join("metrics.jsonl");
+        if let Ok(text) = std::fs::read_to_string(&path) {
+            let kept = |line: &&str| {
+                serde_json::from_str::<Line>(line).is_ok_and(|line| line.step <= step)
+            };
+            let lines: Vec<&str> = text.lines().filter(kept).collect();
+            write_atomically(&path, |out| {
+                lines.iter().try_for_each(|line| writeln!(out, "{line}"))
+            })?;
+        }
+        let file = std::fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .map_err(|e| Error::write(&path, e))?;
+        Ok(Self { path, file })
+    }
+
+    pub(super) fn add(&mut self, event: &Event) -> Result<()> {
+        let write = |e: std::io::Error| Error::write(&self.path, e);
+        let line = serde_json::to_string(event).map_err(|e| write(e.into()))?;
+        writeln!(self.file, "{line}").map_err(write)
+    }
+}

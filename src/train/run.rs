@@ -1,0 +1,267 @@
+//! A training run: its folder, its loop, stopping and going on.
+
+use super::checkpoint::Checkpoints;
+use super::log::Log;
+use super::{TrainConfig, losses};
+use crate::data::{Dataset, write_atomically};
+use crate::error::{Cause, Error, Result};
+use crate::fit::FitConfig;
+use crate::metrics::{Scores, Tally};
+use crate::model::{BasisNet, BasisNetConfig, Normalisation, Weights, WeightsRecord};
+use crate::predict::{Completer, FIT_NOTE};
+use crate::rng;
+use crate::sample::{Batch, Loader, Pattern, Sampler, SamplerConfig};
+use burn::grad_clipping::GradientClippingConfig;
+use burn::module::Module as _;
+use burn::optim::decay::WeightDecayConfig;
+use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::tensor::{Device, Tensor};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// What happens during a run; also the lines of `metrics.jsonl`.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "lowercase", untagged)]
+pub enum Event {
+    /// A step was made.
+    Step {
+        /// Steps so far.
+        step: usize,
+        /// The weighted sum of the losses.
+        loss: f64,
+        /// Mean absolute error in metres.
+        l1: f64,
+        /// Root of the mean squared error in metres, over the batch.
+        rmse: f64,
+        /// The learning rate.
+        rate: f64,
+        /// Duration of the step.
+        seconds: f64,
+    },
+    /// The frames kept out of training were completed from 500 points.
+    Measured {
+        /// Steps so far.
+        step: usize,
+        /// Mean scores.
+        held_out: Scores,
+    },
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// All steps were made; `weights.safetensors` is written.
+    Finished,
+    /// Stopped on request after this many steps; a checkpoint is written.
+    Stopped(usize),
+}
+
+/// Trains a network in a run folder.
+pub struct Trainer {
+    folder: PathBuf,
+    network: BasisNetConfig,
+    fit: FitConfig,
+    config: TrainConfig,
+    frames: Arc<dyn Dataset>,
+    device: Device,
+}
+
+impl Trainer {
+    /// Prepares a run in `folder`, which must exist.
+    ///
+    /// # Errors
+    /// A setting out of range.
+    pub fn new(
+        folder: &Path,
+        network: BasisNetConfig,
+        fit: FitConfig,
+        config: TrainConfig,
+        frames: Arc<dyn Dataset>,
+        device: &Device,
+    ) -> Result<Self> {
+        network.check()?;
+        fit.check()?;
+        config.check()?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            network,
+            fit,
+            config,
+            frames,
+            device: device.clone(),
+        })
+    }
+
+    /// Trains from the last checkpoint of the folder, or from the start, until all steps are made
+    /// or `stop` is set. The same seed gives the same bits, interrupted or not.
+    ///
+    /// # Errors
+    /// Unreadable frames, an unwritable folder, or a loss that is not finite.
+    pub fn run(&self, stop: &AtomicBool, mut report: impl FnMut(&Event)) -> Result<Outcome> {
+        let checkpoints = Checkpoints::new(&self.folder);
+        let device = self.device.clone().autodiff();
+        let mut net = self.initial(&device)?;
+        let mut optimiser = self.optimiser();
+        let mut step = 0;
+        if let Some(&last) = checkpoints.steps().last() {
+            (net, optimiser) = checkpoints.load(last, net, optimiser)?;
+            step = last;
+        }
+        let mut log = Log::open(&self.folder, step)?;
+        let mut tell = |event: Event| -> Result<()> {
+            report(&event);
+            log.add(&event)
+        };
+        let (training, held_out) = self.divide();
+        let sampler = Sampler::new(self.frames.clone(), training, self.sampler_config())?;
+        let mut loader = Loader::start(&sampler, step, self.config.workers)?;
+        while step < self.config.steps {
+            let started = Instant::now();
+            let samples = loader.next_batch()?;
+            let Normalisation { mean, deviation, .. } = self.normalisation();
+            let batch = Batch::new(&samples, mean, deviation, &device)?;
+            let rate = self.rate(step);
+            let (next, values) = self.step(net, &mut optimiser, &batch, rate)?;
+            net = next;
+            step += 1;
+            tell(Event::Step {
+                step,
+                loss: values[0],
+                l1: values[1],
+                rmse: values[2].sqrt(),
+                rate,
+                seconds: started.elapsed().as_secs_f64(),
+            })?;
+            let last = step == self.config.steps;
+            if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
+                let held_out = self.measure(&net, &held_out)?;
+                tell(Event::Measured { step, held_out })?;
+            }
+            let stopping = stop.load(Ordering::Relaxed);
+            if step.is_multiple_of(self.config.save_every) || last || stopping {
+                checkpoints.save(step, &net, &optimiser)?;
+            }
+            if stopping && !last {
+                return Ok(Outcome::Stopped(step));
+            }
+        }
+        self.publish(&net)?;
+        Ok(Outcome::Finished)
+    }
+
+    fn initial(&self, device: &Device) -> Result<BasisNet> {
+        let Some(path) = &self.config.start else {
+            return self.network.init(self.config.seed, device);
+        };
+        let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+        let weights = Weights::from_bytes(&bytes, &path.display().to_string())?;
+        if weights.record.network != self.network {
+            return Err(Error::weights(format!(
+                "`{}` holds weights of another network than the one configured",
+                path.display()
+            ))
+            .hint("set `preset` and `network` as they were in the training of the start weights"));
+        }
+        weights.load(device)
+    }
+
+    fn optimiser(&self) -> ModuleOptimizer {
+        let decay = WeightDecayConfig::new(self.config.weight_decay);
+        AdamConfig::new()
+            .with_epsilon(1e-8)
+            .with_weight_decay(Some(decay))
+            .with_grad_clipping(self.config.clip.map(GradientClippingConfig::Norm))
+            .init()
+    }
+
+    fn sampler_config(&self) -> SamplerConfig {
+        SamplerConfig {
+            protocol: self.config.protocol,
+            augment: self.config.augment,
+            supervision: self.config.supervision,
+            batch: self.config.batch,
+            seed: self.config.seed,
+        }
+    }
+
+    fn normalisation(&self) -> Normalisation {
+        let input = self.config.protocol.crop.or(self.config.protocol.resize);
+        match input {
+            Some(size) => Normalisation { input: [size.height, size.width], ..Normalisation::default() },
+            None => Normalisation::default(),
+        }
+    }
+
+    fn rate(&self, step: usize) -> f64 {
+        let progress = (step + 1) as f64 / self.config.steps as f64;
+        self.config.learning_rate * self.config.schedule.factor(progress)
+    }
+
+    /// Frames to train on and frames to measure on: the latter are those whose names have the
+    /// smallest hashes, so that adding frames moves few.
+    fn divide(&self) -> (Vec<usize>, Vec<usize>) {
+        let mut order: Vec<usize> = (0..self.frames.len()).collect();
+        order.sort_by_key(|&i| rng::hash(&["held out", &self.frames.id(i)]));
+        let count = self.config.held_out.min(order.len() / 2);
+        let mut training = order.split_off(count);
+        training.sort_unstable();
+        (training, order)
+    }
+
+    /// One step of Adam; returns the network and the values of the losses.
+    fn step(
+        &self,
+        net: BasisNet,
+        optimiser: &mut ModuleOptimizer,
+        batch: &Batch,
+        rate: f64,
+    ) -> Result<(BasisNet, [f64; 3])> {
+        let losses = losses(&net, batch, self.fit.solver(), &self.config.loss);
+        let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
+        let values = [value(&losses.total), value(&losses.l1), value(&losses.l2)];
+        if values.iter().any(|v: &f64| !v.is_finite()) {
+            return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
+                "lower `train.learning_rate`, set `train.clip`, or give the fit a `ridge`; \
+                 training goes on from the last checkpoint",
+            ));
+        }
+        let gradients = GradientsParams::from_grads(losses.total.backward(), &net);
+        Ok((optimiser.step(rate, net, gradients), values))
+    }
+
+    fn measure(&self, net: &BasisNet, frames: &[usize]) -> Result<Scores> {
+        let completer =
+            Completer::new(net.valid(), self.normalisation(), self.fit, &self.device);
+        let mut tally = Tally::default();
+        for &index in frames {
+            let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
+            let sparse = Pattern::Exactly(500).draw(&frame.depth, 0, &frame.id);
+            let completion = completer.complete(&frame.rgb, &sparse, None)?;
+            tally.add(&Scores::of(&completion.depth, &frame.depth)?);
+        }
+        Ok(tally.mean().unwrap_or_default())
+    }
+
+    /// Writes `weights.safetensors`.
+    fn publish(&self, net: &BasisNet) -> Result<()> {
+        let json = |e: serde_json::Error| {
+            Error::new(Cause::Write, "cannot encode the settings").because(e)
+        };
+        let notes = BTreeMap::from([
+            (FIT_NOTE.to_owned(), serde_json::to_string(&self.fit).map_err(json)?),
+            ("training".to_owned(), serde_json::to_string(&self.config).map_err(json)?),
+        ]);
+        let record = WeightsRecord {
+            network: self.network.clone(),
+            normalisation: self.normalisation(),
+            notes,
+        };
+        let bytes = Weights::of(&net.valid(), record).to_bytes()?;
+        let path = self.folder.join("weights.safetensors");
+        write_atomically(&path, |out| out.write_all(&bytes))
+    }
+}

@@ -1,0 +1,72 @@
+//! The learning rate over a run.
+
+use serde::{Deserialize, Serialize};
+
+/// How the learning rate changes; `progress` below is the share of steps done.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", tag = "kind", deny_unknown_fields)]
+pub enum Schedule {
+    /// The full rate until `at`, a share `factor` of it afterwards.
+    Step {
+        /// Progress at which the rate drops.
+        at: f64,
+        /// What is left of it.
+        factor: f64,
+    },
+    /// A linear rise over the first steps, then half a cosine down to 0.
+    Cosine {
+        /// Progress at which the full rate is reached.
+        warmup: f64,
+    },
+}
+
+impl Default for Schedule {
+    /// The paper's: 1e-4 for 30 of 100 epochs, then 1e-5.
+    fn default() -> Self {
+        Self::Step {
+            at: 0.3,
+            factor: 0.1,
+        }
+    }
+}
+
+impl Schedule {
+    /// The share of the full rate at `progress` in `[0, 1]`.
+    pub fn factor(self, progress: f64) -> f64 {
+        match self {
+            Self::Step { at, factor } => {
+                if progress < at {
+                    1.0
+                } else {
+                    factor
+                }
+            }
+            Self::Cosine { warmup } if progress < warmup => progress / warmup,
+            Self::Cosine { warmup } => {
+                let rest = (progress - warmup) / (1.0 - warmup).max(1e-9);
+                0.5 * (1.0 + (std::f64::consts::PI * rest).cos())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_is_the_papers() {
+        let rate = |epoch: f64| 1e-4 * Schedule::default().factor(epoch / 100.0);
+        assert!((rate(29.9) - 1e-4).abs() < 1e-12);
+        assert!((rate(30.0) - 1e-5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn cosine_rises_then_falls_to_zero() {
+        let schedule = Schedule::Cosine { warmup: 0.1 };
+        assert!((schedule.factor(0.05) - 0.5).abs() < 1e-12);
+        assert!((schedule.factor(0.1) - 1.0).abs() < 1e-12);
+        assert!((schedule.factor(0.55) - 0.5).abs() < 1e-12);
+        assert!(schedule.factor(1.0).abs() < 1e-12);
+    }
+}
