@@ -1,15 +1,34 @@
-//! Depth completion by least squares.
+//! Depth completion by least squares: an RGB image and a few sparse depths in, dense depth out.
+//!
+//! A network turns the image alone into base functions; a least-squares fit finds the weights that
+//! match the sparse depths; dense depth = bases x weights (Fang et al., "Depth-Independent Depth
+//! Completion via Least Square Estimation"). Depths are metres along the optical axis.
+//!
+//! ```no_run
+//! # fn main() -> lsdc::error::Result<()> {
+//! use lsdc::{data, predict::Completer};
+//! let image = data::read_rgb("rgb.png".as_ref())?;
+//! let points = data::read_npy("sparse.npy".as_ref(), 1.0)?;
+//! let depth = Completer::load()?.complete(&image, &points, None)?.depth;
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod classic;
+pub mod cli;
+pub mod config;
 #[allow(unsafe_code)]
 pub mod conv;
 pub mod data;
+pub mod device;
 pub mod error;
+pub mod eval;
 pub mod fit;
 pub mod metrics;
 pub mod model;
 pub mod norm;
 pub mod predict;
+pub mod report;
 pub mod rng;
 pub mod sample;
 pub mod train;

@@ -8,6 +8,7 @@ pub struct DepthMap {
     width: usize,
     height: usize,
     values: Vec<f32>,
+    ignored: usize,
 }
 
 /// A pixel with a depth.
@@ -33,15 +34,18 @@ impl DepthMap {
                 values.len()
             )));
         }
+        let mut ignored = 0;
         for value in &mut values {
-            if !(value.is_finite() && *value > 0.0) {
+            if !(value.is_finite() && *value >= 0.0) {
                 *value = 0.0;
+                ignored += 1;
             }
         }
         Ok(Self {
             width,
             height,
             values,
+            ignored,
         })
     }
 
@@ -51,6 +55,7 @@ impl DepthMap {
             width,
             height,
             values: vec![0.0; width * height],
+            ignored: 0,
         }
     }
 
@@ -101,6 +106,11 @@ impl DepthMap {
         self.values.iter().filter(|v| **v > 0.0).count()
     }
 
+    /// The number of NaN, infinite and negative values that the map was made from.
+    pub fn ignored(&self) -> usize {
+        self.ignored
+    }
+
     /// The smallest and largest measurement, or `None` without any.
     pub fn range(&self) -> Option<(f32, f32)> {
         self.points().fold(None, |range, p| match range {
@@ -124,6 +134,7 @@ mod tests {
         .unwrap();
         assert_eq!(map.values(), [1.0, 0.0, 0.0, 0.0, 0.0, 2.5]);
         assert_eq!(map.count(), 2);
+        assert_eq!(map.ignored(), 3);
         assert_eq!(map.range(), Some((1.0, 2.5)));
         let last = map.points().last().unwrap();
         assert_eq!((last.x, last.y), (2, 1));

@@ -2,9 +2,9 @@
 
 use crate::conv::{ConvSpec, conv2d};
 use crate::error::{Error, Result};
-use crate::norm::batch_norm_relu;
+use crate::norm::{NormSpec, moments, normalise};
 use crate::rng::Rng;
-use burn::module::{Module, Param, RunningState};
+use burn::module::{Flag, Module, ModuleMapper, Param, RunningState};
 use burn::nn::{GroupNorm, GroupNormConfig};
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,8 @@ pub enum NormKind {
 
 const CHANNELS_PER_GROUP: usize = 8;
 const EPSILON: f64 = 1e-5;
-const MOMENTUM: f64 = 0.1;
+/// Slow, because batches are small.
+const MOMENTUM: f64 = 0.01;
 
 impl NormKind {
     pub(super) fn check(self, mut widths: impl Iterator<Item = usize>) -> Result<()> {
@@ -54,11 +55,12 @@ impl Init {
     }
 }
 
-/// Batch normalisation: with the batch's own statistics in training, running ones otherwise.
+/// Batch normalisation: with the batch's own statistics while `training`, running ones otherwise.
 #[derive(Module, Debug)]
 pub(super) struct BatchNorm {
     gain: Param<Tensor<1>>,
     shift: Param<Tensor<1>>,
+    training: Param<Flag>,
     running_mean: RunningState<Tensor<1>>,
     running_variance: RunningState<Tensor<1>>,
 }
@@ -69,29 +71,43 @@ impl BatchNorm {
         Self {
             gain: Param::from_data(fill(1.0), device),
             shift: Param::from_data(fill(0.0), device),
+            training: Param::from_bool(true),
             running_mean: RunningState::new(Tensor::zeros([channels], device)),
             running_variance: RunningState::new(Tensor::ones([channels], device)),
         }
     }
 
     fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
-        let (gain, shift) = (self.gain.val(), self.shift.val());
-        if !(x.device().is_autodiff() && self.gain.is_require_grad()) {
+        let own = x.device().is_autodiff() && self.training.is_enabled();
+        let (mean, variance) = if own {
+            let (mean, variance) = moments(x.clone());
+            follow(&self.running_mean, mean.clone());
+            follow(&self.running_variance, variance.clone());
+            (mean, variance)
+        } else {
             let device = x.device();
-            let mean = self.running_mean.value().to_device(&device);
-            let variance = self.running_variance.value().to_device(&device);
-            let x = burn::tensor::module::batch_norm(x, gain, shift, mean, variance, EPSILON);
-            return rectify(x, relu);
-        }
-        let (output, mean, variance) = batch_norm_relu(x, gain, shift, EPSILON, relu);
-        let follow = |running: &RunningState<Tensor<1>>, now: Tensor<1>| {
-            running.update(running.value() * (1.0 - MOMENTUM) + now.detach().inner() * MOMENTUM);
-            // Written through at once: a checkpoint must hold the last batch too.
-            running.value_sync();
+            (
+                self.running_mean.value().to_device(&device),
+                self.running_variance.value().to_device(&device),
+            )
         };
-        follow(&self.running_mean, mean);
-        follow(&self.running_variance, variance);
-        output
+        let spec = NormSpec { epsilon: EPSILON, relu, own };
+        normalise(x, self.gain.val(), self.shift.val(), mean, variance, spec)
+    }
+}
+
+fn follow(running: &RunningState<Tensor<1>>, now: Tensor<1>) {
+    running.update(running.value() * (1.0 - MOMENTUM) + now * MOMENTUM);
+    // Written through at once: a checkpoint must hold the last batch too.
+    running.value_sync();
+}
+
+/// Switches batch normalisation from the statistics of each batch to the running ones.
+pub(super) struct FreezeStatistics;
+
+impl ModuleMapper for FreezeStatistics {
+    fn map_flag(&mut self, flag: Param<Flag>) -> Param<Flag> {
+        flag.with_value(false)
     }
 }
 

@@ -118,6 +118,13 @@ impl BasisNet {
         let features = self.extractor.forward(images);
         Bases::new(features, self.head.clone())
     }
+
+    /// Lets batch normalisation use its running statistics from now on, in training too, so that
+    /// the network learns with the very statistics it will be used with.
+    #[must_use]
+    pub fn freeze_statistics(self) -> Self {
+        self.map(&mut layers::FreezeStatistics)
+    }
 }
 
 /// The number of trained parameters: weights, gains and shifts, without running statistics.

@@ -252,7 +252,10 @@ impl ModuleMapper for Filler {
         let shape = param.val().dims();
         match self.tensors.remove(&name) {
             Some(data) if data.shape()[..] == shape => {
-                param.map(|tensor| Tensor::from_data(data, &tensor.device()))
+                let learned = param.is_require_grad();
+                param
+                    .map(|tensor| Tensor::from_data(data, &tensor.device()))
+                    .set_require_grad(learned)
             }
             Some(data) => {
                 let found = data.shape();

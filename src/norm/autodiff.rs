@@ -1,6 +1,6 @@
 //! The closed-form backward pass on burn's tape.
 
-use super::NormBackend;
+use super::{NormBackend, NormSpec};
 use burn::backend::AutodiffBackend as _;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -11,19 +11,9 @@ use burn::backend::tensor::FloatTensor;
 #[derive(Debug)]
 struct NormBackward;
 
-#[derive(Clone, Debug)]
-struct State<T> {
-    x: NodeId,
-    gain: NodeId,
-    shift: NodeId,
-    mean: T,
-    variance: T,
-    epsilon: f64,
-    relu: bool,
-}
-
 impl<B: NormBackend> Backward<B, 3> for NormBackward {
-    type State = State<FloatTensor<B>>;
+    /// Nodes of input, gain and shift; mean and variance; what was done.
+    type State = ([NodeId; 3], FloatTensor<B>, FloatTensor<B>, NormSpec);
 
     fn backward(
         self,
@@ -32,19 +22,10 @@ impl<B: NormBackend> Backward<B, 3> for NormBackward {
         checkpointer: &mut Checkpointer,
     ) {
         let grad = grads.consume::<B>(&ops.node);
-        let state = ops.state;
-        let mut output = |node| checkpointer.retrieve_node_output::<FloatTensor<B>>(node);
-        let (x, gain, shift) = (output(state.x), output(state.gain), output(state.shift));
-        let (x, gain, shift) = B::batch_norm_relu_backward(
-            x,
-            gain,
-            shift,
-            state.mean,
-            state.variance,
-            grad,
-            state.epsilon,
-            state.relu,
-        );
+        let (nodes, mean, variance, spec) = ops.state;
+        let [x, gain, shift] =
+            nodes.map(|node| checkpointer.retrieve_node_output::<FloatTensor<B>>(node));
+        let (x, gain, shift) = B::normalise_backward(x, gain, shift, mean, variance, grad, spec);
         for (node, grad) in ops.parents.into_iter().zip([x, gain, shift]) {
             if let Some(node) = node {
                 grads.register::<B>(node.id, grad);
@@ -54,50 +35,66 @@ impl<B: NormBackend> Backward<B, 3> for NormBackward {
 }
 
 impl<B: NormBackend, C: CheckpointStrategy> NormBackend for Autodiff<B, C> {
-    fn batch_norm_relu(
+    fn moments(x: FloatTensor<Self>) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        let (mean, variance) = B::moments(x.into_primitive());
+        (Self::from_inner(mean), Self::from_inner(variance))
+    }
+
+    fn normalise(
         x: FloatTensor<Self>,
         gain: FloatTensor<Self>,
         shift: FloatTensor<Self>,
-        epsilon: f64,
-        relu: bool,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+        mean: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        spec: NormSpec,
+    ) -> FloatTensor<Self> {
+        let (mean, variance) = (mean.into_primitive(), variance.into_primitive());
         let prepared = NormBackward
             .prepare::<C>([x.node(), gain.node(), shift.node()])
             .compute_bound()
             .stateful();
-        let (output, mean, variance) = match prepared {
+        match prepared {
             OpsKind::Tracked(mut prep) => {
                 let nodes = [&x, &gain, &shift].map(|t| prep.checkpoint(t));
-                let (output, mean, variance) = B::batch_norm_relu(
+                let output = B::normalise(
                     x.into_primitive(),
                     gain.into_primitive(),
                     shift.into_primitive(),
-                    epsilon,
-                    relu,
+                    mean.clone(),
+                    variance.clone(),
+                    spec,
                 );
-                let state = State {
-                    x: nodes[0],
-                    gain: nodes[1],
-                    shift: nodes[2],
-                    mean: mean.clone(),
-                    variance: variance.clone(),
-                    epsilon,
-                    relu,
-                };
-                (prep.finish(state, output), mean, variance)
+                prep.finish((nodes, mean, variance, spec), output)
             }
-            OpsKind::UnTracked(prep) => {
-                let (output, mean, variance) = B::batch_norm_relu(
-                    x.into_primitive(),
-                    gain.into_primitive(),
-                    shift.into_primitive(),
-                    epsilon,
-                    relu,
-                );
-                (prep.finish(output), mean, variance)
-            }
-        };
-        // Statistics are not differentiated, by contract.
-        (output, Self::from_inner(mean), Self::from_inner(variance))
+            OpsKind::UnTracked(prep) => prep.finish(B::normalise(
+                x.into_primitive(),
+                gain.into_primitive(),
+                shift.into_primitive(),
+                mean,
+                variance,
+                spec,
+            )),
+        }
+    }
+
+    fn normalise_backward(
+        x: FloatTensor<Self>,
+        gain: FloatTensor<Self>,
+        shift: FloatTensor<Self>,
+        mean: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: NormSpec,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+        let (x, gain, shift) = B::normalise_backward(
+            x.into_primitive(),
+            gain.into_primitive(),
+            shift.into_primitive(),
+            mean.into_primitive(),
+            variance.into_primitive(),
+            grad.into_primitive(),
+            spec,
+        );
+        (Self::from_inner(x), Self::from_inner(gain), Self::from_inner(shift))
     }
 }

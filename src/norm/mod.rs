@@ -1,14 +1,25 @@
-//! Batch normalisation in training, with the ReLU that mostly follows it, as one burn extension
-//! op: a fast path for flex, burn's own operations for other backends.
+//! Batch normalisation with the ReLU that mostly follows it, as a burn extension op: a fast path
+//! for flex, burn's own operations for other backends.
 
 mod autodiff;
 mod flex;
 mod layout;
 
-use burn::backend::ops::{ActivationOps as _, ModuleOps as _};
+use burn::backend::ops::{ActivationOps as _, FloatTensorOps as _, ModuleOps as _};
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Backend, Dispatch, backend_extension};
-use burn::tensor::Tensor;
+use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
+use burn::tensor::{Shape, Tensor};
+
+/// What a normalisation does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NormSpec {
+    /// Added to the variance.
+    pub epsilon: f64,
+    /// Cuts the output off below 0.
+    pub relu: bool,
+    /// The statistics are those of the input itself, and its gradient flows through them.
+    pub own: bool,
+}
 
 /// Backends that normalise; the defaults are the plain reference.
 #[backend_extension(
@@ -18,41 +29,91 @@ use burn::tensor::Tensor;
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait NormBackend: Backend {
-    /// Normalises `x [batch, channels, ..]` by its own statistics over all axes but the second,
-    /// then scales, shifts and, with `relu`, cuts off below 0. Returns output, mean and variance.
-    fn batch_norm_relu(
+    /// Mean and biased variance of each channel of `x [batch, channels, ..]`; not differentiated.
+    fn moments(x: FloatTensor<Self>) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        reference_moments::<Self>(x)
+    }
+
+    /// `(x - mean) / sqrt(variance + epsilon) * gain + shift`, per channel of
+    /// `x [batch, channels, ..]`, then the ReLU if asked for.
+    fn normalise(
         x: FloatTensor<Self>,
         gain: FloatTensor<Self>,
         shift: FloatTensor<Self>,
-        epsilon: f64,
-        relu: bool,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
-        let result = Self::batch_norm_train(x, gain, shift, epsilon);
-        let output = if relu { Self::relu(result.output) } else { result.output };
-        (output, result.mean, result.variance)
+        mean: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        spec: NormSpec,
+    ) -> FloatTensor<Self> {
+        let output = Self::batch_norm(x, gain, shift, mean, variance, spec.epsilon);
+        if spec.relu { Self::relu(output) } else { output }
     }
 
     /// The gradients of `x`, `gain` and `shift` from that of the output.
-    #[allow(clippy::too_many_arguments)]
-    fn batch_norm_relu_backward(
+    fn normalise_backward(
         x: FloatTensor<Self>,
         gain: FloatTensor<Self>,
         shift: FloatTensor<Self>,
         mean: FloatTensor<Self>,
         variance: FloatTensor<Self>,
         grad: FloatTensor<Self>,
-        epsilon: f64,
-        relu: bool,
+        spec: NormSpec,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
-        let grad = if relu {
-            let output = Self::batch_norm_train(x.clone(), gain.clone(), shift, epsilon).output;
-            Self::relu_backward(Self::relu(output), grad)
-        } else {
-            grad
-        };
-        let back = Self::batch_norm_train_backward(x, gain, mean, variance, epsilon, grad);
-        (back.x_grad, back.gamma_grad, back.beta_grad)
+        reference_backward::<Self>(x, gain, shift, mean, variance, grad, spec)
     }
+}
+
+/// Mean and variance in burn's own operations.
+fn reference_moments<B: Backend>(x: FloatTensor<B>) -> (FloatTensor<B>, FloatTensor<B>) {
+    let channels = Shape::new([x.shape()[1]]);
+    let (device, dtype) = (x.device(), x.dtype().into());
+    let ones = B::float_ones(channels.clone(), &device, dtype);
+    let zeros = B::float_zeros(channels, &device, dtype);
+    let result = B::batch_norm_train(x, ones, zeros, 1e-5);
+    (result.mean, result.variance)
+}
+
+/// The backward pass in burn's own operations.
+fn reference_backward<B: Backend>(
+    x: FloatTensor<B>,
+    gain: FloatTensor<B>,
+    shift: FloatTensor<B>,
+    mean: FloatTensor<B>,
+    variance: FloatTensor<B>,
+    grad: FloatTensor<B>,
+    spec: NormSpec,
+) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
+    let norm = |x, shift| {
+        B::batch_norm(x, gain.clone(), shift, mean.clone(), variance.clone(), spec.epsilon)
+    };
+    let grad = if spec.relu {
+        B::relu_backward(B::relu(norm(x.clone(), shift)), grad)
+    } else {
+        grad
+    };
+    let back = B::batch_norm_train_backward(
+        x,
+        gain.clone(),
+        mean.clone(),
+        variance.clone(),
+        spec.epsilon,
+        grad.clone(),
+    );
+    if spec.own {
+        return (back.x_grad, back.gamma_grad, back.beta_grad);
+    }
+    // With fixed statistics the input only passes through the slope.
+    let zeros = |t: &FloatTensor<B>| {
+        B::float_zeros(t.shape(), &t.device(), t.dtype().into())
+    };
+    let through = B::batch_norm(
+        grad,
+        gain.clone(),
+        zeros(&gain),
+        zeros(&mean),
+        variance.clone(),
+        spec.epsilon,
+    );
+    (through, back.gamma_grad, back.beta_grad)
 }
 
 #[cfg(feature = "ndarray")]
@@ -61,24 +122,27 @@ impl NormBackend for burn_ndarray::NdArray {}
 #[cfg(feature = "wgpu")]
 impl NormBackend for burn_cubecl::CubeBackend {}
 
-/// Output `[batch, channels, ..]`, and the mean and biased variance of each channel.
-pub fn batch_norm_relu<const D: usize>(
+/// Mean and biased variance `[channels]` of `x [batch, channels, ..]`; not differentiated.
+pub fn moments<const D: usize>(x: Tensor<D>) -> (Tensor<1>, Tensor<1>) {
+    let (mean, variance) = Dispatch::moments(x.into_dispatch());
+    (Tensor::from_dispatch(mean), Tensor::from_dispatch(variance))
+}
+
+/// Normalises `x [batch, channels, ..]`; differentiable in `x`, `gain` and `shift`.
+pub fn normalise<const D: usize>(
     x: Tensor<D>,
     gain: Tensor<1>,
     shift: Tensor<1>,
-    epsilon: f64,
-    relu: bool,
-) -> (Tensor<D>, Tensor<1>, Tensor<1>) {
-    let (output, mean, variance) = Dispatch::batch_norm_relu(
+    mean: Tensor<1>,
+    variance: Tensor<1>,
+    spec: NormSpec,
+) -> Tensor<D> {
+    Tensor::from_dispatch(Dispatch::normalise(
         x.into_dispatch(),
         gain.into_dispatch(),
         shift.into_dispatch(),
-        epsilon,
-        relu,
-    );
-    (
-        Tensor::from_dispatch(output),
-        Tensor::from_dispatch(mean),
-        Tensor::from_dispatch(variance),
-    )
+        mean.into_dispatch(),
+        variance.into_dispatch(),
+        spec,
+    ))
 }

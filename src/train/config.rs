@@ -22,6 +22,8 @@ pub struct TrainConfig {
     pub clip: Option<f32>,
     /// The learning rate over time.
     pub schedule: Schedule,
+    /// The share of steps after which batch normalisation keeps its running statistics; 1 = never.
+    pub freeze_statistics: f64,
     /// The run's seed: weights, order, augmentation, points.
     pub seed: u64,
     /// Threads that prepare batches.
@@ -54,6 +56,7 @@ impl Default for TrainConfig {
             weight_decay: 5e-4,
             clip: None,
             schedule: Schedule::default(),
+            freeze_statistics: 1.0,
             seed: 0,
             workers: 2,
             save_every: 1000,

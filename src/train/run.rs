@@ -125,6 +125,9 @@ impl Trainer {
             let Normalisation { mean, deviation, .. } = self.normalisation();
             let batch = Batch::new(&samples, mean, deviation, &device)?;
             let rate = self.rate(step);
+            if step as f64 >= self.config.freeze_statistics * self.config.steps as f64 {
+                net = net.freeze_statistics();
+            }
             let (next, values) = self.step(net, &mut optimiser, &batch, rate)?;
             net = next;
             step += 1;

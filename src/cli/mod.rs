@@ -1,0 +1,62 @@
+//! The command line: what was typed, one file per command, and all that is printed.
+
+mod args;
+mod complete;
+mod eval;
+mod export;
+mod settings;
+mod train;
+mod ui;
+
+use crate::error::{Cause, Error, Result};
+use args::{Args, Command};
+use clap::Parser as _;
+use std::process::ExitCode;
+
+/// How the program ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Exit {
+    /// All done.
+    Done = 0,
+    /// Something failed that the user's input did not cause.
+    Failed = 1,
+    /// Wrong usage, configuration or input.
+    Usage = 2,
+    /// Finished, but some frames failed.
+    Partial = 3,
+    /// Stopped by Ctrl-C.
+    Interrupted = 130,
+}
+
+impl From<&Error> for Exit {
+    fn from(error: &Error) -> Self {
+        match error.cause() {
+            Cause::Write => Self::Failed,
+            _ => Self::Usage,
+        }
+    }
+}
+
+/// Runs the program on the process's arguments.
+pub fn main() -> ExitCode {
+    let args = Args::parse();
+    ui::start_log(args.verbose);
+    let exit = run(args).unwrap_or_else(|error| {
+        ui::print_error(&error);
+        Exit::from(&error)
+    });
+    ExitCode::from(exit as u8)
+}
+
+fn run(args: Args) -> Result<Exit> {
+    match args.command {
+        Command::Complete(args) => complete::run(&args),
+        Command::Eval(args) => eval::run(&args),
+        Command::Train(args) => train::run(&args),
+        Command::Export(args) => export::run(&args),
+        Command::Config(args) => {
+            ui::print(&args.load()?.to_toml()?);
+            Ok(Exit::Done)
+        }
+    }
+}

@@ -1,0 +1,42 @@
+//! Flags laid over the configuration.
+
+use super::args::{Settings, Source};
+use crate::config::Config;
+use crate::data::{DataConfig, Dataset, DatasetKind, Split};
+use crate::error::Result;
+use crate::sample::Protocol;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+impl Settings {
+    /// The configuration of file and `--set`.
+    pub(super) fn load(&self) -> Result<Config> {
+        Config::load(self.config.as_deref(), &self.set)
+    }
+}
+
+impl Source {
+    /// Lays `--dataset` and `--root` over the configuration.
+    pub(super) fn apply(&self, data: &mut DataConfig) {
+        if let Some(dataset) = self.dataset {
+            data.dataset = dataset;
+        }
+        if let Some(root) = &self.root {
+            data.root = Some(root.clone());
+        }
+    }
+}
+
+/// Opens a dataset, looking below `LSDC_DATA` if the configuration names no folder.
+pub(super) fn open(data: &DataConfig, split: Split) -> Result<Arc<dyn Dataset>> {
+    let fallback = std::env::var_os("LSDC_DATA").map(PathBuf::from);
+    data.open(split, fallback.as_deref())
+}
+
+/// The size at which a dataset is measured by convention.
+pub(super) fn protocol_of(dataset: DatasetKind) -> Protocol {
+    match dataset {
+        DatasetKind::Nyu => Protocol::nyu(),
+        DatasetKind::Rooms | DatasetKind::Folder => Protocol::default(),
+    }
+}

@@ -1,0 +1,74 @@
+//! Everything that the program prints: results on stdout, talk on stderr.
+
+use crate::error::Error;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::error::Error as _;
+use std::io::Write as _;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Prints a result. A closed pipe is no failure: the reader has seen enough.
+pub(super) fn print(text: &str) {
+    let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
+}
+
+/// Prints a remark.
+pub(super) fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// One line that says what is wrong, its causes, and what to do.
+pub(super) fn print_error(error: &Error) {
+    say(&format!("error: {error}"));
+    let mut source = error.source();
+    while let Some(cause) = source {
+        let text = cause.to_string();
+        say(&format!("  caused by: {}", text.lines().next().unwrap_or_default()));
+        source = cause.source();
+    }
+    if let Some(hint) = error.advice() {
+        say(&format!("hint: {hint}"));
+    }
+}
+
+/// Sends log records of the libraries to stderr.
+pub(super) fn start_log(verbose: u8) {
+    let level = ["error", "info", "debug"][usize::from(verbose).min(2)];
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(level));
+    // A second start, as in tests, changes nothing.
+    let _ = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .try_init();
+}
+
+/// A bar on the terminal; silent where stderr is none.
+pub(super) fn bar(total: usize, unit: &str) -> ProgressBar {
+    let template = format!("{{bar:30}} {{pos}}/{{len}} {unit}, {{eta}} left {{msg}}");
+    let style = ProgressStyle::with_template(&template)
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(total as u64).with_style(style)
+}
+
+/// A duration in milliseconds.
+pub(super) fn millis(duration: Duration) -> String {
+    format!("{:.0} ms", duration.as_secs_f64() * 1e3)
+}
+
+/// A flag that Ctrl-C sets; pressed again, it ends the program at once.
+pub(super) fn stop_flag() -> Arc<AtomicBool> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let handler = flag.clone();
+    let installed = ctrlc::set_handler(move || {
+        if handler.swap(true, Ordering::Relaxed) {
+            std::process::exit(super::Exit::Interrupted as i32);
+        }
+        say("stopping; press Ctrl-C again to end at once");
+    });
+    if installed.is_err() {
+        say("Ctrl-C cannot be caught here; it will end the program at once");
+    }
+    flag
+}

@@ -1,0 +1,182 @@
+//! All settings of a run: built-in defaults, then a file, then `--set`, then flags.
+
+use crate::data::DataConfig;
+use crate::error::{Error, Result};
+use crate::eval::EvalConfig;
+use crate::fit::FitConfig;
+use crate::model::BasisNetConfig;
+use crate::train::TrainConfig;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The named networks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Preset {
+    /// The paper's: 3.47 M parameters.
+    #[default]
+    Paper,
+    /// About a tenth of the compute, for weak machines.
+    Small,
+}
+
+/// A configuration file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// The network by name.
+    pub preset: Preset,
+    /// The network in full; replaces `preset`.
+    pub network: Option<BasisNetConfig>,
+    /// The least-squares fit.
+    pub fit: FitConfig,
+    /// The dataset.
+    pub data: DataConfig,
+    /// Training.
+    pub train: TrainConfig,
+    /// Evaluation.
+    pub eval: EvalConfig,
+}
+
+/// Configurations that come with the program, by file name.
+const BUILT_IN: [(&str, &str); 3] = [
+    ("nyu.toml", include_str!("../configs/nyu.toml")),
+    ("nyu-small.toml", include_str!("../configs/nyu-small.toml")),
+    ("smoke.toml", include_str!("../configs/smoke.toml")),
+];
+
+impl Config {
+    /// Reads a file, if any, and applies `key.key=value` settings in order.
+    ///
+    /// A bare name that is no file in the current folder is looked up among the configurations
+    /// that come with the program.
+    ///
+    /// # Errors
+    /// An unreadable file, an unknown key (named, with its line), or a value out of range.
+    pub fn load(path: Option<&Path>, settings: &[String]) -> Result<Self> {
+        let mut table = match path {
+            None => toml::Table::new(),
+            Some(path) => parse(&read(path)?, path)?,
+        };
+        for setting in settings {
+            merge(&mut table, assignment(setting)?);
+        }
+        let config: Self = table.try_into().map_err(|e: toml::de::Error| {
+            Error::config(format!("--set: {}", e.message()))
+                .hint("`lsdc config` prints every setting and its value")
+        })?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The network that is meant.
+    pub fn network(&self) -> BasisNetConfig {
+        self.network.clone().unwrap_or(match self.preset {
+            Preset::Paper => BasisNetConfig::paper(),
+            Preset::Small => BasisNetConfig::small(),
+        })
+    }
+
+    /// The settings as a configuration file.
+    ///
+    /// # Errors
+    /// None for a checked configuration.
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string_pretty(self)
+            .map_err(|e| Error::config("the settings cannot be written as TOML").because(e))
+    }
+
+    fn check(&self) -> Result<()> {
+        self.network().check()?;
+        self.fit.check()?;
+        self.train.check()?;
+        self.eval.check()
+    }
+}
+
+fn read(path: &Path) -> Result<String> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok(text),
+        Err(error) => {
+            let built_in = BUILT_IN.iter().find(|(name, _)| Path::new(name) == path);
+            let names = BUILT_IN.map(|(name, _)| name).join(", ");
+            built_in.map(|(_, text)| (*text).to_owned()).ok_or_else(|| {
+                Error::read(path, error).hint(format!("built-in configurations: {names}"))
+            })
+        }
+    }
+}
+
+/// The file as a table, once it has been found sound as a whole.
+fn parse(text: &str, path: &Path) -> Result<toml::Table> {
+    let located = |e: toml::de::Error| {
+        let line = e.span().map_or(0, |s| text[..s.start].matches('\n').count() + 1);
+        Error::config(format!("`{}`, line {line}: {}", path.display(), e.message()))
+            .hint("`lsdc config` prints every setting and its value")
+    };
+    toml::from_str::<Config>(text).map_err(located)?;
+    toml::from_str(text).map_err(located)
+}
+
+/// `a.b=1` as a table; a value that is not TOML counts as text.
+fn assignment(setting: &str) -> Result<toml::Table> {
+    let (key, value) = setting.split_once('=').ok_or_else(|| {
+        Error::config(format!("`--set {setting}` has no `=`")).hint("as in --set train.steps=100")
+    })?;
+    let quoted = toml::Value::String(value.to_owned());
+    toml::from_str(setting)
+        .or_else(|_| toml::from_str(&format!("{key} = {quoted}")))
+        .map_err(|_| {
+            Error::config(format!("`{key}` in `--set {setting}` is not a key"))
+                .hint("as in --set train.steps=100")
+        })
+}
+
+/// Lays `over` on top of `base`, table by table.
+fn merge(base: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_lie_over_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c.toml");
+        std::fs::write(&path, "preset = \"small\"\n[train]\nsteps = 5\nbatch = 3\n").unwrap();
+        let sets = ["train.steps=7".to_owned(), "data.root=/tmp/x".to_owned()];
+        let config = Config::load(Some(&path), &sets).unwrap();
+        assert_eq!((config.train.steps, config.train.batch), (7, 3));
+        assert_eq!(config.data.root.as_deref(), Some(Path::new("/tmp/x")));
+        assert_eq!(config.network(), BasisNetConfig::small());
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_its_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c.toml");
+        std::fs::write(&path, "[train]\nsteps = 5\nspeed = 3\n").unwrap();
+        let error = Config::load(Some(&path), &[]).unwrap_err().to_string();
+        assert!(error.contains("line 3") && error.contains("speed"), "{error}");
+        let error = Config::load(None, &["train.speed=1".into()]).unwrap_err();
+        assert!(error.to_string().contains("speed"), "{error}");
+    }
+
+    #[test]
+    fn built_in_configurations_are_sound() {
+        for (name, _) in BUILT_IN {
+            let config = Config::load(Some(Path::new(name)), &[]).unwrap();
+            let text = config.to_toml().unwrap();
+            assert_eq!(toml::from_str::<Config>(&text).unwrap(), config);
+        }
+    }
+}

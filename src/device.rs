@@ -1,0 +1,60 @@
+//! Compute devices by name.
+
+use crate::error::{Error, Result};
+use burn::tensor::Device;
+
+/// The names that `device` understands in this build.
+pub fn names() -> Vec<&'static str> {
+    let mut names = vec!["cpu"];
+    if cfg!(feature = "ndarray") {
+        names.push("ndarray");
+    }
+    if cfg!(feature = "wgpu") {
+        names.extend(["wgpu", "wgpu:N", "wgpu:integrated", "wgpu:software"]);
+    }
+    names
+}
+
+/// Opens a device: `cpu` (burn's flex), `ndarray`, `wgpu` (the best GPU), `wgpu:N` (discrete GPU N),
+/// `wgpu:integrated`, `wgpu:software`.
+///
+/// # Errors
+/// An unknown name, or a device that this machine does not have.
+pub fn device(name: &str) -> Result<Device> {
+    let (kind, which) = name.split_once(':').unwrap_or((name, ""));
+    match kind {
+        "cpu" if which.is_empty() => Ok(Device::flex()),
+        #[cfg(feature = "ndarray")]
+        "ndarray" if which.is_empty() => Ok(ndarray()),
+        #[cfg(feature = "wgpu")]
+        "wgpu" => wgpu(name, which),
+        _ => Err(Error::device(format!("unknown device `{name}`"))
+            .hint(format!("devices of this build: {}", names().join(", ")))),
+    }
+}
+
+/// burn's authors prefer flex and mark ndarray as deprecated; it stays available on request.
+#[cfg(feature = "ndarray")]
+#[allow(deprecated)]
+fn ndarray() -> Device {
+    Device::ndarray()
+}
+
+#[cfg(feature = "wgpu")]
+fn wgpu(name: &str, which: &str) -> Result<Device> {
+    use burn::tensor::DeviceKind;
+    let kind = match which {
+        "" => DeviceKind::DefaultDevice,
+        "integrated" => DeviceKind::IntegratedGpu(0),
+        "software" => DeviceKind::Cpu,
+        number => DeviceKind::DiscreteGpu(number.parse().map_err(|_| {
+            Error::device(format!("unknown device `{name}`"))
+                .hint(format!("devices of this build: {}", names().join(", ")))
+        })?),
+    };
+    Device::wgpu_options().device_kind(kind).init().map_err(|e| {
+        Error::device(format!("no device `{name}` can be opened"))
+            .because(e)
+            .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
+    })
+}
