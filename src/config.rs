@@ -110,9 +110,15 @@ fn read(path: &Path) -> Result<String> {
 /// The file as a table, once it has been found sound as a whole.
 fn parse(text: &str, path: &Path) -> Result<toml::Table> {
     let located = |e: toml::de::Error| {
-        let line = e.span().map_or(0, |s| text[..s.start].matches('\n').count() + 1);
-        Error::config(format!("`{}`, line {line}: {}", path.display(), e.message()))
-            .hint("`lsdc config` prints every setting and its value")
+        let line = e
+            .span()
+            .map_or(0, |s| text[..s.start].matches('\n').count() + 1);
+        Error::config(format!(
+            "`{}`, line {line}: {}",
+            path.display(),
+            e.message()
+        ))
+        .hint("`lsdc config` prints every setting and its value")
     };
     toml::from_str::<Config>(text).map_err(located)?;
     toml::from_str(text).map_err(located)
@@ -166,7 +172,10 @@ mod tests {
         let path = folder.path().join("c.toml");
         std::fs::write(&path, "[train]\nsteps = 5\nspeed = 3\n").unwrap();
         let error = Config::load(Some(&path), &[]).unwrap_err().to_string();
-        assert!(error.contains("line 3") && error.contains("speed"), "{error}");
+        assert!(
+            error.contains("line 3") && error.contains("speed"),
+            "{error}"
+        );
         let error = Config::load(None, &["train.speed=1".into()]).unwrap_err();
         assert!(error.to_string().contains("speed"), "{error}");
     }

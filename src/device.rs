@@ -52,9 +52,12 @@ fn wgpu(name: &str, which: &str) -> Result<Device> {
                 .hint(format!("devices of this build: {}", names().join(", ")))
         })?),
     };
-    Device::wgpu_options().device_kind(kind).init().map_err(|e| {
-        Error::device(format!("no device `{name}` can be opened"))
-            .because(e)
-            .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
-    })
+    Device::wgpu_options()
+        .device_kind(kind)
+        .init()
+        .map_err(|e| {
+            Error::device(format!("no device `{name}` can be opened"))
+                .because(e)
+                .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
+        })
 }

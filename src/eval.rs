@@ -116,5 +116,9 @@ fn measure(
             Scores::of(&depth, &frame.depth)
         })
         .collect::<Result<_>>()?;
-    Ok(FrameScores { frame: frame.id, points: sparse.count(), scores })
+    Ok(FrameScores {
+        frame: frame.id,
+        points: sparse.count(),
+        scores,
+    })
 }

@@ -132,7 +132,12 @@ impl Completer {
         fit: FitConfig,
         device: &Device,
     ) -> Self {
-        Self { net, normalisation, fit, device: device.clone() }
+        Self {
+            net,
+            normalisation,
+            fit,
+            device: device.clone(),
+        }
     }
 
     /// The settings of the fit.
@@ -164,7 +169,10 @@ impl Completer {
 
         let started = Instant::now();
         let points: Vec<_> = sparse.points().collect();
-        let pixels = points.iter().map(|p| (p.y * sparse.width() + p.x) as u32).collect();
+        let pixels = points
+            .iter()
+            .map(|p| (p.y * sparse.width() + p.x) as u32)
+            .collect();
         let depths: Vec<f32> = points.iter().map(|p| p.depth).collect();
         let rows: Vec<f32> = if points.is_empty() {
             Vec::new()
@@ -179,7 +187,10 @@ impl Completer {
         let fitting = started.elapsed();
 
         let started = Instant::now();
-        let size = size.unwrap_or(Size { height: sparse.height(), width: sparse.width() });
+        let size = size.unwrap_or(Size {
+            height: sparse.height(),
+            width: sparse.width(),
+        });
         let weights: Vec<f32> = fit.weights.iter().map(|&w| w as f32).collect();
         let mut values = bases.combine((size.height, size.width), &weights);
         let (low, high) = sparse.range().unwrap_or((0.0, 0.0));
@@ -187,8 +198,16 @@ impl Completer {
             *value = value.clamp(low / RANGE, high * RANGE);
         }
         let depth = DepthMap::new(size.width, size.height, values)?;
-        let timings = Timings { network, fit: fitting, dense: started.elapsed() };
-        Ok(Completion { depth, fit, timings })
+        let timings = Timings {
+            network,
+            fit: fitting,
+            dense: started.elapsed(),
+        };
+        Ok(Completion {
+            depth,
+            fit,
+            timings,
+        })
     }
 
     /// The base functions of an image. A larger image than those of training is first reduced to
@@ -199,7 +218,9 @@ impl Completer {
         let scale = ((height * width) as f64 / (w * h)).sqrt().min(1.0);
         let reduced = |length: f64| ((length * scale).round() as usize).max(1);
         let working = resize_rgb(rgb, reduced(w), reduced(h))?;
-        let Normalisation { mean, deviation, .. } = self.normalisation;
+        let Normalisation {
+            mean, deviation, ..
+        } = self.normalisation;
         let image = image_tensor(&[&working], mean, deviation, &self.device)?;
         Ok(self.net.bases(image))
     }
@@ -225,7 +246,9 @@ fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
         sparse.width(),
         sparse.height()
     ))
-    .hint("both must show the same pixels; move the points to the image's size, do not interpolate"))
+    .hint(
+        "both must show the same pixels; move the points to the image's size, do not interpolate",
+    ))
 }
 
 fn embedded_weights() -> Result<Weights> {

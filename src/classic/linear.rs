@@ -19,10 +19,17 @@ pub fn linear(sparse: &DepthMap) -> Result<DepthMap> {
     let mut values = vec![f32::NAN; width * height];
     let corners: Vec<_> = points
         .iter()
-        .map(|p| delaunator::Point { x: p.x as f64, y: p.y as f64 })
+        .map(|p| delaunator::Point {
+            x: p.x as f64,
+            y: p.y as f64,
+        })
         .collect();
     for triangle in triangulate(&corners).triangles.chunks_exact(3) {
-        fill(&mut values, width, std::array::from_fn(|i| points[triangle[i]]));
+        fill(
+            &mut values,
+            width,
+            std::array::from_fn(|i| points[triangle[i]]),
+        );
     }
     let nearest = Nearest::new(&points, width, height);
     for (i, value) in values.iter_mut().enumerate() {
@@ -76,7 +83,13 @@ impl<'a> Nearest<'a> {
         for (i, p) in points.iter().enumerate() {
             cells[p.y / side * columns + p.x / side].push(i);
         }
-        Self { points, cells, side, columns, rows }
+        Self {
+            points,
+            cells,
+            side,
+            columns,
+            rows,
+        }
     }
 
     /// The depth of the nearest point; the first in row order among equals.
@@ -115,8 +128,20 @@ mod tests {
     fn a_plane_is_reproduced_inside_the_hull() {
         let plane = |x: usize, y: usize| 2.0 + 0.01 * x as f32 + 0.02 * y as f32;
         let mut points = vec![];
-        for (x, y) in [(0, 0), (39, 0), (0, 29), (39, 29), (11, 7), (25, 20), (30, 5)] {
-            points.push(Point { x, y, depth: plane(x, y) });
+        for (x, y) in [
+            (0, 0),
+            (39, 0),
+            (0, 29),
+            (39, 29),
+            (11, 7),
+            (25, 20),
+            (30, 5),
+        ] {
+            points.push(Point {
+                x,
+                y,
+                depth: plane(x, y),
+            });
         }
         let dense = linear(&DepthMap::from_points(40, 30, &points)).unwrap();
         for y in 0..30 {
@@ -141,8 +166,7 @@ mod tests {
         let nearest = Nearest::new(&points, 60, 40);
         for y in 0..40 {
             for x in 0..60 {
-                let distance =
-                    |p: &&Point| p.x.abs_diff(x).pow(2) + p.y.abs_diff(y).pow(2);
+                let distance = |p: &&Point| p.x.abs_diff(x).pow(2) + p.y.abs_diff(y).pow(2);
                 let expected = points.iter().min_by_key(distance).unwrap();
                 assert_eq!(nearest.depth(x, y), expected.depth);
             }
@@ -151,7 +175,15 @@ mod tests {
 
     #[test]
     fn one_point_fills_the_map() {
-        let map = DepthMap::from_points(5, 4, &[Point { x: 2, y: 1, depth: 3.0 }]);
+        let map = DepthMap::from_points(
+            5,
+            4,
+            &[Point {
+                x: 2,
+                y: 1,
+                depth: 3.0,
+            }],
+        );
         assert!(linear(&map).unwrap().values().iter().all(|v| *v == 3.0));
         assert!(linear(&DepthMap::empty(5, 4)).is_err());
     }

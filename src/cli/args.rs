@@ -175,8 +175,16 @@ pub(super) struct Export {
 fn size(text: &str) -> Result<Size> {
     let wrong = || Error::config(format!("`{text}` is not a size")).hint("as in 640x480");
     let (width, height) = text.split_once('x').ok_or_else(wrong)?;
-    let length = |t: &str| t.parse().ok().filter(|n| (1..=1 << 16).contains(n)).ok_or_else(wrong);
-    Ok(Size { height: length(height)?, width: length(width)? })
+    let length = |t: &str| {
+        t.parse()
+            .ok()
+            .filter(|n| (1..=1 << 16).contains(n))
+            .ok_or_else(wrong)
+    };
+    Ok(Size {
+        height: length(height)?,
+        width: length(width)?,
+    })
 }
 
 macro_rules! by_name {

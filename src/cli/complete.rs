@@ -29,7 +29,11 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             let completer =
                 Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
             let fit = *completer.fit_config();
-            let irls = if args.irls { Some(Irls::default()) } else { fit.irls };
+            let irls = if args.irls {
+                Some(Irls::default())
+            } else {
+                fit.irls
+            };
             let completer = completer.with_fit(FitConfig { irls, ..fit });
             let completion = completer.complete(&rgb, &sparse, args.size)?;
             (completion.depth.clone(), Some(completion))
@@ -139,6 +143,8 @@ fn coloured(depth: &DepthMap) -> RgbImage {
     let span = (high - low).max(f32::EPSILON);
     RgbImage::from_fn(depth.width() as u32, depth.height() as u32, |x, y| {
         let share = (depth.at(x as usize, y as usize) - low) / span;
-        Rgb(colorous::TURBO.eval_continuous(f64::from(share.clamp(0.0, 1.0))).into_array())
+        Rgb(colorous::TURBO
+            .eval_continuous(f64::from(share.clamp(0.0, 1.0)))
+            .into_array())
     })
 }

@@ -20,7 +20,9 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         eval.methods.clone_from(&args.method);
     }
     eval.check()?;
-    let mut protocol = eval.protocol.unwrap_or(settings::protocol_of(config.data.dataset));
+    let mut protocol = eval
+        .protocol
+        .unwrap_or(settings::protocol_of(config.data.dataset));
     if let Some(depth_resize) = args.depth_resize {
         protocol.depth_resize = depth_resize;
     }
@@ -30,15 +32,22 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     let name = format!("{} {}", config.data.dataset.name(), args.split.name());
     let stop = ui::stop_flag();
     let bar = ui::bar(frames.len(), "frames");
-    let report = evaluate(&*frames, &name, &protocol, eval, &completer, |done, total| {
-        bar.set_length(total as u64);
-        bar.set_position(done as u64);
-        if stop.load(Ordering::Relaxed) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
-    })?;
+    let report = evaluate(
+        &*frames,
+        &name,
+        &protocol,
+        eval,
+        &completer,
+        |done, total| {
+            bar.set_length(total as u64);
+            bar.set_position(done as u64);
+            if stop.load(Ordering::Relaxed) {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        },
+    )?;
     bar.finish_and_clear();
 
     ui::print(&report.to_string());
@@ -54,5 +63,9 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     if stop.load(Ordering::Relaxed) {
         return Ok(Exit::Interrupted);
     }
-    Ok(if report.failures().is_empty() { Exit::Done } else { Exit::Partial })
+    Ok(if report.failures().is_empty() {
+        Exit::Done
+    } else {
+        Exit::Partial
+    })
 }

@@ -29,7 +29,11 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
     data::write_rgb(&path("rgb.png"), &frame.rgb)?;
     data::write_npy(&path("depth.npy"), &frame.depth)?;
     data::write_npy(&path("sparse.npy"), &sparse)?;
-    ui::print(&format!("frame     {}, {} sparse points", frame.id, sparse.count()));
+    ui::print(&format!(
+        "frame     {}, {} sparse points",
+        frame.id,
+        sparse.count()
+    ));
     ui::print(&format!("written   {}", args.output.display()));
     Ok(Exit::Done)
 }

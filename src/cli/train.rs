@@ -16,7 +16,10 @@ const SETTINGS: &str = "config.toml";
 pub(super) fn run(args: &Train) -> Result<Exit> {
     let device_of_run = device(&args.device)?;
     let (folder, config) = match &args.resume {
-        Some(folder) => (folder.clone(), Config::load(Some(&folder.join(SETTINGS)), &[])?),
+        Some(folder) => (
+            folder.clone(),
+            Config::load(Some(&folder.join(SETTINGS)), &[])?,
+        ),
         None => start(args)?,
     };
     let frames = settings::open(&config.data, Split::Train)?;
@@ -37,12 +40,18 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
     bar.finish_and_clear();
     match outcome {
         Outcome::Finished => {
-            ui::print(&format!("written   {}", folder.join("weights.safetensors").display()));
+            ui::print(&format!(
+                "written   {}",
+                folder.join("weights.safetensors").display()
+            ));
             Ok(Exit::Done)
         }
         Outcome::Stopped(step) => {
             ui::say(&format!("stopped after step {step}"));
-            ui::say(&format!("hint: go on with `lsdc train --resume {}`", folder.display()));
+            ui::say(&format!(
+                "hint: go on with `lsdc train --resume {}`",
+                folder.display()
+            ));
             Ok(Exit::Interrupted)
         }
     }
@@ -55,10 +64,15 @@ fn start(args: &Train) -> Result<(PathBuf, Config)> {
     config.train.seed = args.seed.unwrap_or(config.train.seed);
     let stem = args.settings.config.as_deref().and_then(Path::file_stem);
     let name = stem.map_or("default".into(), |s| s.to_string_lossy().into_owned());
-    let folder = args.output.clone().unwrap_or_else(|| Path::new("runs").join(name));
+    let folder = args
+        .output
+        .clone()
+        .unwrap_or_else(|| Path::new("runs").join(name));
     if folder.join(SETTINGS).exists() {
-        return Err(Error::config(format!("`{}` already holds a run", folder.display()))
-            .hint("go on with it by --resume DIR, or give another folder with -o DIR"));
+        return Err(
+            Error::config(format!("`{}` already holds a run", folder.display()))
+                .hint("go on with it by --resume DIR, or give another folder with -o DIR"),
+        );
     }
     Ok((folder, config))
 }
@@ -78,14 +92,24 @@ fn prepare(folder: &Path, config: &Config, device: &str) -> Result<()> {
         .map_err(|e| Error::new(Cause::Write, "cannot encode the environment").because(e))?;
     write_atomically(&folder.join("env.json"), |out| writeln!(out, "{text}"))?;
     let settings = config.to_toml()?;
-    write_atomically(&folder.join(SETTINGS), |out| out.write_all(settings.as_bytes()))
+    write_atomically(&folder.join(SETTINGS), |out| {
+        out.write_all(settings.as_bytes())
+    })
 }
 
 fn show(bar: &ProgressBar, event: &Event) {
     match event {
-        Event::Step { step, loss, rmse, seconds, .. } => {
+        Event::Step {
+            step,
+            loss,
+            rmse,
+            seconds,
+            ..
+        } => {
             bar.set_position(*step as u64);
-            bar.set_message(format!("loss {loss:.4}, rmse {rmse:.3} m, {seconds:.2} s a step"));
+            bar.set_message(format!(
+                "loss {loss:.4}, rmse {rmse:.3} m, {seconds:.2} s a step"
+            ));
         }
         Event::Measured { step, held_out } => bar.suspend(|| {
             ui::say(&format!(

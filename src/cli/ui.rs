@@ -24,7 +24,10 @@ pub(super) fn print_error(error: &Error) {
     let mut source = error.source();
     while let Some(cause) = source {
         let text = cause.to_string();
-        say(&format!("  caused by: {}", text.lines().next().unwrap_or_default()));
+        say(&format!(
+            "  caused by: {}",
+            text.lines().next().unwrap_or_default()
+        ));
         source = cause.source();
     }
     if let Some(hint) = error.advice() {
@@ -47,8 +50,8 @@ pub(super) fn start_log(verbose: u8) {
 /// A bar on the terminal; silent where stderr is none.
 pub(super) fn bar(total: usize, unit: &str) -> ProgressBar {
     let template = format!("{{bar:30}} {{pos}}/{{len}} {unit}, {{eta}} left {{msg}}");
-    let style = ProgressStyle::with_template(&template)
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    let style =
+        ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(total as u64).with_style(style)
 }
 

@@ -67,7 +67,8 @@ impl Shape {
 
     /// The ranges of output rows that make up one image.
     fn strips(&self) -> impl IndexedParallelIterator<Item = (usize, usize)> + Clone {
-        let rows = (STRIP / (self.depth() * self.out_width).max(1)).clamp(1, self.out_height.max(1));
+        let rows =
+            (STRIP / (self.depth() * self.out_width).max(1)).clamp(1, self.out_height.max(1));
         let height = self.out_height;
         (0..height.div_ceil(rows))
             .into_par_iter()
@@ -77,7 +78,10 @@ impl Shape {
     /// The convolution that carries gradients of a stride-1 convolution back to its input.
     fn transposed(&self) -> Self {
         let padding = self.spec.dilation * (self.taps - 1) - self.spec.padding;
-        let spec = ConvSpec { padding, ..self.spec };
+        let spec = ConvSpec {
+            padding,
+            ..self.spec
+        };
         let x = [self.batch, self.outputs, self.out_height, self.out_width];
         let weight = [self.channels, self.outputs, self.taps, self.taps];
         Self::new(&x, &weight, spec)
@@ -91,13 +95,20 @@ impl Shape {
     /// Calls `visit(run, start)` for every output row of every row of the unfolded matrix, where
     /// `start` is the position in the matrix of its first column.
     fn runs(&self, rows: (usize, usize), mut visit: impl FnMut(Run, usize)) {
-        let ConvSpec { stride, padding, dilation } = self.spec;
+        let ConvSpec {
+            stride,
+            padding,
+            dilation,
+        } = self.spec;
         let area = self.taps * self.taps;
         for row in 0..self.depth() {
             let (channel, tap) = (row / area, row % area);
             let (dy, dx) = (tap / self.taps * dilation, tap % self.taps * dilation);
             // Columns whose source x * stride + dx - padding lies inside the image.
-            let first = padding.saturating_sub(dx).div_ceil(stride).min(self.out_width);
+            let first = padding
+                .saturating_sub(dx)
+                .div_ceil(stride)
+                .min(self.out_width);
             let inside = (self.width + padding).saturating_sub(dx).div_ceil(stride);
             let last = inside.min(self.out_width).max(first);
             for y in rows.0..rows.1 {
@@ -106,10 +117,14 @@ impl Shape {
                     Some(source) if source < self.height && first < last => Run {
                         first,
                         last,
-                        source: (channel * self.height + source) * self.width
-                            + first * stride + dx - padding,
+                        source: (channel * self.height + source) * self.width + first * stride + dx
+                            - padding,
                     },
-                    _ => Run { first: 0, last: 0, source: 0 },
+                    _ => Run {
+                        first: 0,
+                        last: 0,
+                        source: 0,
+                    },
                 };
                 visit(run, start);
             }
@@ -179,11 +194,24 @@ fn multiply(
     // by one task only (see `Target`).
     unsafe {
         ::gemm::gemm(
-            m, n, k,
-            out.pointer.add(out.start), 1, out.row as isize, accumulate,
-            a.values.as_ptr(), a.column as isize, a.row as isize,
-            b.values.as_ptr(), b.column as isize, b.row as isize,
-            1.0, 1.0, false, false, false,
+            m,
+            n,
+            k,
+            out.pointer.add(out.start),
+            1,
+            out.row as isize,
+            accumulate,
+            a.values.as_ptr(),
+            a.column as isize,
+            a.row as isize,
+            b.values.as_ptr(),
+            b.column as isize,
+            b.row as isize,
+            1.0,
+            1.0,
+            false,
+            false,
+            false,
             ::gemm::Parallelism::None,
         );
     }
@@ -237,23 +265,43 @@ pub(super) fn forward(x: &[f32], weight: &[f32], shape: Shape) -> Vec<f32> {
     let out_image = shape.outputs * shape.out_plane();
     let mut output = vec![0.0; shape.batch * out_image];
     let shared = Shared::new(&mut output);
-    let weights = Matrix { values: weight, row: depth, column: 1 };
+    let weights = Matrix {
+        values: weight,
+        row: depth,
+        column: 1,
+    };
     let strips: Vec<_> = shape.strips().collect();
     let tasks = shape.batch * strips.len();
-    (0..tasks).into_par_iter().for_each_init(Vec::new, |columns, task| {
-        let (b, rows) = (task / strips.len(), strips[task % strips.len()]);
-        let image = &x[b * in_image..][..in_image];
-        let pixels = (rows.1 - rows.0) * shape.out_width;
-        let first = rows.0 * shape.out_width;
-        let unfolded = if shape.is_pointwise() {
-            Matrix { values: &image[first..], row: shape.in_plane(), column: 1 }
-        } else {
-            shape.unfold(image, rows, columns);
-            Matrix { values: columns, row: pixels, column: 1 }
-        };
-        let mut target = shared.block(b * out_image + first, shape.out_plane());
-        multiply(&mut target, (shape.outputs, pixels, depth), weights, unfolded, false);
-    });
+    (0..tasks)
+        .into_par_iter()
+        .for_each_init(Vec::new, |columns, task| {
+            let (b, rows) = (task / strips.len(), strips[task % strips.len()]);
+            let image = &x[b * in_image..][..in_image];
+            let pixels = (rows.1 - rows.0) * shape.out_width;
+            let first = rows.0 * shape.out_width;
+            let unfolded = if shape.is_pointwise() {
+                Matrix {
+                    values: &image[first..],
+                    row: shape.in_plane(),
+                    column: 1,
+                }
+            } else {
+                shape.unfold(image, rows, columns);
+                Matrix {
+                    values: columns,
+                    row: pixels,
+                    column: 1,
+                }
+            };
+            let mut target = shared.block(b * out_image + first, shape.out_plane());
+            multiply(
+                &mut target,
+                (shape.outputs, pixels, depth),
+                weights,
+                unfolded,
+                false,
+            );
+        });
     output
 }
 
@@ -266,18 +314,35 @@ pub(super) fn backward_input(weight: &[f32], grad: &[f32], shape: Shape) -> Vec<
     let out_image = shape.outputs * shape.out_plane();
     let mut input = vec![0.0; shape.batch * in_image];
     let strips: Vec<_> = shape.strips().collect();
-    let weights = Matrix { values: weight, row: 1, column: depth };
-    input.par_chunks_mut(in_image.max(1)).enumerate().for_each_init(Vec::new, |columns, (b, image)| {
-        for &rows in &strips {
-            let pixels = (rows.1 - rows.0) * shape.out_width;
-            let values = &grad[b * out_image + rows.0 * shape.out_width..(b + 1) * out_image];
-            let grads = Matrix { values, row: shape.out_plane(), column: 1 };
-            columns.resize(depth * pixels, 0.0);
-            let mut target = Shared::new(columns).block(0, pixels);
-            multiply(&mut target, (depth, pixels, shape.outputs), weights, grads, false);
-            shape.fold(columns, rows, image);
-        }
-    });
+    let weights = Matrix {
+        values: weight,
+        row: 1,
+        column: depth,
+    };
+    input
+        .par_chunks_mut(in_image.max(1))
+        .enumerate()
+        .for_each_init(Vec::new, |columns, (b, image)| {
+            for &rows in &strips {
+                let pixels = (rows.1 - rows.0) * shape.out_width;
+                let values = &grad[b * out_image + rows.0 * shape.out_width..(b + 1) * out_image];
+                let grads = Matrix {
+                    values,
+                    row: shape.out_plane(),
+                    column: 1,
+                };
+                columns.resize(depth * pixels, 0.0);
+                let mut target = Shared::new(columns).block(0, pixels);
+                multiply(
+                    &mut target,
+                    (depth, pixels, shape.outputs),
+                    weights,
+                    grads,
+                    false,
+                );
+                shape.fold(columns, rows, image);
+            }
+        });
     input
 }
 
@@ -298,15 +363,33 @@ pub(super) fn backward_weight(x: &[f32], grad: &[f32], shape: Shape) -> Vec<f32>
                 let pixels = (rows.1 - rows.0) * shape.out_width;
                 let first = rows.0 * shape.out_width;
                 let values = &grad[b * out_image + first..(b + 1) * out_image];
-                let grads = Matrix { values, row: shape.out_plane(), column: 1 };
+                let grads = Matrix {
+                    values,
+                    row: shape.out_plane(),
+                    column: 1,
+                };
                 let unfolded = if shape.is_pointwise() {
-                    Matrix { values: &image[first..], row: 1, column: shape.in_plane() }
+                    Matrix {
+                        values: &image[first..],
+                        row: 1,
+                        column: shape.in_plane(),
+                    }
                 } else {
                     shape.unfold(image, rows, columns);
-                    Matrix { values: columns, row: 1, column: pixels }
+                    Matrix {
+                        values: columns,
+                        row: 1,
+                        column: pixels,
+                    }
                 };
                 let mut target = Shared::new(&mut part).block(0, depth);
-                multiply(&mut target, (shape.outputs, depth, pixels), grads, unfolded, true);
+                multiply(
+                    &mut target,
+                    (shape.outputs, depth, pixels),
+                    grads,
+                    unfolded,
+                    true,
+                );
             }
             part
         })

@@ -3,6 +3,8 @@
 mod autodiff;
 mod flex;
 mod gemm;
+#[cfg(test)]
+mod tests;
 
 use burn::backend::ops::ConvOptions;
 use burn::backend::tensor::FloatTensor;
@@ -57,12 +59,7 @@ impl ConvSpec {
     }
 
     fn options(self) -> ConvOptions<2> {
-        ConvOptions::new(
-            [self.stride; 2],
-            [self.padding; 2],
-            [self.dilation; 2],
-            1,
-        )
+        ConvOptions::new([self.stride; 2], [self.padding; 2], [self.dilation; 2], 1)
     }
 }
 

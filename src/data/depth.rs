@@ -126,12 +126,7 @@ mod tests {
 
     #[test]
     fn only_positive_finite_values_are_measurements() {
-        let map = DepthMap::new(
-            3,
-            2,
-            vec![1.0, f32::NAN, -1.0, f32::INFINITY, 0.0, 2.5],
-        )
-        .unwrap();
+        let map = DepthMap::new(3, 2, vec![1.0, f32::NAN, -1.0, f32::INFINITY, 0.0, 2.5]).unwrap();
         assert_eq!(map.values(), [1.0, 0.0, 0.0, 0.0, 0.0, 2.5]);
         assert_eq!(map.count(), 2);
         assert_eq!(map.ignored(), 3);

@@ -66,13 +66,13 @@ pub fn read_npy(path: &Path, scale: f32) -> Result<DepthMap> {
 }
 
 /// The values in file order, or `None` for an element type that is no number.
-fn decode(
-    npy: NpyFile<BufReader<File>>,
-    element: &str,
-) -> std::io::Result<Option<Vec<f32>>> {
+fn decode(npy: NpyFile<BufReader<File>>, element: &str) -> std::io::Result<Option<Vec<f32>>> {
     macro_rules! as_f32 {
         ($t:ty) => {
-            npy.into_vec::<$t>()?.into_iter().map(|v| v as f32).collect()
+            npy.into_vec::<$t>()?
+                .into_iter()
+                .map(|v| v as f32)
+                .collect()
         };
     }
     let kind = element.trim_start_matches(['<', '>', '|', '=']);

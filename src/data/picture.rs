@@ -2,7 +2,9 @@
 
 use super::{DepthMap, write_atomically};
 use crate::error::{Cause, Error, Result};
-use image::{DynamicImage, ImageBuffer, ImageDecoder as _, ImageFormat, ImageReader, Luma, RgbImage};
+use image::{
+    DynamicImage, ImageBuffer, ImageDecoder as _, ImageFormat, ImageReader, Luma, RgbImage,
+};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -21,13 +23,19 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage> {
 pub fn read_depth_png(path: &Path, scale: f32) -> Result<DepthMap> {
     let image = open(path)?;
     if image.color().has_color() {
-        return Err(Error::format(path, "is a colour image, expected grey depths")
-            .hint("depth images are 16-bit grey PNG"));
+        return Err(
+            Error::format(path, "is a colour image, expected grey depths")
+                .hint("depth images are 16-bit grey PNG"),
+        );
     }
     let (width, height) = (image.width() as usize, image.height() as usize);
     let values = match image {
         DynamicImage::ImageLuma8(grey) => grey.iter().map(|&v| f32::from(v) * scale).collect(),
-        other => other.into_luma16().iter().map(|&v| f32::from(v) * scale).collect(),
+        other => other
+            .into_luma16()
+            .iter()
+            .map(|&v| f32::from(v) * scale)
+            .collect(),
     };
     DepthMap::new(width, height, values)
 }
@@ -41,7 +49,13 @@ pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f32) -> Result<()> 
         .values()
         .iter()
         .map(|v| (v / scale).round())
-        .map(|v| if v <= f32::from(u16::MAX) { v as u16 } else { 0 })
+        .map(|v| {
+            if v <= f32::from(u16::MAX) {
+                v as u16
+            } else {
+                0
+            }
+        })
         .collect();
     let image: ImageBuffer<Luma<u16>, Vec<u16>> =
         ImageBuffer::from_raw(depth.width() as u32, depth.height() as u32, values)
@@ -59,9 +73,9 @@ pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<()> {
 
 fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
     let mut bytes = Cursor::new(Vec::new());
-    image
-        .write_to(&mut bytes, ImageFormat::Png)
-        .map_err(|e| Error::new(Cause::Write, format!("cannot encode `{}`", path.display())).because(e))?;
+    image.write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
+        Error::new(Cause::Write, format!("cannot encode `{}`", path.display())).because(e)
+    })?;
     write_atomically(path, |out| out.write_all(bytes.get_ref()))
 }
 

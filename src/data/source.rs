@@ -53,9 +53,11 @@ impl DataConfig {
         Ok(match self.dataset {
             DatasetKind::Rooms => Arc::new(Rooms::new(split, &self.rooms)?),
             DatasetKind::Nyu => Arc::new(nyu(&self.folder_of(fallback)?, split)?),
-            DatasetKind::Folder => {
-                Arc::new(Folder::open(&self.folder_of(fallback)?, split, &self.folder)?)
-            }
+            DatasetKind::Folder => Arc::new(Folder::open(
+                &self.folder_of(fallback)?,
+                split,
+                &self.folder,
+            )?),
         })
     }
 
@@ -70,6 +72,10 @@ impl DataConfig {
             )
         })?;
         let named = base.join(name);
-        Ok(if named.is_dir() { named } else { base.to_owned() })
+        Ok(if named.is_dir() {
+            named
+        } else {
+            base.to_owned()
+        })
     }
 }

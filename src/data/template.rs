@@ -71,9 +71,7 @@ impl Template {
                             .is_some_and(|tail| walk(rest, tail, found));
                     }
                     let limit = path.find('/').unwrap_or(path.len());
-                    let ends = path[..limit]
-                        .char_indices()
-                        .map(|(i, c)| i + c.len_utf8());
+                    let ends = path[..limit].char_indices().map(|(i, c)| i + c.len_utf8());
                     for end in ends {
                         found.insert(name.clone(), path[..end].to_owned());
                         if walk(rest, &path[end..], found) {

@@ -88,10 +88,20 @@ mod tests {
         let depths = [1.0, 1.1, 1.2, 1.3, 9.0, 9.5, 1.15];
         let bases = [1.0; 7];
         let solver = Solver::Truncated(1e-12);
-        let start = Problem::new(&bases, &depths, &[1.0; 7]).solve(solver).unwrap();
-        let settings = Irls { threshold: 1e-6, iterations: 200, tolerance: 1e-12 };
+        let start = Problem::new(&bases, &depths, &[1.0; 7])
+            .solve(solver)
+            .unwrap();
+        let settings = Irls {
+            threshold: 1e-6,
+            iterations: 200,
+            tolerance: 1e-12,
+        };
         let (solution, weights) = irls(&bases, &depths, start, solver, settings).unwrap();
-        assert!((solution.weights[0] - 1.2).abs() < 1e-3, "{:?}", solution.weights);
+        assert!(
+            (solution.weights[0] - 1.2).abs() < 1e-3,
+            "{:?}",
+            solution.weights
+        );
         assert!(weights[4] < 1e-3);
     }
 }

@@ -31,7 +31,8 @@ impl BasisHead {
 
     /// `[rows, features + position]` to `[rows, N]`.
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        self.last.forward(self.hidden.iter().fold(x, |x, layer| layer.forward(x)))
+        self.last
+            .forward(self.hidden.iter().fold(x, |x, layer| layer.forward(x)))
     }
 }
 
@@ -83,7 +84,9 @@ impl Bases {
         let total = size.0 * size.1;
         let mut depths = Vec::with_capacity(total);
         for start in (0..total).step_by(STRIP) {
-            let pixels = (start..(start + STRIP).min(total)).map(|i| i as u32).collect();
+            let pixels = (start..(start + STRIP).min(total))
+                .map(|i| i as u32)
+                .collect();
             let strip = self.at(size, &[pixels]).squeeze_dim::<2>(0);
             let values = strip.matmul(column.clone()).into_data();
             depths.extend(values.iter::<f32>());

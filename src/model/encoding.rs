@@ -49,8 +49,18 @@ mod tests {
         // Pixel (x = 2, y = 1): x = 5/4 - 1 = 0.25, y = 3/2 - 1 = 0.5.
         let (x, y, pi) = (0.25_f32, 0.5_f32, std::f32::consts::PI);
         let expected = [
-            x, x, (pi * x).sin(), (pi * x).cos(), (2.0 * pi * x).sin(), (2.0 * pi * x).cos(),
-            y, y, (pi * y).sin(), (pi * y).cos(), (2.0 * pi * y).sin(), (2.0 * pi * y).cos(),
+            x,
+            x,
+            (pi * x).sin(),
+            (pi * x).cos(),
+            (2.0 * pi * x).sin(),
+            (2.0 * pi * x).cos(),
+            y,
+            y,
+            (pi * y).sin(),
+            (pi * y).cos(),
+            (2.0 * pi * y).sin(),
+            (2.0 * pi * y).cos(),
         ];
         for (a, b) in code.iter().zip(expected) {
             assert!((a - b).abs() < 1e-6, "{a} {b}");

@@ -102,7 +102,13 @@ impl ExtractorConfig {
             half: stage(self.stem, first, plain, plain, init),
             quarter: stage(first.width, second, ConvSpec::halving(), plain, init),
             wide: stage(second.width, third, plain, plain, init),
-            dilated: stage(third.width, fourth, ConvSpec::same(2), ConvSpec::same(2), init),
+            dilated: stage(
+                third.width,
+                fourth,
+                ConvSpec::same(2),
+                ConvSpec::same(2),
+                init,
+            ),
             branches: self
                 .pools
                 .iter()
@@ -134,7 +140,10 @@ impl Extractor {
     /// `[batch, 3, height, width]` to `[batch, features, ceil(height / 4), ceil(width / 4)]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
-        let x = self.stem.iter().fold(images, |x, conv| conv.forward_relu(x));
+        let x = self
+            .stem
+            .iter()
+            .fold(images, |x, conv| conv.forward_relu(x));
         let raw = run(run(x, &self.half), &self.quarter);
         let skip = run(run(raw.clone(), &self.wide), &self.dilated);
         let pooled = self.branches.iter().zip(&self.pools).map(|(conv, &pool)| {
@@ -142,7 +151,8 @@ impl Extractor {
             up.apply(conv.forward_relu(down.apply(skip.clone())))
         });
         let all = [raw, skip.clone()].into_iter().chain(pooled).collect();
-        self.project.forward(self.merge.forward_relu(Tensor::cat(all, 1)))
+        self.project
+            .forward(self.merge.forward_relu(Tensor::cat(all, 1)))
     }
 }
 
@@ -173,10 +183,20 @@ fn stage(
 ) -> Vec<Block> {
     (0..config.blocks)
         .map(|i| {
-            let (from, spec) = if i == 0 { (from, first) } else { (config.width, others) };
-            let inner = ConvSpec { stride: 1, ..others };
+            let (from, spec) = if i == 0 {
+                (from, first)
+            } else {
+                (config.width, others)
+            };
+            let inner = ConvSpec {
+                stride: 1,
+                ..others
+            };
             let changes = from != config.width || spec.stride != 1;
-            let shortcut = ConvSpec { stride: spec.stride, ..ConvSpec::pointwise() };
+            let shortcut = ConvSpec {
+                stride: spec.stride,
+                ..ConvSpec::pointwise()
+            };
             Block {
                 first: ConvNorm::init(from, config.width, 3, spec, init),
                 second: ConvNorm::init(config.width, config.width, 3, inner, init),
@@ -245,9 +265,12 @@ mod tests {
 
     #[test]
     fn pools_count_only_pixels_inside() {
-        assert_eq!(averages(5, 2), [
-            0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
-        ]);
+        assert_eq!(
+            averages(5, 2),
+            [
+                0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+            ]
+        );
     }
 
     #[test]

@@ -41,7 +41,9 @@ pub(super) fn sample(features: Tensor<4>, size: (usize, usize), pixels: &[Vec<u3
             }
         }
     }
-    let table = features.permute([0, 2, 3, 1]).reshape([batch * h * w, channels]);
+    let table = features
+        .permute([0, 2, 3, 1])
+        .reshape([batch * h * w, channels]);
     indices
         .into_iter()
         .zip(weights)

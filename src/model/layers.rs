@@ -91,7 +91,11 @@ impl BatchNorm {
                 self.running_variance.value().to_device(&device),
             )
         };
-        let spec = NormSpec { epsilon: EPSILON, relu, own };
+        let spec = NormSpec {
+            epsilon: EPSILON,
+            relu,
+            own,
+        };
         normalise(x, self.gain.val(), self.shift.val(), mean, variance, spec)
     }
 }
@@ -112,7 +116,11 @@ impl ModuleMapper for FreezeStatistics {
 }
 
 fn rectify<const D: usize>(x: Tensor<D>, relu: bool) -> Tensor<D> {
-    if relu { burn::tensor::activation::relu(x) } else { x }
+    if relu {
+        burn::tensor::activation::relu(x)
+    } else {
+        x
+    }
 }
 
 #[derive(Module, Debug)]
@@ -149,7 +157,13 @@ pub(super) struct Conv {
 }
 
 impl Conv {
-    pub(super) fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
+    pub(super) fn init(
+        from: usize,
+        to: usize,
+        kernel: usize,
+        spec: ConvSpec,
+        init: &mut Init,
+    ) -> Self {
         let deviation = (2.0 / (kernel * kernel * to) as f32).sqrt();
         Self {
             weight: init.normal([to, from, kernel, kernel], deviation),
@@ -171,7 +185,13 @@ pub(super) struct ConvNorm {
 }
 
 impl ConvNorm {
-    pub(super) fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
+    pub(super) fn init(
+        from: usize,
+        to: usize,
+        kernel: usize,
+        spec: ConvSpec,
+        init: &mut Init,
+    ) -> Self {
         Self {
             conv: Conv::init(from, to, kernel, spec, init),
             norm: Norm::init(to, init),

@@ -5,6 +5,8 @@ mod encoding;
 mod extractor;
 mod grid;
 mod layers;
+#[cfg(test)]
+mod tests;
 mod weights;
 
 pub use bases::{Bases, BasisHead};
@@ -60,7 +62,8 @@ impl BasisNetConfig {
         Self {
             extractor: ExtractorConfig::small(),
             octaves: 5,
-            hidden: vec![64, 64],
+            // At least as wide as `bases` at the end: fewer would make the bases dependent.
+            hidden: vec![128, 128],
             bases: 128,
             norm: NormKind::Batch,
         }
@@ -73,7 +76,16 @@ impl BasisNetConfig {
     pub fn check(&self) -> Result<()> {
         self.extractor.check()?;
         if self.bases == 0 || self.hidden.contains(&0) {
-            return Err(Error::config("`bases` and every width in `hidden` must be above 0"));
+            return Err(Error::config(
+                "`bases` and every width in `hidden` must be above 0",
+            ));
+        }
+        if self.hidden.last().is_some_and(|&last| last < self.bases) {
+            return Err(Error::config(format!(
+                "the last width in `hidden` must be at least `bases` ({}), else the base functions \
+                 depend on each other",
+                self.bases
+            )));
         }
         if self.octaves > 16 {
             return Err(Error::config("`octaves` must be at most 16"));

@@ -71,8 +71,7 @@ impl Weights {
             Error::weights(format!("the weights cannot be written: {e}"))
         };
         let json = |value: &dyn erased::Json| value.json().map_err(|e| broken(&e));
-        let mut metadata: HashMap<String, String> =
-            self.record.notes.clone().into_iter().collect();
+        let mut metadata: HashMap<String, String> = self.record.notes.clone().into_iter().collect();
         metadata.insert(VERSION.into(), env!("CARGO_PKG_VERSION").into());
         metadata.insert(NETWORK.into(), json(&self.record.network)?);
         metadata.insert(NORMALISATION.into(), json(&self.record.normalisation)?);
@@ -115,9 +114,8 @@ impl Weights {
             .tensors()
             .into_iter()
             .map(|(name, view)| {
-                let values = decode(&view).ok_or_else(|| {
-                    foreign(format!("tensor `{name}` is neither f16 nor f32"))
-                })?;
+                let values = decode(&view)
+                    .ok_or_else(|| foreign(format!("tensor `{name}` is neither f16 nor f32")))?;
                 Ok((name, TensorData::new(values, view.shape().to_vec())))
             })
             .collect::<Result<_>>()?;
@@ -130,22 +128,37 @@ impl Weights {
     /// A tensor that is missing, superfluous or of another shape.
     pub fn load(&self, device: &Device) -> Result<BasisNet> {
         let net = self.record.network.init(0, device)?;
-        let mut filler = Filler {
-            tensors: self.tensors.clone(),
-            path: Vec::new(),
-            wrong: None,
-        };
+        let mut filler = Filler::new(self);
         let net = net.map(&mut filler);
-        let wrong = filler
-            .wrong
-            .or_else(|| filler.tensors.keys().min().map(|n| format!("`{n}` is superfluous")));
-        match wrong {
+        let superfluous = filler
+            .tensors
+            .keys()
+            .min()
+            .map(|n| format!("`{n}` is superfluous"));
+        match filler.wrong.into_iter().next().or(superfluous) {
             None => Ok(net),
             Some(what) => Err(Error::weights(format!(
                 "the weights do not belong to their network: {what}"
             ))
             .hint("the file is damaged or was edited; train or download it again")),
         }
+    }
+
+    /// Gives a network, which may be another one, the tensors that agree in name and shape; the
+    /// others stay as they are. Returns the number of tensors that stayed.
+    ///
+    /// # Errors
+    /// Not a single tensor agrees.
+    pub fn transfer(&self, net: BasisNet) -> Result<(BasisNet, usize)> {
+        let mut filler = Filler::new(self);
+        let net = net.map(&mut filler);
+        if filler.filled == 0 {
+            return Err(
+                Error::weights("no tensor of the start weights fits the network")
+                    .hint("set `preset` or `network` closer to that of the start weights"),
+            );
+        }
+        Ok((net, filler.wrong.len()))
     }
 }
 
@@ -163,7 +176,11 @@ mod erased {
 }
 
 fn record(mut metadata: HashMap<String, String>) -> std::result::Result<WeightsRecord, String> {
-    let mut take = |key: &str| metadata.remove(key).ok_or(format!("it has no `{key}` record"));
+    let mut take = |key: &str| {
+        metadata
+            .remove(key)
+            .ok_or(format!("it has no `{key}` record"))
+    };
     let network = take(NETWORK)?;
     let normalisation = take(NORMALISATION)?;
     take(VERSION)?;
@@ -179,7 +196,12 @@ fn decode(view: &TensorView<'_>) -> Option<Vec<f32>> {
     match view.dtype() {
         Dtype::F16 => {
             let (pairs, _) = view.data().as_chunks::<2>();
-            Some(pairs.iter().map(|b| half::f16::from_le_bytes(*b).to_f32()).collect())
+            Some(
+                pairs
+                    .iter()
+                    .map(|b| half::f16::from_le_bytes(*b).to_f32())
+                    .collect(),
+            )
         }
         Dtype::F32 => {
             let (words, _) = view.data().as_chunks::<4>();
@@ -235,7 +257,19 @@ impl ModuleVisitor for Collector {
 struct Filler {
     tensors: HashMap<String, TensorData>,
     path: Vec<String>,
-    wrong: Option<String>,
+    filled: usize,
+    wrong: Vec<String>,
+}
+
+impl Filler {
+    fn new(weights: &Weights) -> Self {
+        Self {
+            tensors: weights.tensors.clone(),
+            path: Vec::new(),
+            filled: 0,
+            wrong: Vec::new(),
+        }
+    }
 }
 
 impl ModuleMapper for Filler {
@@ -252,6 +286,7 @@ impl ModuleMapper for Filler {
         let shape = param.val().dims();
         match self.tensors.remove(&name) {
             Some(data) if data.shape()[..] == shape => {
+                self.filled += 1;
                 let learned = param.is_require_grad();
                 param
                     .map(|tensor| Tensor::from_data(data, &tensor.device()))
@@ -260,11 +295,11 @@ impl ModuleMapper for Filler {
             Some(data) => {
                 let found = data.shape();
                 self.wrong
-                    .get_or_insert(format!("`{name}` has shape {found:?}, expected {shape:?}"));
+                    .push(format!("`{name}` has shape {found:?}, expected {shape:?}"));
                 param
             }
             None => {
-                self.wrong.get_or_insert(format!("`{name}` is missing"));
+                self.wrong.push(format!("`{name}` is missing"));
                 param
             }
         }

@@ -95,6 +95,10 @@ impl<B: NormBackend, C: CheckpointStrategy> NormBackend for Autodiff<B, C> {
             grad.into_primitive(),
             spec,
         );
-        (Self::from_inner(x), Self::from_inner(gain), Self::from_inner(shift))
+        (
+            Self::from_inner(x),
+            Self::from_inner(gain),
+            Self::from_inner(shift),
+        )
     }
 }

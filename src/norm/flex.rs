@@ -29,7 +29,11 @@ impl NormBackend for Flex {
     ) -> FloatTensor<Self> {
         if x.dtype() != DType::F32 {
             let output = Self::batch_norm(x, gain, shift, mean, variance, spec.epsilon);
-            return if spec.relu { Self::relu(output) } else { output };
+            return if spec.relu {
+                Self::relu(output)
+            } else {
+                output
+            };
         }
         let [x, gain, shift, mean, variance] =
             [x, gain, shift, mean, variance].map(|t| t.to_contiguous());
@@ -64,7 +68,13 @@ impl NormBackend for Flex {
         let layout = Layout::of(&x.shape());
         let (values, grads) = (x.storage::<f32>(), grad.storage::<f32>());
         let (mean, variance) = (mean.storage::<f32>(), variance.storage::<f32>());
-        let lines = Line::of(gain.storage(), shift.storage(), mean, variance, spec.epsilon);
+        let lines = Line::of(
+            gain.storage(),
+            shift.storage(),
+            mean,
+            variance,
+            spec.epsilon,
+        );
         let ones = vec![1.0; mean.len()];
         let zeros = vec![0.0; mean.len()];
         let standard = Line::of(&ones, &zeros, mean, variance, spec.epsilon);

@@ -33,7 +33,10 @@ impl Line {
         (0..gain.len())
             .map(|c| {
                 let slope = gain[c] / (variance[c] + epsilon as f32).sqrt();
-                Self { slope, offset: shift[c] - mean[c] * slope }
+                Self {
+                    slope,
+                    offset: shift[c] - mean[c] * slope,
+                }
             })
             .collect()
     }
@@ -65,9 +68,15 @@ impl Layout {
     /// Mean and biased variance of each channel.
     pub(super) fn moments(&self, x: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let count = self.count().max(1) as f32;
-        let mean: Vec<f32> =
-            self.sums(x, x, |_, x, _| (x, 0.0)).0.iter().map(|s| s / count).collect();
-        let squares = self.sums(x, x, |c, x, _| ((x - mean[c]) * (x - mean[c]), 0.0)).0;
+        let mean: Vec<f32> = self
+            .sums(x, x, |_, x, _| (x, 0.0))
+            .0
+            .iter()
+            .map(|s| s / count)
+            .collect();
+        let squares = self
+            .sums(x, x, |c, x, _| ((x - mean[c]) * (x - mean[c]), 0.0))
+            .0;
         (mean, squares.iter().map(|s| s / count).collect())
     }
 
@@ -157,7 +166,9 @@ impl Layout {
                     if inner == 1 {
                         let rows = x.chunks_exact(channels).zip(y.chunks_exact(channels));
                         for (out, (x, y)) in out.chunks_exact_mut(channels).zip(rows) {
-                            for (c, (out, (x, y))) in out.iter_mut().zip(x.iter().zip(y)).enumerate() {
+                            for (c, (out, (x, y))) in
+                                out.iter_mut().zip(x.iter().zip(y)).enumerate()
+                            {
                                 *out = f(c, *x, *y);
                             }
                         }

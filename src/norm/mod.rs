@@ -4,6 +4,8 @@
 mod autodiff;
 mod flex;
 mod layout;
+#[cfg(test)]
+mod tests;
 
 use burn::backend::ops::{ActivationOps as _, FloatTensorOps as _, ModuleOps as _};
 use burn::backend::tensor::FloatTensor;
@@ -45,7 +47,11 @@ pub trait NormBackend: Backend {
         spec: NormSpec,
     ) -> FloatTensor<Self> {
         let output = Self::batch_norm(x, gain, shift, mean, variance, spec.epsilon);
-        if spec.relu { Self::relu(output) } else { output }
+        if spec.relu {
+            Self::relu(output)
+        } else {
+            output
+        }
     }
 
     /// The gradients of `x`, `gain` and `shift` from that of the output.
@@ -83,7 +89,14 @@ fn reference_backward<B: Backend>(
     spec: NormSpec,
 ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
     let norm = |x, shift| {
-        B::batch_norm(x, gain.clone(), shift, mean.clone(), variance.clone(), spec.epsilon)
+        B::batch_norm(
+            x,
+            gain.clone(),
+            shift,
+            mean.clone(),
+            variance.clone(),
+            spec.epsilon,
+        )
     };
     let grad = if spec.relu {
         B::relu_backward(B::relu(norm(x.clone(), shift)), grad)
@@ -102,9 +115,7 @@ fn reference_backward<B: Backend>(
         return (back.x_grad, back.gamma_grad, back.beta_grad);
     }
     // With fixed statistics the input only passes through the slope.
-    let zeros = |t: &FloatTensor<B>| {
-        B::float_zeros(t.shape(), &t.device(), t.dtype().into())
-    };
+    let zeros = |t: &FloatTensor<B>| B::float_zeros(t.shape(), &t.device(), t.dtype().into());
     let through = B::batch_norm(
         grad,
         gain.clone(),

@@ -12,7 +12,10 @@ impl Report {
     /// The file cannot be written.
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         write_atomically(path, |out| {
-            writeln!(out, "frame,method,points,rmse_m,mae_m,rel,delta1,delta2,delta3")?;
+            writeln!(
+                out,
+                "frame,method,points,rmse_m,mae_m,rel,delta1,delta2,delta3"
+            )?;
             for frame in &self.frames {
                 for (method, s) in self.methods.iter().zip(&frame.scores) {
                     writeln!(

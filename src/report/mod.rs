@@ -41,7 +41,12 @@ pub struct Heading {
 impl Report {
     /// An empty report on these methods.
     pub fn new(heading: Heading, methods: Vec<String>) -> Self {
-        Self { heading, methods, frames: Vec::new(), failures: Vec::new() }
+        Self {
+            heading,
+            methods,
+            frames: Vec::new(),
+            failures: Vec::new(),
+        }
     }
 
     /// Adds a frame.

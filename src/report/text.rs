@@ -9,7 +9,10 @@ impl Display for Report {
         writeln!(f, "dataset   {}, {count} frames", self.heading.dataset)?;
         writeln!(f, "protocol  {}", self.heading.protocol)?;
         writeln!(f, "points    {}", self.heading.points)?;
-        writeln!(f, "averaged  per frame over pixels with a true depth, then over frames")?;
+        writeln!(
+            f,
+            "averaged  per frame over pixels with a true depth, then over frames"
+        )?;
         writeln!(f)?;
         writeln!(
             f,

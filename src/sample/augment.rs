@@ -181,7 +181,9 @@ mod tests {
         let mut rng = Rng::stream(3, &[]);
         let zoom = rng.clone().range(1.0, 1.5);
         let frame = frame();
-        let near = config.apply(&frame, &Protocol::default(), &mut rng).unwrap();
+        let near = config
+            .apply(&frame, &Protocol::default(), &mut rng)
+            .unwrap();
         // A point at the centre stays there, closer by the zoom.
         let ratio = frame.depth.at(16, 12) / near.depth.at(16, 12);
         assert!((ratio - zoom).abs() < 0.05 * zoom, "{ratio} {zoom}");

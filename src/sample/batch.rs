@@ -35,16 +35,24 @@ impl Batch {
         deviation: [f32; 3],
         device: &Device,
     ) -> Result<Self> {
-        let first = samples.first().ok_or_else(|| Error::shape("a batch needs a sample"))?;
+        let first = samples
+            .first()
+            .ok_or_else(|| Error::shape("a batch needs a sample"))?;
         let pixels = first.pixels.len();
         let points = first.draws.first().map_or(0, Vec::len);
         let draws = first.draws.len();
-        if samples.iter().any(|s| s.pixels.len() != pixels || s.patch != first.patch) {
+        if samples
+            .iter()
+            .any(|s| s.pixels.len() != pixels || s.patch != first.patch)
+        {
             return Err(Error::shape("the frames of a batch differ in size")
                 .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
         }
         let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
-        let depths = samples.iter().flat_map(|s| s.depths.iter().copied()).collect();
+        let depths = samples
+            .iter()
+            .flat_map(|s| s.depths.iter().copied())
+            .collect();
         let masks: Vec<f32> = (0..draws)
             .flat_map(|d| samples.iter().flat_map(move |s| s.draws[d].iter().copied()))
             .collect();
@@ -70,7 +78,9 @@ pub fn image_tensor(
     deviation: [f32; 3],
     device: &Device,
 ) -> Result<Tensor<4>> {
-    let first = images.first().ok_or_else(|| Error::shape("a batch needs an image"))?;
+    let first = images
+        .first()
+        .ok_or_else(|| Error::shape("a batch needs an image"))?;
     let (width, height) = first.dimensions();
     if images.iter().any(|i| i.dimensions() != (width, height)) {
         return Err(Error::shape("the images of a batch differ in size"));

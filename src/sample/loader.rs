@@ -43,7 +43,9 @@ impl Sampler {
         config: SamplerConfig,
     ) -> Result<Self> {
         if indices.is_empty() || config.batch == 0 {
-            return Err(Error::config("training needs at least one frame and a batch size above 0"));
+            return Err(Error::config(
+                "training needs at least one frame and a batch size above 0",
+            ));
         }
         Ok(Self {
             frames,

@@ -78,7 +78,9 @@ impl Sample {
         rng.choose(&mut valid, config.points);
         valid.truncate(config.points);
         let found = valid.len();
-        let draws = (0..config.draws).map(|_| draw(config, found, rng)).collect();
+        let draws = (0..config.draws)
+            .map(|_| draw(config, found, rng))
+            .collect();
         let mut pixels = valid;
         pixels.resize(config.points, 0);
         let patch = if config.patches == 0 {
@@ -151,7 +153,10 @@ mod tests {
         for mask in &sample.draws {
             let read = mask.iter().sum::<f32>();
             assert!((100.0..=960.0).contains(&read), "{read}");
-            let bad = mask.iter().zip(&sample.depths).any(|(m, d)| *m > 0.0 && *d == 0.0);
+            let bad = mask
+                .iter()
+                .zip(&sample.depths)
+                .any(|(m, d)| *m > 0.0 && *d == 0.0);
             assert!(!bad);
         }
         assert_ne!(sample.draws[0], sample.draws[1]);

@@ -86,7 +86,8 @@ fn convolve(
             from.0, from.1, to.0, to.1
         ))
     };
-    let source = ImageRef::new(from.0 as u32, from.1 as u32, bytes, pixel).map_err(|e| wrong(&e))?;
+    let source =
+        ImageRef::new(from.0 as u32, from.1 as u32, bytes, pixel).map_err(|e| wrong(&e))?;
     let mut target = Image::new(to.0 as u32, to.1 as u32, pixel);
     let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));
     Resizer::new()
@@ -114,7 +115,11 @@ mod tests {
         values[27] = 0.0;
         let depth = DepthMap::new(8, 8, values).unwrap();
         let half = resize_depth_bilinear(&depth, 4, 4).unwrap();
-        assert!(half.values().iter().all(|&v| v == 0.0 || (v - 2.0).abs() < 1e-5));
+        assert!(
+            half.values()
+                .iter()
+                .all(|&v| v == 0.0 || (v - 2.0).abs() < 1e-5)
+        );
         assert!(half.count() < 16 && half.count() >= 7);
     }
 

@@ -45,7 +45,11 @@ impl Checkpoints {
         let broken = |e: &dyn std::fmt::Display| {
             Error::new(Cause::Write, format!("cannot encode a checkpoint: {e}"))
         };
-        let network = net.clone().into_record().into_bytes().map_err(|e| broken(&e))?;
+        let network = net
+            .clone()
+            .into_record()
+            .into_bytes()
+            .map_err(|e| broken(&e))?;
         let state = optimiser.into_bytes().map_err(|e| broken(&e))?;
         let target = self.path(step);
         let temporary = self.folder.join(format!("{step:08}.tmp"));
@@ -94,7 +98,9 @@ impl Checkpoints {
         };
         let record = ModuleRecord::from_bytes(read(NETWORK)?).map_err(|e| foreign(&e))?;
         let net = net.try_load_record(record).map_err(|e| foreign(&e))?;
-        let optimiser = optimiser.from_bytes(read(OPTIMISER)?).map_err(|e| foreign(&e))?;
+        let optimiser = optimiser
+            .from_bytes(read(OPTIMISER)?)
+            .map_err(|e| foreign(&e))?;
         Ok((net, optimiser))
     }
 

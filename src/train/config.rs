@@ -34,7 +34,7 @@ pub struct TrainConfig {
     pub measure_every: usize,
     /// The number of frames kept out of training for that.
     pub held_out: usize,
-    /// Weights to start from instead of random ones.
+    /// Weights to start from: tensors that agree in name and shape are taken.
     pub start: Option<PathBuf>,
     /// The size at which to train.
     pub protocol: Protocol,

@@ -61,14 +61,24 @@ pub fn losses(net: &BasisNet, batch: &Batch, solver: Solver, config: &LossConfig
     let [images, pixels] = batch.depths.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
-    let bases = net.bases(batch.images.clone()).at(batch.size, &batch.pixels);
+    let bases = net
+        .bases(batch.images.clone())
+        .at(batch.size, &batch.pixels);
     let functions = bases.dims()[2];
 
-    let at_points = bases.clone().slice([0..images, 0..points]).repeat_dim(0, draws);
+    let at_points = bases
+        .clone()
+        .slice([0..images, 0..points])
+        .repeat_dim(0, draws);
     let depths = batch.depths.clone().slice([0..images, 0..points]);
-    let weights = lstsq(at_points, depths.repeat_dim(0, draws), batch.draws.clone(), solver)
-        .reshape([draws, images, functions])
-        .permute([1, 2, 0]);
+    let weights = lstsq(
+        at_points,
+        depths.repeat_dim(0, draws),
+        batch.draws.clone(),
+        solver,
+    )
+    .reshape([draws, images, functions])
+    .permute([1, 2, 0]);
     // [images, pixels, draws]
     let fitted = bases.matmul(weights.clone());
 

@@ -122,7 +122,9 @@ impl Trainer {
         while step < self.config.steps {
             let started = Instant::now();
             let samples = loader.next_batch()?;
-            let Normalisation { mean, deviation, .. } = self.normalisation();
+            let Normalisation {
+                mean, deviation, ..
+            } = self.normalisation();
             let batch = Batch::new(&samples, mean, deviation, &device)?;
             let rate = self.rate(step);
             if step as f64 >= self.config.freeze_statistics * self.config.steps as f64 {
@@ -157,19 +159,15 @@ impl Trainer {
     }
 
     fn initial(&self, device: &Device) -> Result<BasisNet> {
+        let net = self.network.init(self.config.seed, device)?;
         let Some(path) = &self.config.start else {
-            return self.network.init(self.config.seed, device);
+            return Ok(net);
         };
         let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
         let weights = Weights::from_bytes(&bytes, &path.display().to_string())?;
-        if weights.record.network != self.network {
-            return Err(Error::weights(format!(
-                "`{}` holds weights of another network than the one configured",
-                path.display()
-            ))
-            .hint("set `preset` and `network` as they were in the training of the start weights"));
-        }
-        weights.load(device)
+        let (net, new) = weights.transfer(net)?;
+        tracing::info!("{new} tensors do not fit the start weights and begin at random");
+        Ok(net)
     }
 
     fn optimiser(&self) -> ModuleOptimizer {
@@ -194,7 +192,10 @@ impl Trainer {
     fn normalisation(&self) -> Normalisation {
         let input = self.config.protocol.crop.or(self.config.protocol.resize);
         match input {
-            Some(size) => Normalisation { input: [size.height, size.width], ..Normalisation::default() },
+            Some(size) => Normalisation {
+                input: [size.height, size.width],
+                ..Normalisation::default()
+            },
             None => Normalisation::default(),
         }
     }
@@ -237,8 +238,7 @@ impl Trainer {
     }
 
     fn measure(&self, net: &BasisNet, frames: &[usize]) -> Result<Scores> {
-        let completer =
-            Completer::new(net.valid(), self.normalisation(), self.fit, &self.device);
+        let completer = Completer::new(net.valid(), self.normalisation(), self.fit, &self.device);
         let mut tally = Tally::default();
         for &index in frames {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
@@ -255,8 +255,14 @@ impl Trainer {
             Error::new(Cause::Write, "cannot encode the settings").because(e)
         };
         let notes = BTreeMap::from([
-            (FIT_NOTE.to_owned(), serde_json::to_string(&self.fit).map_err(json)?),
-            ("training".to_owned(), serde_json::to_string(&self.config).map_err(json)?),
+            (
+                FIT_NOTE.to_owned(),
+                serde_json::to_string(&self.fit).map_err(json)?,
+            ),
+            (
+                "training".to_owned(),
+                serde_json::to_string(&self.config).map_err(json)?,
+            ),
         ]);
         let record = WeightsRecord {
             network: self.network.clone(),

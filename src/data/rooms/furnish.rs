@@ -34,8 +34,17 @@ pub(super) struct Scene {
 
 /// Builds a room.
 pub(super) fn furnish(rng: &mut Rng) -> Scene {
-    let half = vec3(rng.range(1.5, 3.5), rng.range(1.15, 1.5), rng.range(1.8, 4.5));
-    let surfaces = [Paint::floor(rng), Paint::wall(rng), Paint::wall(rng), Paint::wall(rng)];
+    let half = vec3(
+        rng.range(1.5, 3.5),
+        rng.range(1.15, 1.5),
+        rng.range(1.8, 4.5),
+    );
+    let surfaces = [
+        Paint::floor(rng),
+        Paint::wall(rng),
+        Paint::wall(rng),
+        Paint::wall(rng),
+    ];
     let lamps = (0..1 + rng.below(3))
         .map(|_| Lamp {
             place: vec3(
@@ -54,9 +63,17 @@ pub(super) fn furnish(rng: &mut Rng) -> Scene {
         ambient: rng.range(0.15, 0.35),
     };
     for _ in 0..3 + rng.below(6) {
-        let spot = vec3(rng.range(-0.85, 0.85) * half.x, -half.y, rng.range(-0.6, 0.95) * half.z);
+        let spot = vec3(
+            rng.range(-0.85, 0.85) * half.x,
+            -half.y,
+            rng.range(-0.6, 0.95) * half.z,
+        );
         let angle = rng.range(0.0, std::f32::consts::TAU);
-        let mut place = Placer { room: &mut room, spot, turn: angle.sin_cos() };
+        let mut place = Placer {
+            room: &mut room,
+            spot,
+            turn: angle.sin_cos(),
+        };
         match rng.below(6) {
             0 => place.table(rng),
             1 => place.chair(rng),
@@ -98,7 +115,11 @@ impl Placer<'_> {
 
     fn table(&mut self, rng: &mut Rng) {
         let paint = Paint::random(rng);
-        let (w, d, h) = (rng.range(0.6, 1.6), rng.range(0.5, 0.9), rng.range(0.45, 0.8));
+        let (w, d, h) = (
+            rng.range(0.6, 1.6),
+            rng.range(0.5, 0.9),
+            rng.range(0.45, 0.8),
+        );
         self.block(vec3(w, 0.04, d), vec3(0.0, h, 0.0), paint);
         let radius = rng.range(0.015, 0.04);
         for (sx, sz) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
@@ -116,7 +137,11 @@ impl Placer<'_> {
         let (w, h) = (rng.range(0.38, 0.5), rng.range(0.4, 0.5));
         let back = rng.range(0.35, 0.55);
         self.block(vec3(w, 0.05, w), vec3(0.0, h, 0.0), paint);
-        self.block(vec3(w, back, 0.03), vec3(0.0, h + back / 2.0, w / 2.0), paint);
+        self.block(
+            vec3(w, back, 0.03),
+            vec3(0.0, h + back / 2.0, w / 2.0),
+            paint,
+        );
         for (sx, sz) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
             let leg = vec3(sx * (w / 2.0 - 0.02), h / 2.0, sz * (w / 2.0 - 0.02));
             self.put(Form::Column(0.015, h / 2.0), leg, paint);
@@ -124,7 +149,11 @@ impl Placer<'_> {
     }
 
     fn cupboard(&mut self, rng: &mut Rng) {
-        let (w, h, d) = (rng.range(0.4, 1.2), rng.range(0.6, 2.0), rng.range(0.35, 0.6));
+        let (w, h, d) = (
+            rng.range(0.4, 1.2),
+            rng.range(0.6, 2.0),
+            rng.range(0.35, 0.6),
+        );
         self.block(vec3(w, h, d), vec3(0.0, h / 2.0, 0.0), Paint::random(rng));
         for _ in 0..rng.below(4) {
             let at = vec3(rng.range(-0.4, 0.4) * w, h, rng.range(-0.35, 0.35) * d);
@@ -137,7 +166,11 @@ impl Placer<'_> {
         let metal = Paint::random(rng);
         self.put(Form::Column(0.012, h / 2.0), vec3(0.0, h / 2.0, 0.0), metal);
         self.put(Form::Column(0.14, 0.015), vec3(0.0, 0.015, 0.0), metal);
-        self.put(Form::Column(rng.range(0.12, 0.22), 0.12), vec3(0.0, h, 0.0), Paint::random(rng));
+        self.put(
+            Form::Column(rng.range(0.12, 0.22), 0.12),
+            vec3(0.0, h, 0.0),
+            Paint::random(rng),
+        );
     }
 
     fn sofa(&mut self, rng: &mut Rng) {
@@ -198,7 +231,11 @@ fn shelf(room: &mut Scene, rng: &mut Rng) {
     let mut place = Placer { room, spot, turn };
     let height = gap * levels as f32;
     for side in [-1.0, 1.0] {
-        place.block(vec3(0.02, height, d), vec3(side * w / 2.0, height / 2.0, 0.0), paint);
+        place.block(
+            vec3(0.02, height, d),
+            vec3(side * w / 2.0, height / 2.0, 0.0),
+            paint,
+        );
     }
     for level in 0..=levels {
         let y = level as f32 * gap;
@@ -208,7 +245,11 @@ fn shelf(room: &mut Scene, rng: &mut Rng) {
             if rng.chance(0.75) {
                 let (thick, tall) = (rng.range(0.02, 0.06), rng.range(0.5, 0.9) * gap);
                 let book = vec3(thick, tall, rng.range(0.5, 0.9) * d);
-                place.block(book, vec3(x + thick / 2.0, y + tall / 2.0, 0.0), Paint::random(rng));
+                place.block(
+                    book,
+                    vec3(x + thick / 2.0, y + tall / 2.0, 0.0),
+                    Paint::random(rng),
+                );
                 x += thick + 0.005;
             } else {
                 place.thing(vec3(x + 0.08, y + 0.01, 0.0), rng);

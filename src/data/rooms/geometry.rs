@@ -37,7 +37,11 @@ impl Vec3 {
 
     /// Turned about the vertical axis by an angle given as (sin, cos).
     pub(super) fn turn(self, (sin, cos): (f32, f32)) -> Self {
-        vec3(cos * self.x + sin * self.z, self.y, cos * self.z - sin * self.x)
+        vec3(
+            cos * self.x + sin * self.z,
+            self.y,
+            cos * self.z - sin * self.x,
+        )
     }
 
     fn axis(self, i: usize) -> f32 {
@@ -111,9 +115,13 @@ impl Form {
         match self {
             Self::Block(half) => block(half, origin, ray),
             Self::Ball(radius) => {
-                let t = quadratic(ray.dot(ray), origin.dot(ray), origin.dot(origin) - radius * radius)
-                    .into_iter()
-                    .find(|t| *t > NEAR)?;
+                let t = quadratic(
+                    ray.dot(ray),
+                    origin.dot(ray),
+                    origin.dot(origin) - radius * radius,
+                )
+                .into_iter()
+                .find(|t| *t > NEAR)?;
                 Some(facing(t, (origin + ray * t).unit(), ray))
             }
             Self::Column(radius, half) => column(radius, half, origin, ray),
@@ -122,7 +130,11 @@ impl Form {
 }
 
 fn facing(t: f32, normal: Vec3, ray: Vec3) -> Hit {
-    let normal = if normal.dot(ray) > 0.0 { -normal } else { normal };
+    let normal = if normal.dot(ray) > 0.0 {
+        -normal
+    } else {
+        normal
+    };
     Hit { t, normal }
 }
 
@@ -147,8 +159,16 @@ fn block(half: Vec3, origin: Vec3, ray: Vec3) -> Option<Hit> {
     if enter > leave || leave <= NEAR {
         return None;
     }
-    let (t, axis) = if enter > NEAR { (enter, first) } else { (leave, last) };
-    let normal = [vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0)][axis];
+    let (t, axis) = if enter > NEAR {
+        (enter, first)
+    } else {
+        (leave, last)
+    };
+    let normal = [
+        vec3(1.0, 0.0, 0.0),
+        vec3(0.0, 1.0, 0.0),
+        vec3(0.0, 0.0, 1.0),
+    ][axis];
     Some(facing(t, normal, ray))
 }
 

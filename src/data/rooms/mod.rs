@@ -53,7 +53,9 @@ impl Rooms {
     pub fn new(split: Split, config: &RoomsConfig) -> Result<Self> {
         let sizes = 16..=8192;
         if !sizes.contains(&config.width) || !sizes.contains(&config.height) {
-            return Err(Error::config("`rooms.width` and `height` must be 16 to 8192"));
+            return Err(Error::config(
+                "`rooms.width` and `height` must be 16 to 8192",
+            ));
         }
         let rooms = Self {
             split,

@@ -25,7 +25,14 @@ enum Kind {
 impl Paint {
     /// A random paint; muted colours are common, strong ones rare, as indoors.
     pub(super) fn random(rng: &mut Rng) -> Self {
-        let kinds = [Kind::Plain, Kind::Plain, Kind::Wood, Kind::Tiles, Kind::Stripes, Kind::Plaster];
+        let kinds = [
+            Kind::Plain,
+            Kind::Plain,
+            Kind::Wood,
+            Kind::Tiles,
+            Kind::Stripes,
+            Kind::Plaster,
+        ];
         Self::of(kinds[rng.below(6) as usize], rng)
     }
 
@@ -44,7 +51,8 @@ impl Paint {
     fn of(kind: Kind, rng: &mut Rng) -> Self {
         let level = rng.range(0.15, 0.9);
         let strength = if rng.chance(0.25) { 0.45 } else { 0.12 };
-        let mut colour = || [0; 3].map(|_| (level + rng.range(-strength, strength)).clamp(0.03, 0.97));
+        let mut colour =
+            || [0; 3].map(|_| (level + rng.range(-strength, strength)).clamp(0.03, 0.97));
         let base = colour();
         let other = colour();
         let mix = rng.range(0.2, 0.8);
@@ -82,12 +90,22 @@ impl Paint {
 fn noise(p: Vec3, seed: u32) -> f32 {
     let cell = [p.x.floor(), p.y.floor(), p.z.floor()];
     let smooth = |t: f32| t * t * (3.0 - 2.0 * t);
-    let f = [smooth(p.x - cell[0]), smooth(p.y - cell[1]), smooth(p.z - cell[2])];
+    let f = [
+        smooth(p.x - cell[0]),
+        smooth(p.y - cell[1]),
+        smooth(p.z - cell[2]),
+    ];
     let mut total = 0.0;
     for corner in 0..8_u32 {
         let bit = |i: u32| (corner >> i) & 1;
         let weight: f32 = (0..3)
-            .map(|i| if bit(i) == 1 { f[i as usize] } else { 1.0 - f[i as usize] })
+            .map(|i| {
+                if bit(i) == 1 {
+                    f[i as usize]
+                } else {
+                    1.0 - f[i as usize]
+                }
+            })
             .product();
         let at = |i: u32| (cell[i as usize] as i32).wrapping_add(bit(i) as i32) as u32;
         total += weight * lattice(at(0), at(1), at(2), seed);
@@ -99,7 +117,10 @@ fn noise(p: Vec3, seed: u32) -> f32 {
 fn lattice(x: u32, y: u32, z: u32, seed: u32) -> f32 {
     let mut h = seed;
     for v in [x, y, z] {
-        h = (h ^ v.wrapping_mul(0xcc9e_2d51)).rotate_left(13).wrapping_mul(5).wrapping_add(0xe654_6b64);
+        h = (h ^ v.wrapping_mul(0xcc9e_2d51))
+            .rotate_left(13)
+            .wrapping_mul(5)
+            .wrapping_add(0xe654_6b64);
     }
     h = (h ^ (h >> 16)).wrapping_mul(0x85eb_ca6b);
     h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);

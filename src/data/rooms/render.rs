@@ -28,7 +28,11 @@ impl Camera {
             rng.range(-0.95, -0.5) * half.z,
         );
         let (yaw, pitch) = (rng.range(-0.5, 0.5), rng.range(-0.35, 0.1));
-        let ahead = vec3(yaw.sin() * pitch.cos(), pitch.sin(), yaw.cos() * pitch.cos());
+        let ahead = vec3(
+            yaw.sin() * pitch.cos(),
+            pitch.sin(),
+            yaw.cos() * pitch.cos(),
+        );
         let right = vec3(0.0, 1.0, 0.0).cross(ahead).unit();
         Self {
             place: clear_of_bodies(scene, place),
@@ -73,7 +77,11 @@ pub(super) fn render(
             depths.push(seen.hit.t);
             let light = shade(scene, camera.place + ray * seen.hit.t, &seen);
             let noise = rng.normal() * 0.008;
-            rgb.put_pixel(x as u32, y as u32, Rgb(light.map(|c| encode(c * exposure, noise))));
+            rgb.put_pixel(
+                x as u32,
+                y as u32,
+                Rgb(light.map(|c| encode(c * exposure, noise))),
+            );
         }
     }
     Ok((rgb, DepthMap::new(width, height, depths)?))
@@ -98,11 +106,17 @@ fn nearest(scene: &Scene, origin: Vec3, ray: Vec3) -> Seen {
             }
         }
     }
-    let wall = Form::Block(scene.half).hit(origin, ray).unwrap_or(Hit { t: 1.0, normal: -ray });
+    let wall = Form::Block(scene.half).hit(origin, ray).unwrap_or(Hit {
+        t: 1.0,
+        normal: -ray,
+    });
     match best {
         Some((hit, body)) if hit.t < wall.t => {
             let local = (origin + ray * hit.t - body.centre).turn(back(body.turn));
-            Seen { hit, colour: body.paint.colour(local) }
+            Seen {
+                hit,
+                colour: body.paint.colour(local),
+            }
         }
         _ => {
             let n = wall.normal;
@@ -136,7 +150,10 @@ fn hit(body: &Body, origin: Vec3, ray: Vec3) -> Option<Hit> {
     }
     let turn = back(body.turn);
     let hit = body.form.hit((-to).turn(turn), ray.turn(turn))?;
-    Some(Hit { t: hit.t, normal: hit.normal.turn(body.turn) })
+    Some(Hit {
+        t: hit.t,
+        normal: hit.normal.turn(body.turn),
+    })
 }
 
 fn shade(scene: &Scene, place: Vec3, seen: &Seen) -> [f32; 3] {
@@ -156,5 +173,8 @@ fn shade(scene: &Scene, place: Vec3, seen: &Seen) -> [f32; 3] {
 
 fn shadowed(scene: &Scene, place: Vec3, lamp: &Lamp) -> bool {
     let ray = lamp.place - place;
-    scene.bodies.iter().any(|body| hit(body, place, ray).is_some_and(|h| h.t < 1.0))
+    scene
+        .bodies
+        .iter()
+        .any(|body| hit(body, place, ray).is_some_and(|h| h.t < 1.0))
 }

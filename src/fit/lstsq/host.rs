@@ -60,10 +60,12 @@ pub(super) fn backward<B: Backend>(
     let (bases, depths): (Vec<_>, Vec<_>) = batch
         .problems()
         .zip(grad.par_chunks(columns.max(1)))
-        .map(|(problem, grad)| match problem.backward(grad, solver, points) {
-            Ok(gradients) => gradients,
-            Err(_) => (vec![f64::NAN; points * columns], vec![f64::NAN; points]),
-        })
+        .map(
+            |(problem, grad)| match problem.backward(grad, solver, points) {
+                Ok(gradients) => gradients,
+                Err(_) => (vec![f64::NAN; points * columns], vec![f64::NAN; points]),
+            },
+        )
         .unzip();
     let depth_shape = vec![shape[0], shape[1]];
     (

@@ -58,12 +58,7 @@ impl LstsqBackend for burn_cubecl::CubeBackend {}
 /// `bases [batch, points, k]`, `depths` and `weights [batch, points]`, result `[batch, k]`.
 /// Differentiable in `bases` and `depths`; the weights are constants. A problem without a solution
 /// (values that are not finite) yields NaN.
-pub fn lstsq(
-    bases: Tensor<3>,
-    depths: Tensor<2>,
-    weights: Tensor<2>,
-    solver: Solver,
-) -> Tensor<2> {
+pub fn lstsq(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: Solver) -> Tensor<2> {
     Tensor::from_dispatch(Dispatch::lstsq(
         bases.into_dispatch(),
         depths.into_dispatch(),

@@ -49,8 +49,17 @@ impl Problem {
         let matrix = Mat::from_fn(rows.len(), columns, |i, j| {
             roots[i] * bases[rows[i] * columns + j]
         });
-        let depths = rows.iter().zip(&roots).map(|(&i, w)| w * depths[i]).collect();
-        Self { rows, roots, matrix, depths }
+        let depths = rows
+            .iter()
+            .zip(&roots)
+            .map(|(&i, w)| w * depths[i])
+            .collect();
+        Self {
+            rows,
+            roots,
+            matrix,
+            depths,
+        }
     }
 
     /// Solves the problem.
@@ -60,7 +69,10 @@ impl Problem {
     pub fn solve(&self, solver: Solver) -> Result<Solution> {
         let columns = self.matrix.ncols();
         if self.rows.is_empty() {
-            return Ok(Solution { weights: vec![0.0; columns], rank: 0 });
+            return Ok(Solution {
+                weights: vec![0.0; columns],
+                rank: 0,
+            });
         }
         match solver {
             Solver::Truncated(rcond) => {
@@ -149,7 +161,10 @@ impl Problem {
                 bases[(i, j)] += outside_u[i] * v[j] + u[i] * outside_v[j];
             }
         }
-        Ok(Adjoint { bases, depths: times(all.u.as_ref(), &over(&p, 1)) })
+        Ok(Adjoint {
+            bases,
+            depths: times(all.u.as_ref(), &over(&p, 1)),
+        })
     }
 
     /// The adjoint of `x = A^-1 M^T d` with `A = M^T M + share trace(M^T M) / k I`.
@@ -209,7 +224,11 @@ impl Problem {
             (u, singular_values(&svd), svd.V().to_owned())
         } else {
             let svd = matrix.thin_svd().map_err(failed)?;
-            (svd.U().to_owned(), singular_values(&svd), svd.V().to_owned())
+            (
+                svd.U().to_owned(),
+                singular_values(&svd),
+                svd.V().to_owned(),
+            )
         };
         let limit = rcond * s.first().copied().unwrap_or(0.0);
         let rank = s.iter().filter(|&&s| s > limit).count();

@@ -1,0 +1,106 @@
+//! The network as a whole.
+
+use super::{BasisNetConfig, ExtractorConfig, NormKind, parameter_count};
+use crate::rng::Rng;
+use burn::tensor::{Device, Tensor, TensorData};
+
+fn image(height: usize, width: usize) -> Tensor<4> {
+    let mut rng = Rng::stream(0, &["image"]);
+    let values: Vec<f32> = (0..3 * height * width).map(|_| rng.normal()).collect();
+    Tensor::from_data(
+        TensorData::new(values, [1, 3, height, width]),
+        &Device::flex(),
+    )
+}
+
+/// Few blocks, so that tests are quick.
+fn tiny() -> BasisNetConfig {
+    let mut extractor = ExtractorConfig::small();
+    extractor.stages.iter_mut().for_each(|s| s.blocks = 1);
+    BasisNetConfig {
+        extractor,
+        hidden: vec![16],
+        bases: 12,
+        ..BasisNetConfig::small()
+    }
+}
+
+#[test]
+fn the_paper_preset_has_the_papers_parameters() {
+    // Fang et al. report 3.466 M; PSMNet's layers, counted one by one, give 3,339,552.
+    for norm in [NormKind::Batch, NormKind::Group] {
+        let config = BasisNetConfig {
+            norm,
+            ..BasisNetConfig::paper()
+        };
+        let net = config.init(0, &Device::flex()).unwrap();
+        assert_eq!(parameter_count(&net), 3_466_016);
+        assert_eq!(parameter_count(&net.extractor), 3_339_552);
+    }
+}
+
+#[test]
+fn every_input_size_works() {
+    for norm in [NormKind::Batch, NormKind::Group] {
+        let net = BasisNetConfig { norm, ..tiny() }
+            .init(0, &Device::flex())
+            .unwrap();
+        for (height, width) in [(1, 1), (3, 5), (32, 32), (37, 61), (57, 130)] {
+            let pixels = vec![(0..(height * width) as u32).collect()];
+            let bases = net.bases(image(height, width)).at((height, width), &pixels);
+            assert_eq!(bases.dims(), [1, height * width, 13]);
+            let values: Vec<f32> = bases.into_data().iter::<f32>().collect();
+            assert!(values.iter().all(|v| v.is_finite()));
+            assert!(values.iter().step_by(13).all(|v| *v == 1.0));
+        }
+    }
+}
+
+#[test]
+fn the_dense_map_is_bases_times_weights() {
+    let net = tiny().init(0, &Device::flex()).unwrap();
+    let bases = net.bases(image(20, 30));
+    let weights: Vec<f32> = (0..13).map(|i| i as f32 - 5.0).collect();
+    let size = (40, 60);
+    let dense = bases.combine(size, &weights);
+    let pixels = vec![0, 1234, 2399];
+    let rows: Vec<f32> = bases
+        .at(size, &[pixels.clone()])
+        .into_data()
+        .iter::<f32>()
+        .collect();
+    for (row, &pixel) in rows.chunks_exact(13).zip(&pixels) {
+        let expected: f32 = row.iter().zip(&weights).map(|(f, w)| f * w).sum();
+        let found = dense[pixel as usize];
+        assert!(
+            (found - expected).abs() < 1e-4 * expected.abs().max(1.0),
+            "{found} {expected}"
+        );
+    }
+}
+
+#[test]
+fn a_seed_names_the_weights() {
+    let values = |seed| {
+        let net = tiny().init(seed, &Device::flex()).unwrap();
+        let bases = net.bases(image(16, 16)).at((16, 16), &[vec![7]]);
+        bases.into_data().iter::<f32>().collect::<Vec<_>>()
+    };
+    assert_eq!(values(1), values(1));
+    assert_ne!(values(1), values(2));
+}
+
+#[test]
+fn dependent_bases_are_refused() {
+    let config = BasisNetConfig {
+        hidden: vec![64, 64],
+        ..BasisNetConfig::paper()
+    };
+    assert!(
+        config
+            .init(0, &Device::flex())
+            .unwrap_err()
+            .to_string()
+            .contains("hidden")
+    );
+}

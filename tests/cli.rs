@@ -1,0 +1,194 @@
+//! The program as a user runs it.
+
+use assert_cmd::Command;
+use lsdc::data::{DepthMap, read_npy, write_npy};
+use std::path::{Path, PathBuf};
+
+fn lsdc(folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lsdc"));
+    command.current_dir(folder).env_remove("LSDC_DATA").env_remove("LSDC_DEVICE");
+    command
+}
+
+fn asset(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room").join(name)
+}
+
+/// A scratch folder with the rendered room.
+fn room() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["rgb.png", "sparse.npy"] {
+        std::fs::copy(asset(name), folder.path().join(name)).unwrap();
+    }
+    folder
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> =
+        entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Runs a command that must fail with exit code 2, one `error:` line with `words`, and no output.
+fn refused(folder: &Path, args: &[&str], words: &[&str]) {
+    let before = names(folder);
+    let output = lsdc(folder).args(args).output().unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{args:?}: {text}");
+    assert!(!text.contains("panicked"), "{text}");
+    for word in words {
+        assert!(text.contains(word), "`{word}` is missing in: {text}");
+    }
+    assert_eq!(names(folder), before, "{args:?} left files behind");
+}
+
+#[test]
+fn complete_writes_depth_as_npy_and_two_pictures() {
+    let folder = room();
+    let run = lsdc(folder.path()).args(["complete", "rgb.png", "sparse.npy"]).assert().success();
+    let text = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+    for word in ["points    500", "depth", "residual", "network", "fit", "dense"] {
+        assert!(text.contains(word), "{text}");
+    }
+    assert_eq!(
+        names(folder.path()),
+        ["rgb.png", "rgb_depth.npy", "rgb_depth.png", "rgb_depth_color.png", "sparse.npy"]
+    );
+    let depth = read_npy(&folder.path().join("rgb_depth.npy"), 1.0).unwrap();
+    let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
+    assert_eq!((depth.width(), depth.height()), (truth.width(), truth.height()));
+    assert_eq!(depth.count(), depth.values().len());
+    let png = lsdc::data::read_depth_png(&folder.path().join("rgb_depth.png"), 0.001).unwrap();
+    for (a, b) in png.values().iter().zip(depth.values()) {
+        assert!((a - b).abs() <= 0.00051, "{a} {b}");
+    }
+    // The same again is no conflict; another result is.
+    lsdc(folder.path()).args(["complete", "rgb.png", "sparse.npy"]).assert().success();
+    let other = ["complete", "rgb.png", "sparse.npy", "--method", "linear"];
+    refused(folder.path(), &other, &["exists", "--force"]);
+    lsdc(folder.path()).args(other).arg("--force").assert().success();
+}
+
+#[test]
+fn any_output_size_works() {
+    let folder = room();
+    let args = ["complete", "rgb.png", "sparse.npy", "-o", "out", "--size", "401x299"];
+    lsdc(folder.path()).args(args).assert().success();
+    let depth = read_npy(&folder.path().join("out/rgb_depth.npy"), 1.0).unwrap();
+    assert_eq!((depth.width(), depth.height()), (401, 299));
+}
+
+#[test]
+fn scaling_the_points_scales_the_result() {
+    let folder = room();
+    let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
+    let scaled = sparse.values().iter().map(|v| v * 3.7).collect();
+    let scaled = DepthMap::new(sparse.width(), sparse.height(), scaled).unwrap();
+    write_npy(&folder.path().join("scaled.npy"), &scaled).unwrap();
+    for (name, out) in [("sparse.npy", "a"), ("scaled.npy", "b")] {
+        lsdc(folder.path()).args(["complete", "rgb.png", name, "-o", out]).assert().success();
+    }
+    let read = |out: &str| read_npy(&folder.path().join(out).join("rgb_depth.npy"), 1.0).unwrap();
+    for (a, b) in read("a").values().iter().zip(read("b").values()) {
+        assert!((a * 3.7 - b).abs() <= 1e-5 * b, "{a} {b}");
+    }
+}
+
+#[test]
+fn bad_input_is_refused_in_one_line() {
+    let folder = room();
+    let path = |name: &str| folder.path().join(name);
+    let map = |values: Vec<f32>, w, h| DepthMap::new(w, h, values).unwrap();
+    write_npy(&path("small.npy"), &map(vec![1.0; 12], 4, 3)).unwrap();
+    write_npy(&path("none.npy"), &DepthMap::empty(304, 228)).unwrap();
+    std::fs::write(path("text.npy"), "no array").unwrap();
+    let whole = std::fs::read(asset("rgb.png")).unwrap();
+    std::fs::write(path("cut.png"), &whole[..whole.len() / 2]).unwrap();
+    let array = std::fs::read(asset("sparse.npy")).unwrap();
+    std::fs::write(path("cut.npy"), &array[..array.len() / 2]).unwrap();
+    std::fs::write(path("huge.npy"), huge_header()).unwrap();
+    std::fs::write(path("bad.toml"), "[train]\nsteps = 3\nspeed = 1\n").unwrap();
+    std::fs::write(path("bad.safetensors"), "nothing").unwrap();
+
+    let complete = |rgb, sparse| ["complete", rgb, sparse];
+    let at = folder.path();
+    refused(at, &complete("missing.png", "sparse.npy"), &["error: cannot read `missing.png`"]);
+    refused(at, &complete("rgb.png", "missing.npy"), &["error: cannot read `missing.npy`"]);
+    refused(at, &complete("rgb.png", "small.npy"), &["304x228", "4x3", "hint:"]);
+    refused(at, &complete("rgb.png", "none.npy"), &["no sparse depth", "hint:"]);
+    refused(at, &complete("rgb.png", "text.npy"), &["text.npy", "not a NumPy array", "hint:"]);
+    refused(at, &complete("rgb.png", "cut.npy"), &["cut.npy", "hint:"]);
+    refused(at, &complete("rgb.png", "huge.npy"), &["huge.npy", "hint:"]);
+    refused(at, &complete("cut.png", "sparse.npy"), &["cut.png", "hint:"]);
+    refused(at, &complete("rgb.png", "rgb.png"), &["colour image", "hint:"]);
+    refused(at, &["complete", "rgb.png", "sparse.npy", "--device", "abacus"], &["abacus", "hint:"]);
+    let weights = ["complete", "rgb.png", "sparse.npy", "--weights", "bad.safetensors"];
+    refused(at, &weights, &["bad.safetensors", "hint:"]);
+    refused(at, &["train", "--config", "bad.toml"], &["line 3", "speed"]);
+    refused(at, &["train", "--config", "absent.toml"], &["absent.toml", "hint:"]);
+    refused(at, &["eval", "--dataset", "nyu"], &["needs a folder", "--root", "hint:"]);
+    refused(at, &["eval", "--dataset", "nyu", "--root", "."], &["no `val` frame", "hint:"]);
+}
+
+/// An npy file whose header declares a terabyte.
+fn huge_header() -> Vec<u8> {
+    let mut header =
+        b"{'descr': '<f4', 'fortran_order': False, 'shape': (500000, 500000), }".to_vec();
+    header.resize(117, b' ');
+    header.push(b'\n');
+    let mut file = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    file.extend(header);
+    file
+}
+
+#[test]
+fn values_that_are_no_depth_are_counted_and_ignored() {
+    let folder = room();
+    let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
+    let mut values = sparse.values().to_vec();
+    let free: Vec<usize> = (0..values.len()).filter(|&i| values[i] == 0.0).take(3).collect();
+    for (&i, bad) in free.iter().zip([f32::NAN, f32::INFINITY, -2.0]) {
+        values[i] = bad;
+    }
+    let mut file = Vec::new();
+    {
+        use npyz::WriterBuilder as _;
+        let shape = [sparse.height() as u64, sparse.width() as u64];
+        let options = npyz::WriteOptions::new().default_dtype().shape(&shape);
+        let mut writer = options.writer(&mut file).begin_nd().unwrap();
+        writer.extend(values).unwrap();
+        writer.finish().unwrap();
+    }
+    std::fs::write(folder.path().join("bad.npy"), file).unwrap();
+    for (name, out) in [("sparse.npy", "a"), ("bad.npy", "b")] {
+        let run = lsdc(folder.path()).args(["complete", "rgb.png", name, "-o", out]).assert();
+        let text = String::from_utf8(run.success().get_output().stdout.clone()).unwrap();
+        assert_eq!(text.contains("3 NaN, infinite or negative values ignored"), out == "b");
+    }
+    let read = |out: &str| read_npy(&folder.path().join(out).join("rgb_depth.npy"), 1.0).unwrap();
+    assert_eq!(read("a"), read("b"));
+}
+
+#[test]
+fn eval_reports_methods_side_by_side() {
+    let folder = tempfile::tempdir().unwrap();
+    let sets = ["--set", "data.rooms.width=96", "--set", "data.rooms.height=72"];
+    let args = ["eval", "--dataset", "rooms", "--limit", "3", "--points", "300"];
+    let files = ["--json", "r.json", "--csv", "r.csv"];
+    let run = lsdc(folder.path()).args(args).args(sets).args(files).assert().success();
+    let text = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+    for word in ["rooms val, 3 frames", "exactly 300", "seed 0", "lsdc", "linear", "RMSE"] {
+        assert!(text.contains(word), "{text}");
+    }
+    let json = std::fs::read_to_string(folder.path().join("r.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["frames"].as_array().unwrap().len(), 3);
+    let mean = |method: &str| json["means"][method]["rmse"].as_f64().unwrap();
+    let frame = |i: usize| json["frames"][i]["scores"]["linear"]["rmse"].as_f64().unwrap();
+    assert!((mean("linear") - (frame(0) + frame(1) + frame(2)) / 3.0).abs() < 1e-12);
+    assert!(mean("lsdc") > 0.0);
+    let csv = std::fs::read_to_string(folder.path().join("r.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + 3 * 2);
+}

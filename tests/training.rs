@@ -1,0 +1,121 @@
+//! Training runs: the same bits for the same seed, interrupted or not.
+
+use assert_cmd::Command;
+use std::path::Path;
+
+const CONFIG: &str = r#"
+preset = "small"
+
+[network]
+octaves = 3
+hidden = [32]
+bases = 24
+extractor = { stem = 8, stages = [
+    { width = 8, blocks = 1 }, { width = 16, blocks = 1 },
+    { width = 16, blocks = 1 }, { width = 16, blocks = 1 },
+], branch = 8, merge = 16, features = 16 }
+
+[fit]
+ridge = 1e-4
+
+[data.rooms]
+train = 12
+width = 64
+height = 48
+
+[train]
+steps = 6
+batch = 2
+learning_rate = 1e-3
+save_every = 3
+measure_every = 3
+held_out = 2
+protocol = {}
+supervision = { points = 200, fewest = 100, draws = 2, patches = 4, patch = 8 }
+"#;
+
+fn train(folder: &Path, args: &[&str]) {
+    let run = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(folder)
+        .arg("train")
+        .args(args)
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+}
+
+fn bytes(folder: &Path, run: &str) -> Vec<u8> {
+    std::fs::read(folder.join(run).join("checkpoints/00000006/network.bpk")).unwrap()
+}
+
+/// The lines of the log without the time that steps took.
+fn losses(folder: &Path, run: &str) -> Vec<String> {
+    let text = std::fs::read_to_string(folder.join(run).join("metrics.jsonl")).unwrap();
+    let strip = |line: &str| line.split(",\"seconds\"").next().unwrap().to_owned();
+    text.lines().map(strip).collect()
+}
+
+#[test]
+fn seed_workers_and_interruptions_do_not_change_the_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), CONFIG).unwrap();
+    train(at, &["--config", "c.toml", "-o", "a"]);
+    train(at, &["--config", "c.toml", "-o", "b", "--set", "train.workers=3"]);
+    assert_eq!(losses(at, "a"), losses(at, "b"));
+
+    // A run killed after its third step: what came later is lost, then made again.
+    train(at, &["--config", "c.toml", "-o", "c"]);
+    std::fs::remove_dir_all(at.join("c/checkpoints/00000006")).unwrap();
+    std::fs::remove_file(at.join("c/weights.safetensors")).unwrap();
+    train(at, &["--resume", "c"]);
+    assert_eq!(losses(at, "a"), losses(at, "c"));
+
+    let weights = |run: &str| std::fs::read(at.join(run).join("weights.safetensors")).unwrap();
+    let tensors = |run: &str| {
+        let bytes = weights(run);
+        let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+        let mut tensors: Vec<_> =
+            file.tensors().into_iter().map(|(name, t)| (name, t.data().to_vec())).collect();
+        tensors.sort();
+        tensors
+    };
+    assert_eq!(tensors("a"), tensors("b"));
+    assert_eq!(tensors("a"), tensors("c"));
+    assert!(!bytes(at, "c").is_empty());
+
+    train(at, &["--config", "c.toml", "-o", "d", "--seed", "1"]);
+    assert_ne!(tensors("a"), tensors("d"));
+}
+
+#[test]
+fn a_run_folder_is_not_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), CONFIG).unwrap();
+    train(at, &["--config", "c.toml", "-o", "a", "--set", "train.steps=1"]);
+    for name in ["config.toml", "env.json", "metrics.jsonl", "weights.safetensors"] {
+        assert!(at.join("a").join(name).exists(), "{name}");
+    }
+    let again = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(at)
+        .args(["train", "--config", "c.toml", "-o", "a"])
+        .output()
+        .unwrap();
+    assert_eq!(again.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("--resume"));
+}
+
+#[test]
+fn trained_weights_complete() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), CONFIG).unwrap();
+    train(at, &["--config", "c.toml", "-o", "a", "--set", "train.steps=2"]);
+    Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(at)
+        .args(["eval", "--dataset", "rooms", "--limit", "1", "--method", "lsdc"])
+        .args(["--weights", "a/weights.safetensors"])
+        .assert()
+        .success();
+}
