@@ -39,9 +39,13 @@ pub struct Config {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 3] = [
+const BUILT_IN: [(&str, &str); 4] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-small.toml", include_str!("../configs/nyu-small.toml")),
+    (
+        "nyu-small-start.toml",
+        include_str!("../configs/nyu-small-start.toml"),
+    ),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
 

@@ -1,17 +1,24 @@
 //! The program as a user runs it.
 
+#![allow(clippy::unwrap_used)]
+
 use assert_cmd::Command;
 use lsdc::data::{DepthMap, read_npy, write_npy};
 use std::path::{Path, PathBuf};
 
 fn lsdc(folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lsdc"));
-    command.current_dir(folder).env_remove("LSDC_DATA").env_remove("LSDC_DEVICE");
+    command
+        .current_dir(folder)
+        .env_remove("LSDC_DATA")
+        .env_remove("LSDC_DEVICE");
     command
 }
 
 fn asset(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("assets/room")
+        .join(name)
 }
 
 /// A scratch folder with the rendered room.
@@ -25,8 +32,9 @@ fn room() -> tempfile::TempDir {
 
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
-    let mut names: Vec<_> =
-        entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<_> = entries
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
     names.sort();
     names
 }
@@ -47,34 +55,68 @@ fn refused(folder: &Path, args: &[&str], words: &[&str]) {
 #[test]
 fn complete_writes_depth_as_npy_and_two_pictures() {
     let folder = room();
-    let run = lsdc(folder.path()).args(["complete", "rgb.png", "sparse.npy"]).assert().success();
+    let run = lsdc(folder.path())
+        .args(["complete", "rgb.png", "sparse.npy"])
+        .assert()
+        .success();
     let text = String::from_utf8(run.get_output().stdout.clone()).unwrap();
-    for word in ["points    500", "depth", "residual", "network", "fit", "dense"] {
+    for word in [
+        "points    500",
+        "depth",
+        "residual",
+        "network",
+        "fit",
+        "dense",
+    ] {
         assert!(text.contains(word), "{text}");
     }
     assert_eq!(
         names(folder.path()),
-        ["rgb.png", "rgb_depth.npy", "rgb_depth.png", "rgb_depth_color.png", "sparse.npy"]
+        [
+            "rgb.png",
+            "rgb_depth.npy",
+            "rgb_depth.png",
+            "rgb_depth_color.png",
+            "sparse.npy"
+        ]
     );
     let depth = read_npy(&folder.path().join("rgb_depth.npy"), 1.0).unwrap();
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
-    assert_eq!((depth.width(), depth.height()), (truth.width(), truth.height()));
+    assert_eq!(
+        (depth.width(), depth.height()),
+        (truth.width(), truth.height())
+    );
     assert_eq!(depth.count(), depth.values().len());
     let png = lsdc::data::read_depth_png(&folder.path().join("rgb_depth.png"), 0.001).unwrap();
     for (a, b) in png.values().iter().zip(depth.values()) {
         assert!((a - b).abs() <= 0.00051, "{a} {b}");
     }
     // The same again is no conflict; another result is.
-    lsdc(folder.path()).args(["complete", "rgb.png", "sparse.npy"]).assert().success();
+    lsdc(folder.path())
+        .args(["complete", "rgb.png", "sparse.npy"])
+        .assert()
+        .success();
     let other = ["complete", "rgb.png", "sparse.npy", "--method", "linear"];
     refused(folder.path(), &other, &["exists", "--force"]);
-    lsdc(folder.path()).args(other).arg("--force").assert().success();
+    lsdc(folder.path())
+        .args(other)
+        .arg("--force")
+        .assert()
+        .success();
 }
 
 #[test]
 fn any_output_size_works() {
     let folder = room();
-    let args = ["complete", "rgb.png", "sparse.npy", "-o", "out", "--size", "401x299"];
+    let args = [
+        "complete",
+        "rgb.png",
+        "sparse.npy",
+        "-o",
+        "out",
+        "--size",
+        "401x299",
+    ];
     lsdc(folder.path()).args(args).assert().success();
     let depth = read_npy(&folder.path().join("out/rgb_depth.npy"), 1.0).unwrap();
     assert_eq!((depth.width(), depth.height()), (401, 299));
@@ -88,7 +130,10 @@ fn scaling_the_points_scales_the_result() {
     let scaled = DepthMap::new(sparse.width(), sparse.height(), scaled).unwrap();
     write_npy(&folder.path().join("scaled.npy"), &scaled).unwrap();
     for (name, out) in [("sparse.npy", "a"), ("scaled.npy", "b")] {
-        lsdc(folder.path()).args(["complete", "rgb.png", name, "-o", out]).assert().success();
+        lsdc(folder.path())
+            .args(["complete", "rgb.png", name, "-o", out])
+            .assert()
+            .success();
     }
     let read = |out: &str| read_npy(&folder.path().join(out).join("rgb_depth.npy"), 1.0).unwrap();
     for (a, b) in read("a").values().iter().zip(read("b").values()) {
@@ -114,22 +159,72 @@ fn bad_input_is_refused_in_one_line() {
 
     let complete = |rgb, sparse| ["complete", rgb, sparse];
     let at = folder.path();
-    refused(at, &complete("missing.png", "sparse.npy"), &["error: cannot read `missing.png`"]);
-    refused(at, &complete("rgb.png", "missing.npy"), &["error: cannot read `missing.npy`"]);
-    refused(at, &complete("rgb.png", "small.npy"), &["304x228", "4x3", "hint:"]);
-    refused(at, &complete("rgb.png", "none.npy"), &["no sparse depth", "hint:"]);
-    refused(at, &complete("rgb.png", "text.npy"), &["text.npy", "not a NumPy array", "hint:"]);
+    refused(
+        at,
+        &complete("missing.png", "sparse.npy"),
+        &["error: cannot read `missing.png`"],
+    );
+    refused(
+        at,
+        &complete("rgb.png", "missing.npy"),
+        &["error: cannot read `missing.npy`"],
+    );
+    refused(
+        at,
+        &complete("rgb.png", "small.npy"),
+        &["304x228", "4x3", "hint:"],
+    );
+    refused(
+        at,
+        &complete("rgb.png", "none.npy"),
+        &["no sparse depth", "hint:"],
+    );
+    refused(
+        at,
+        &complete("rgb.png", "text.npy"),
+        &["text.npy", "not a NumPy array", "hint:"],
+    );
     refused(at, &complete("rgb.png", "cut.npy"), &["cut.npy", "hint:"]);
     refused(at, &complete("rgb.png", "huge.npy"), &["huge.npy", "hint:"]);
-    refused(at, &complete("cut.png", "sparse.npy"), &["cut.png", "hint:"]);
-    refused(at, &complete("rgb.png", "rgb.png"), &["colour image", "hint:"]);
-    refused(at, &["complete", "rgb.png", "sparse.npy", "--device", "abacus"], &["abacus", "hint:"]);
-    let weights = ["complete", "rgb.png", "sparse.npy", "--weights", "bad.safetensors"];
+    refused(
+        at,
+        &complete("cut.png", "sparse.npy"),
+        &["cut.png", "hint:"],
+    );
+    refused(
+        at,
+        &complete("rgb.png", "rgb.png"),
+        &["colour image", "hint:"],
+    );
+    refused(
+        at,
+        &["complete", "rgb.png", "sparse.npy", "--device", "abacus"],
+        &["abacus", "hint:"],
+    );
+    let weights = [
+        "complete",
+        "rgb.png",
+        "sparse.npy",
+        "--weights",
+        "bad.safetensors",
+    ];
     refused(at, &weights, &["bad.safetensors", "hint:"]);
     refused(at, &["train", "--config", "bad.toml"], &["line 3", "speed"]);
-    refused(at, &["train", "--config", "absent.toml"], &["absent.toml", "hint:"]);
-    refused(at, &["eval", "--dataset", "nyu"], &["needs a folder", "--root", "hint:"]);
-    refused(at, &["eval", "--dataset", "nyu", "--root", "."], &["no `val` frame", "hint:"]);
+    refused(
+        at,
+        &["train", "--config", "absent.toml"],
+        &["absent.toml", "hint:"],
+    );
+    refused(
+        at,
+        &["eval", "--dataset", "nyu"],
+        &["needs a folder", "--root", "hint:"],
+    );
+    refused(
+        at,
+        &["eval", "--dataset", "nyu", "--root", "."],
+        &["no `val` frame", "hint:"],
+    );
 }
 
 /// An npy file whose header declares a terabyte.
@@ -148,7 +243,10 @@ fn values_that_are_no_depth_are_counted_and_ignored() {
     let folder = room();
     let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
     let mut values = sparse.values().to_vec();
-    let free: Vec<usize> = (0..values.len()).filter(|&i| values[i] == 0.0).take(3).collect();
+    let free: Vec<usize> = (0..values.len())
+        .filter(|&i| values[i] == 0.0)
+        .take(3)
+        .collect();
     for (&i, bad) in free.iter().zip([f32::NAN, f32::INFINITY, -2.0]) {
         values[i] = bad;
     }
@@ -163,9 +261,14 @@ fn values_that_are_no_depth_are_counted_and_ignored() {
     }
     std::fs::write(folder.path().join("bad.npy"), file).unwrap();
     for (name, out) in [("sparse.npy", "a"), ("bad.npy", "b")] {
-        let run = lsdc(folder.path()).args(["complete", "rgb.png", name, "-o", out]).assert();
+        let run = lsdc(folder.path())
+            .args(["complete", "rgb.png", name, "-o", out])
+            .assert();
         let text = String::from_utf8(run.success().get_output().stdout.clone()).unwrap();
-        assert_eq!(text.contains("3 NaN, infinite or negative values ignored"), out == "b");
+        assert_eq!(
+            text.contains("3 NaN, infinite or negative values ignored"),
+            out == "b"
+        );
     }
     let read = |out: &str| read_npy(&folder.path().join(out).join("rgb_depth.npy"), 1.0).unwrap();
     assert_eq!(read("a"), read("b"));
@@ -174,19 +277,48 @@ fn values_that_are_no_depth_are_counted_and_ignored() {
 #[test]
 fn eval_reports_methods_side_by_side() {
     let folder = tempfile::tempdir().unwrap();
-    let sets = ["--set", "data.rooms.width=96", "--set", "data.rooms.height=72"];
-    let args = ["eval", "--dataset", "rooms", "--limit", "3", "--points", "300"];
+    let sets = [
+        "--set",
+        "data.rooms.width=96",
+        "--set",
+        "data.rooms.height=72",
+    ];
+    let args = [
+        "eval",
+        "--dataset",
+        "rooms",
+        "--limit",
+        "3",
+        "--points",
+        "300",
+    ];
     let files = ["--json", "r.json", "--csv", "r.csv"];
-    let run = lsdc(folder.path()).args(args).args(sets).args(files).assert().success();
+    let run = lsdc(folder.path())
+        .args(args)
+        .args(sets)
+        .args(files)
+        .assert()
+        .success();
     let text = String::from_utf8(run.get_output().stdout.clone()).unwrap();
-    for word in ["rooms val, 3 frames", "exactly 300", "seed 0", "lsdc", "linear", "RMSE"] {
+    for word in [
+        "rooms val, 3 frames",
+        "exactly 300",
+        "seed 0",
+        "lsdc",
+        "linear",
+        "RMSE",
+    ] {
         assert!(text.contains(word), "{text}");
     }
     let json = std::fs::read_to_string(folder.path().join("r.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(json["frames"].as_array().unwrap().len(), 3);
     let mean = |method: &str| json["means"][method]["rmse"].as_f64().unwrap();
-    let frame = |i: usize| json["frames"][i]["scores"]["linear"]["rmse"].as_f64().unwrap();
+    let frame = |i: usize| {
+        json["frames"][i]["scores"]["linear"]["rmse"]
+            .as_f64()
+            .unwrap()
+    };
     assert!((mean("linear") - (frame(0) + frame(1) + frame(2)) / 3.0).abs() < 1e-12);
     assert!(mean("lsdc") > 0.0);
     let csv = std::fs::read_to_string(folder.path().join("r.csv")).unwrap();

@@ -1,5 +1,7 @@
 //! Data flows one way: which module may use which.
 
+#![allow(clippy::unwrap_used)]
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -15,15 +17,26 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("model", &["conv", "norm", "error", "rng"]),
     ("fit", &["error", "rng"]),
     ("classic", &["data", "error", "rng"]),
-    ("predict", &["model", "fit", "classic", "sample", "data", "error"]),
+    (
+        "predict",
+        &["model", "fit", "classic", "sample", "data", "error"],
+    ),
     ("metrics", &["data", "error"]),
     ("report", &["metrics", "data", "error"]),
-    ("eval", &["report", "predict", "metrics", "sample", "data", "error"]),
+    (
+        "eval",
+        &["report", "predict", "metrics", "sample", "data", "error"],
+    ),
     (
         "train",
-        &["predict", "metrics", "model", "fit", "sample", "data", "error", "rng"],
+        &[
+            "predict", "metrics", "model", "fit", "sample", "data", "error", "rng",
+        ],
     ),
-    ("config", &["eval", "train", "model", "fit", "data", "error"]),
+    (
+        "config",
+        &["eval", "train", "model", "fit", "data", "error"],
+    ),
     (
         "cli",
         &[
@@ -34,9 +47,17 @@ const ALLOWED: &[(&str, &[&str])] = &[
 ];
 
 fn sources(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    let entries = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().path());
     entries
-        .flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] })
+        .flat_map(|path| {
+            if path.is_dir() {
+                sources(&path)
+            } else {
+                vec![path]
+            }
+        })
         .filter(|path| path.extension().is_some_and(|e| e == "rs"))
         .collect()
 }
@@ -47,7 +68,12 @@ fn modules_use_only_what_lies_before_them() {
     let allowed: BTreeMap<_, _> = ALLOWED.iter().copied().collect();
     for path in sources(&root) {
         let below = path.strip_prefix(&root).unwrap();
-        let first = below.components().next().unwrap().as_os_str().to_string_lossy();
+        let first = below
+            .components()
+            .next()
+            .unwrap()
+            .as_os_str()
+            .to_string_lossy();
         let module = first.trim_end_matches(".rs");
         if module == "lib" || module == "main" {
             continue;
@@ -57,8 +83,10 @@ fn modules_use_only_what_lies_before_them() {
             .unwrap_or_else(|| panic!("`{module}` is not in the table of this test"));
         let text = std::fs::read_to_string(&path).unwrap();
         for found in text.split("crate::").skip(1) {
-            let name: String =
-                found.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+            let name: String = found
+                .chars()
+                .take_while(|c| c.is_alphanumeric() || *c == '_')
+                .collect();
             assert!(
                 name == module || uses.contains(&name.as_str()) || name.is_empty(),
                 "{} uses `{name}`, which `{module}` may not",
@@ -73,6 +101,10 @@ fn the_network_never_sees_a_depth() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/model");
     for path in sources(&root) {
         let text = std::fs::read_to_string(&path).unwrap();
-        assert!(!text.contains("DepthMap"), "{} speaks of depths", path.display());
+        assert!(
+            !text.contains("DepthMap"),
+            "{} speaks of depths",
+            path.display()
+        );
     }
 }

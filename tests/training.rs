@@ -1,5 +1,7 @@
 //! Training runs: the same bits for the same seed, interrupted or not.
 
+#![allow(clippy::unwrap_used)]
+
 use assert_cmd::Command;
 use std::path::Path;
 
@@ -41,7 +43,11 @@ fn train(folder: &Path, args: &[&str]) {
         .args(args)
         .output()
         .unwrap();
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
 }
 
 fn bytes(folder: &Path, run: &str) -> Vec<u8> {
@@ -61,7 +67,10 @@ fn seed_workers_and_interruptions_do_not_change_the_bits() {
     let at = folder.path();
     std::fs::write(at.join("c.toml"), CONFIG).unwrap();
     train(at, &["--config", "c.toml", "-o", "a"]);
-    train(at, &["--config", "c.toml", "-o", "b", "--set", "train.workers=3"]);
+    train(
+        at,
+        &["--config", "c.toml", "-o", "b", "--set", "train.workers=3"],
+    );
     assert_eq!(losses(at, "a"), losses(at, "b"));
 
     // A run killed after its third step: what came later is lost, then made again.
@@ -75,8 +84,11 @@ fn seed_workers_and_interruptions_do_not_change_the_bits() {
     let tensors = |run: &str| {
         let bytes = weights(run);
         let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
-        let mut tensors: Vec<_> =
-            file.tensors().into_iter().map(|(name, t)| (name, t.data().to_vec())).collect();
+        let mut tensors: Vec<_> = file
+            .tensors()
+            .into_iter()
+            .map(|(name, t)| (name, t.data().to_vec()))
+            .collect();
         tensors.sort();
         tensors
     };
@@ -93,8 +105,16 @@ fn a_run_folder_is_not_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     std::fs::write(at.join("c.toml"), CONFIG).unwrap();
-    train(at, &["--config", "c.toml", "-o", "a", "--set", "train.steps=1"]);
-    for name in ["config.toml", "env.json", "metrics.jsonl", "weights.safetensors"] {
+    train(
+        at,
+        &["--config", "c.toml", "-o", "a", "--set", "train.steps=1"],
+    );
+    for name in [
+        "config.toml",
+        "env.json",
+        "metrics.jsonl",
+        "weights.safetensors",
+    ] {
         assert!(at.join("a").join(name).exists(), "{name}");
     }
     let again = Command::new(env!("CARGO_BIN_EXE_lsdc"))
@@ -111,10 +131,21 @@ fn trained_weights_complete() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     std::fs::write(at.join("c.toml"), CONFIG).unwrap();
-    train(at, &["--config", "c.toml", "-o", "a", "--set", "train.steps=2"]);
+    train(
+        at,
+        &["--config", "c.toml", "-o", "a", "--set", "train.steps=2"],
+    );
     Command::new(env!("CARGO_BIN_EXE_lsdc"))
         .current_dir(at)
-        .args(["eval", "--dataset", "rooms", "--limit", "1", "--method", "lsdc"])
+        .args([
+            "eval",
+            "--dataset",
+            "rooms",
+            "--limit",
+            "1",
+            "--method",
+            "lsdc",
+        ])
         .args(["--weights", "a/weights.safetensors"])
         .assert()
         .success();

@@ -36,7 +36,8 @@ pub fn read_npy(path: &Path, scale: f32) -> Result<DepthMap> {
         return Err(Error::format(path, "holds records, expected plain numbers")
             .hint("save the depths as a float32 array"));
     };
-    let bytes = (element.size_field() as u64)
+    let bytes = element
+        .size_field()
         .checked_mul(height)
         .and_then(|n| n.checked_mul(width));
     if height == 0 || width == 0 || bytes.is_none_or(|n| n > size) {

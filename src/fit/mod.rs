@@ -53,7 +53,7 @@ impl FitConfig {
         if !(self.ridge >= 0.0 && self.ridge.is_finite()) {
             return Err(Error::config("`fit.ridge` must be 0 or more"));
         }
-        self.irls.map_or(Ok(()), |irls| irls.check())
+        self.irls.map_or(Ok(()), Irls::check)
     }
 }
 

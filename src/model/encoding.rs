@@ -1,7 +1,7 @@
 //! The positional encoding (paper section 3.2, equation 5).
 
 /// The number of channels for E = `octaves`: 2 + 2 + 4 (E - 1), or 0 without position.
-pub fn channels(octaves: usize) -> usize {
+pub(super) fn channels(octaves: usize) -> usize {
     if octaves == 0 { 0 } else { 4 * octaves }
 }
 

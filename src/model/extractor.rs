@@ -278,7 +278,7 @@ mod tests {
         let matrix = enlargement(4, 8);
         let row = |i: usize| (0..4).map(|j| matrix[i * 4 + j] * j as f32).sum::<f32>();
         for i in 1..7 {
-            assert!((row(i) - ((i as f32 + 0.5) / 2.0 - 0.5)).abs() < 1e-6);
+            assert!((row(i) - (f32::midpoint(i as f32, 0.5) - 0.5)).abs() < 1e-6);
         }
         assert!(row(0).abs() < 1e-6 && (row(7) - 3.0).abs() < 1e-6);
     }

@@ -65,7 +65,7 @@ fn the_dense_map_is_bases_times_weights() {
     let dense = bases.combine(size, &weights);
     let pixels = vec![0, 1234, 2399];
     let rows: Vec<f32> = bases
-        .at(size, &[pixels.clone()])
+        .at(size, std::slice::from_ref(&pixels))
         .into_data()
         .iter::<f32>()
         .collect();

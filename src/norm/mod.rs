@@ -7,7 +7,6 @@ mod layout;
 #[cfg(test)]
 mod tests;
 
-use burn::backend::ops::{ActivationOps as _, FloatTensorOps as _, ModuleOps as _};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
 use burn::tensor::{Shape, Tensor};

@@ -112,9 +112,9 @@ impl AugmentConfig {
             return;
         }
         let count = (rgb.width() * rgb.height()) as f32;
-        let mean = rgb.pixels().map(grey).sum::<f32>() / count * brightness;
+        let mean = rgb.pixels().copied().map(grey).sum::<f32>() / count * brightness;
         for pixel in rgb.pixels_mut() {
-            let level = grey(pixel) * brightness;
+            let level = grey(*pixel) * brightness;
             for channel in &mut pixel.0 {
                 let value = f32::from(*channel) * brightness;
                 let value = level + (value - level) * saturation;
@@ -125,7 +125,7 @@ impl AugmentConfig {
 }
 
 /// Luma of BT.601.
-fn grey(pixel: &Rgb<u8>) -> f32 {
+fn grey(pixel: Rgb<u8>) -> f32 {
     let [r, g, b] = pixel.0.map(f32::from);
     0.299 * r + 0.587 * g + 0.114 * b
 }

@@ -45,7 +45,7 @@ pub(super) fn furnish(rng: &mut Rng) -> Scene {
         Paint::wall(rng),
         Paint::wall(rng),
     ];
-    let lamps = (0..1 + rng.below(3))
+    let lamps = (0..=rng.below(3))
         .map(|_| Lamp {
             place: vec3(
                 rng.range(-0.8, 0.8) * half.x,
@@ -83,7 +83,7 @@ pub(super) fn furnish(rng: &mut Rng) -> Scene {
             _ => place.loose_things(rng),
         }
     }
-    for _ in 0..1 + rng.below(3) {
+    for _ in 0..=rng.below(3) {
         shelf(&mut room, rng);
     }
     for _ in 0..rng.below(4) {

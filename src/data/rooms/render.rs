@@ -100,10 +100,10 @@ struct Seen {
 fn nearest(scene: &Scene, origin: Vec3, ray: Vec3) -> Seen {
     let mut best: Option<(Hit, &Body)> = None;
     for body in &scene.bodies {
-        if let Some(hit) = hit(body, origin, ray) {
-            if best.is_none_or(|(b, _)| hit.t < b.t) {
-                best = Some((hit, body));
-            }
+        if let Some(hit) = hit(body, origin, ray)
+            && best.is_none_or(|(b, _)| hit.t < b.t)
+        {
+            best = Some((hit, body));
         }
     }
     let wall = Form::Block(scene.half).hit(origin, ray).unwrap_or(Hit {
