@@ -28,6 +28,10 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     }
     let frames = settings::open(&config.data, args.split)?;
     let completer = Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
+    let completer = match config.fit {
+        Some(fit) => completer.with_fit(fit),
+        None => completer,
+    };
 
     let name = format!("{} {}", config.data.dataset.name(), args.split.name());
     let stop = ui::stop_flag();

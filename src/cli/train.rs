@@ -26,7 +26,7 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
     let trainer = Trainer::new(
         &folder,
         config.network(),
-        config.fit,
+        config.fit.unwrap_or_default(),
         config.train.clone(),
         frames,
         &device_of_run,

@@ -59,6 +59,13 @@ impl ExtractorConfig {
         }
     }
 
+    /// PSMNet's with 4 instead of 16 blocks in the second stage.
+    pub fn medium() -> Self {
+        let mut config = Self::psmnet();
+        config.stages[1].blocks = 4;
+        config
+    }
+
     /// Half the widths and two fifths of the blocks.
     pub fn small() -> Self {
         let stage = |width, blocks| StageConfig { width, blocks };

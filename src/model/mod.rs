@@ -57,6 +57,16 @@ impl BasisNetConfig {
         }
     }
 
+    /// The same design with a quarter of the blocks in its longest stage and a narrower MLP: about
+    /// half of the compute.
+    pub fn medium() -> Self {
+        Self {
+            extractor: ExtractorConfig::medium(),
+            hidden: vec![128, 128],
+            ..Self::paper()
+        }
+    }
+
     /// The same design at about a tenth of the compute, for weak machines.
     pub fn small() -> Self {
         Self {
