@@ -26,9 +26,12 @@ pub mod eval;
 pub mod fit;
 pub mod metrics;
 pub mod model;
+#[allow(unsafe_code)]
 pub mod norm;
 pub mod predict;
 pub mod report;
 pub mod rng;
 pub mod sample;
+#[allow(unsafe_code)]
+pub mod simd;
 pub mod train;

@@ -4,8 +4,9 @@ use crate::classic;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use crate::fit::{Fit, FitConfig, fit};
-use crate::model::{Bases, BasisNet, Normalisation, Weights};
-use crate::sample::{Size, image_tensor, resize_rgb};
+use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
+use crate::sample::{Size, image_tensor, image_values, resize_rgb};
+use crate::simd::Level;
 use burn::tensor::Device;
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
@@ -58,10 +59,53 @@ impl std::str::FromStr for Method {
 /// A trained network and a fit, ready to complete depth.
 #[derive(Clone, Debug)]
 pub struct Completer {
-    net: BasisNet,
+    engine: Engine,
     normalisation: Normalisation,
     fit: FitConfig,
-    device: Device,
+}
+
+/// What computes base functions.
+#[derive(Clone, Debug)]
+enum Engine {
+    /// The network as it was trained, on any device.
+    Net(Box<BasisNet>, Device),
+    /// The network prepared for the CPU.
+    Plan(Plan),
+}
+
+/// The base functions of an image, ready to be fitted to any points.
+#[derive(Clone, Debug)]
+pub struct ImageBases(Values);
+
+#[derive(Clone, Debug)]
+enum Values {
+    Net(Bases),
+    Plan(PlannedBases),
+}
+
+impl ImageBases {
+    /// Values `[pixels, N + 1]` at pixels `y * width + x` of an output of `size` (height, width).
+    pub fn at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
+        match &self.0 {
+            Values::Plan(bases) => bases.at(size, pixels),
+            Values::Net(_) if pixels.is_empty() => Vec::new(),
+            Values::Net(bases) => {
+                let values = bases.at(size, &[pixels.to_vec()]).into_data();
+                values.iter::<f32>().collect()
+            }
+        }
+    }
+
+    /// Bases x weights at every pixel of an output of `size` (height, width).
+    pub fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
+        match &self.0 {
+            Values::Plan(bases) => bases.combine(size, weights),
+            Values::Net(bases) => {
+                let weights: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
+                bases.combine(size, &weights)
+            }
+        }
+    }
 }
 
 /// A dense depth map and how it came about.
@@ -122,10 +166,18 @@ impl Completer {
             })?,
         };
         let net = weights.load(device)?;
-        Ok(Self::new(net, weights.record.normalisation, fit, device))
+        let plan = (*device == Device::flex()).then(|| Plan::new(&net, Level::here()));
+        let completer = Self::new(net, weights.record.normalisation, fit, device);
+        Ok(match plan.flatten() {
+            None => completer,
+            Some(plan) => Self {
+                engine: Engine::Plan(plan),
+                ..completer
+            },
+        })
     }
 
-    /// Uses a network as it is.
+    /// Uses a network as it is: the plain reference of the prepared one.
     pub fn new(
         net: BasisNet,
         normalisation: Normalisation,
@@ -133,10 +185,9 @@ impl Completer {
         device: &Device,
     ) -> Self {
         Self {
-            net,
+            engine: Engine::Net(Box::new(net), device.clone()),
             normalisation,
             fit,
-            device: device.clone(),
         }
     }
 
@@ -172,17 +223,9 @@ impl Completer {
         let pixels = points
             .iter()
             .map(|p| (p.y * sparse.width() + p.x) as u32)
-            .collect();
+            .collect::<Vec<u32>>();
         let depths: Vec<f32> = points.iter().map(|p| p.depth).collect();
-        let rows: Vec<f32> = if points.is_empty() {
-            Vec::new()
-        } else {
-            bases
-                .at((sparse.height(), sparse.width()), &[pixels])
-                .into_data()
-                .iter::<f32>()
-                .collect()
-        };
+        let rows = bases.at((sparse.height(), sparse.width()), &pixels);
         let fit = fit(&rows, &depths, &self.fit)?;
         let fitting = started.elapsed();
 
@@ -191,8 +234,7 @@ impl Completer {
             height: sparse.height(),
             width: sparse.width(),
         });
-        let weights: Vec<f32> = fit.weights.iter().map(|&w| w as f32).collect();
-        let mut values = bases.combine((size.height, size.width), &weights);
+        let mut values = bases.combine((size.height, size.width), &fit.weights);
         let (low, high) = sparse.range().unwrap_or((0.0, 0.0));
         for value in &mut values {
             *value = value.clamp(low / RANGE, high * RANGE);
@@ -212,7 +254,10 @@ impl Completer {
 
     /// The base functions of an image. A larger image than those of training is first reduced to
     /// their number of pixels; its base functions can be read at any size all the same.
-    fn bases(&self, rgb: &RgbImage) -> Result<Bases> {
+    ///
+    /// # Errors
+    /// An image without pixels.
+    pub fn bases(&self, rgb: &RgbImage) -> Result<ImageBases> {
         let [height, width] = self.normalisation.input;
         let (w, h) = (rgb.width() as f64, rgb.height() as f64);
         let scale = ((height * width) as f64 / (w * h)).sqrt().min(1.0);
@@ -221,8 +266,17 @@ impl Completer {
         let Normalisation {
             mean, deviation, ..
         } = self.normalisation;
-        let image = image_tensor(&[&working], mean, deviation, &self.device)?;
-        Ok(self.net.bases(image))
+        Ok(ImageBases(match &self.engine {
+            Engine::Net(net, device) => {
+                let image = image_tensor(&[&working], mean, deviation, device)?;
+                Values::Net(net.bases(image))
+            }
+            Engine::Plan(plan) => {
+                let (width, height) = working.dimensions();
+                let image = image_values(&working, mean, deviation);
+                Values::Plan(plan.bases(image, (height as usize, width as usize)))
+            }
+        }))
     }
 }
 

@@ -1,23 +1,36 @@
 //! Flex tensors in, flex tensors out: f32 goes to the kernels, other types to burn.
 
-use super::gemm::{self, Shape};
-use super::{ConvBackend, ConvSpec};
+use super::shape::Shape;
+use super::{ConvBackend, ConvSpec, Layer, channels_first, channels_last, layer};
+use crate::simd::{Level, Scratch, Tail};
 use burn::backend::ops::ModuleOps as _;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
 use burn_flex::FlexTensor;
+use std::sync::OnceLock;
+
+/// Ops come without a place to keep memory between them.
+fn scratch() -> &'static Scratch {
+    static SCRATCH: OnceLock<Scratch> = OnceLock::new();
+    SCRATCH.get_or_init(Scratch::new)
+}
 
 impl ConvBackend for Flex {
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
-        let (x, weight) = (x.to_contiguous(), weight.to_contiguous());
-        let shape = Shape::new(&dims(&x), &dims(&weight), spec);
-        match (x.as_slice::<f32>(), weight.as_slice::<f32>()) {
-            (Some(xs), Some(ws)) if is_f32(&x) && is_f32(&weight) => {
-                tensor(gemm::forward(xs, ws, shape), shape.output())
-            }
-            _ => Self::conv2d(x, weight, None, spec.options()),
+        if x.dtype() != DType::F32 {
+            let output = Self::conv2d(channels_first::<Self>(x), weight, None, spec.options());
+            return channels_last::<Self>(output);
         }
+        let (x, weight) = (x.to_contiguous(), weight.to_contiguous());
+        let shape = shape(&x, &weight, spec);
+        let sizes = [shape.outputs, shape.channels, shape.taps];
+        let layer = Layer::new(Level::here(), weight.storage(), sizes, &[], spec);
+        let mut output = vec![0.0; shape.out_pixels() * shape.outputs];
+        let (size, tail) = (shape.size(), Tail::default());
+        layer.apply(x.storage(), size, tail, scratch(), &mut output);
+        let (height, width) = shape.out();
+        tensor(output, [shape.batch, height, width, shape.outputs])
     }
 
     fn conv_backward_input(
@@ -26,14 +39,19 @@ impl ConvBackend for Flex {
         grad: FloatTensor<Self>,
         spec: ConvSpec,
     ) -> FloatTensor<Self> {
-        let (weight, grad) = (weight.to_contiguous(), grad.to_contiguous());
-        let shape = Shape::new(&dims(&x), &dims(&weight), spec);
-        match (weight.as_slice::<f32>(), grad.as_slice::<f32>()) {
-            (Some(ws), Some(gs)) if is_f32(&weight) && is_f32(&grad) => {
-                tensor(gemm::backward_input(ws, gs, shape), shape.input())
-            }
-            _ => Self::conv2d_x_backward(x, weight, grad, spec.options()),
+        if x.dtype() != DType::F32 {
+            let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
+            let input = Self::conv2d_x_backward(x, weight, grad, spec.options());
+            return channels_last::<Self>(input);
         }
+        let (weight, grad) = (weight.to_contiguous(), grad.to_contiguous());
+        let shape = shape(&x, &weight, spec);
+        let (weights, grads) = (weight.storage(), grad.storage());
+        let input = layer::input_gradient(Level::here(), weights, grads, &shape, scratch());
+        tensor(
+            input,
+            [shape.batch, shape.height, shape.width, shape.channels],
+        )
     }
 
     fn conv_backward_weight(
@@ -42,24 +60,32 @@ impl ConvBackend for Flex {
         grad: FloatTensor<Self>,
         spec: ConvSpec,
     ) -> FloatTensor<Self> {
-        let (x, grad) = (x.to_contiguous(), grad.to_contiguous());
-        let shape = Shape::new(&dims(&x), &dims(&weight), spec);
-        match (x.as_slice::<f32>(), grad.as_slice::<f32>()) {
-            (Some(xs), Some(gs)) if is_f32(&x) && is_f32(&grad) => {
-                tensor(gemm::backward_weight(xs, gs, shape), shape.weight())
-            }
-            _ => Self::conv2d_weight_backward(x, weight, grad, spec.options()),
+        if x.dtype() != DType::F32 {
+            let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
+            return Self::conv2d_weight_backward(x, weight, grad, spec.options());
         }
+        let (x, grad) = (x.to_contiguous(), grad.to_contiguous());
+        let shape = shape(&x, &weight, spec);
+        let (values, grads) = (x.storage(), grad.storage());
+        let weights = layer::weight_gradient(Level::here(), values, grads, &shape, scratch());
+        tensor(
+            weights,
+            [shape.outputs, shape.channels, shape.taps, shape.taps],
+        )
     }
 }
 
-fn is_f32(tensor: &FlexTensor) -> bool {
-    tensor.dtype() == DType::F32
-}
-
-fn dims(tensor: &FlexTensor) -> [usize; 4] {
-    let shape = tensor.shape();
-    std::array::from_fn(|i| shape[i])
+fn shape(x: &FlexTensor, weight: &FlexTensor, spec: ConvSpec) -> Shape {
+    let (x, weight) = (x.shape(), weight.shape());
+    Shape {
+        batch: x[0],
+        height: x[1],
+        width: x[2],
+        channels: x[3],
+        outputs: weight[0],
+        taps: weight[2],
+        spec,
+    }
 }
 
 fn tensor(values: Vec<f32>, shape: [usize; 4]) -> FlexTensor {

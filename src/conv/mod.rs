@@ -1,10 +1,16 @@
-//! 2-D convolution as a burn extension op: a fast path for flex, burn's own for other backends.
+//! 2-D convolution of images `[batch, height, width, channels]` as a burn extension op: fast
+//! kernels for flex, burn's own for other backends.
 
 mod autodiff;
 mod flex;
-mod gemm;
+mod layer;
+mod shape;
 #[cfg(test)]
 mod tests;
+mod unfold;
+mod winograd;
+
+pub(crate) use layer::Layer;
 
 use burn::backend::ops::ConvOptions;
 use burn::backend::tensor::FloatTensor;
@@ -71,9 +77,10 @@ impl ConvSpec {
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait ConvBackend: Backend {
-    /// `x [b, c, h, w]` with `weight [o, c, kh, kw]` to `[b, o, h', w']`.
+    /// `x [b, h, w, c]` with `weight [o, c, k, k]` to `[b, h', w', o]`.
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
-        Self::conv2d(x, weight, None, spec.options())
+        let output = Self::conv2d(channels_first::<Self>(x), weight, None, spec.options());
+        channels_last::<Self>(output)
     }
 
     /// The gradient of `x` from that of the output.
@@ -83,7 +90,8 @@ pub trait ConvBackend: Backend {
         grad: FloatTensor<Self>,
         spec: ConvSpec,
     ) -> FloatTensor<Self> {
-        Self::conv2d_x_backward(x, weight, grad, spec.options())
+        let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
+        channels_last::<Self>(Self::conv2d_x_backward(x, weight, grad, spec.options()))
     }
 
     /// The gradient of `weight` from that of the output.
@@ -93,8 +101,19 @@ pub trait ConvBackend: Backend {
         grad: FloatTensor<Self>,
         spec: ConvSpec,
     ) -> FloatTensor<Self> {
+        let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
         Self::conv2d_weight_backward(x, weight, grad, spec.options())
     }
+}
+
+/// `[b, h, w, c]` as `[b, c, h, w]`.
+fn channels_first<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
+    B::float_permute(x, &[0, 3, 1, 2])
+}
+
+/// `[b, c, h, w]` as `[b, h, w, c]`.
+fn channels_last<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
+    B::float_permute(x, &[0, 2, 3, 1])
 }
 
 #[cfg(feature = "ndarray")]
@@ -103,7 +122,7 @@ impl ConvBackend for burn_ndarray::NdArray {}
 #[cfg(feature = "wgpu")]
 impl ConvBackend for burn_cubecl::CubeBackend {}
 
-/// Convolves `x [batch, in, height, width]` with `weight [out, in, taps, taps]`.
+/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]`.
 pub fn conv2d(x: Tensor<4>, weight: Tensor<4>, spec: ConvSpec) -> Tensor<4> {
     Tensor::from_dispatch(Dispatch::conv(
         x.into_dispatch(),

@@ -1,26 +1,50 @@
-//! The fast path against plain loops, and its gradients as exact adjoints.
+//! The kernels against plain loops, on every instruction set that this machine has, and their
+//! gradients as exact adjoints.
 
-use super::{ConvSpec, conv2d};
+use super::shape::Shape;
+use super::{ConvSpec, Layer, conv2d, layer};
 use crate::rng::Rng;
+use crate::simd::{Level, Scratch, Tail};
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// Sizes of input `[b, c, h, w]` and kernel `[o, taps]`, and how it moves.
-fn cases() -> Vec<([usize; 4], [usize; 2], ConvSpec)> {
+/// Every kind of convolution on sizes around those of tiles, vectors and panels.
+fn cases() -> Vec<Shape> {
     let wide = ConvSpec {
         stride: 2,
         ..ConvSpec::pointwise()
     };
+    let shape = |size: [usize; 3], channels, outputs, taps, spec| Shape {
+        batch: size[0],
+        height: size[1],
+        width: size[2],
+        channels,
+        outputs,
+        taps,
+        spec,
+    };
     let mut cases = Vec::new();
     for (h, w) in [(1, 1), (2, 5), (7, 9), (16, 16), (33, 20)] {
         for spec in [ConvSpec::same(1), ConvSpec::same(2), ConvSpec::halving()] {
-            cases.push(([2, 3, h, w], [5, 3], spec));
+            cases.push(shape([2, h, w], 3, 5, 3, spec));
         }
         for spec in [ConvSpec::pointwise(), wide] {
-            cases.push(([2, 6, h, w], [4, 1], spec));
+            cases.push(shape([2, h, w], 6, 4, 1, spec));
         }
     }
-    // More unfolded pixels than fit one strip.
-    cases.push(([1, 40, 60, 70], [3, 3], ConvSpec::same(1)));
+    for (channels, outputs) in [(8, 16), (17, 33), (40, 20), (64, 32)] {
+        for spec in [ConvSpec::same(1), ConvSpec::same(2), ConvSpec::halving()] {
+            cases.push(shape([2, 21, 18], channels, outputs, 3, spec));
+        }
+        cases.push(shape(
+            [2, 21, 18],
+            channels,
+            outputs,
+            1,
+            ConvSpec::pointwise(),
+        ));
+    }
+    // More pixels than fit one task.
+    cases.push(shape([1, 60, 70], 40, 3, 3, ConvSpec::same(1)));
     cases
 }
 
@@ -29,32 +53,87 @@ fn random(count: usize, name: &str) -> Vec<f32> {
     (0..count).map(|_| rng.normal()).collect()
 }
 
-fn plain(
-    x: &[f32],
-    [b, c, h, w]: [usize; 4],
-    weight: &[f32],
-    [o, taps]: [usize; 2],
-    spec: ConvSpec,
-) -> Vec<f64> {
-    let (oh, ow) = (spec.output(h, taps), spec.output(w, taps));
-    let mut output = vec![0.0; b * o * oh * ow];
-    for (i, value) in output.iter_mut().enumerate() {
-        let (column, row) = (i % ow, i / ow % oh);
-        let (channel, image) = (i / ow / oh % o, i / ow / oh / o);
-        for ci in 0..c {
-            for tap in 0..taps * taps {
-                let y = (row * spec.stride + tap / taps * spec.dilation).checked_sub(spec.padding);
-                let x_ =
-                    (column * spec.stride + tap % taps * spec.dilation).checked_sub(spec.padding);
-                if let (Some(y), Some(x_)) = (y.filter(|y| *y < h), x_.filter(|x| *x < w)) {
-                    let pixel = x[((image * c + ci) * h + y) * w + x_];
-                    let factor = weight[(channel * c + ci) * taps * taps + tap];
-                    *value += f64::from(pixel) * f64::from(factor);
+/// Calls `visit(output, input, weight)` with the places of every product.
+fn products(shape: &Shape, mut visit: impl FnMut(usize, usize, usize)) {
+    let (height, width) = shape.out();
+    let Shape { channels, taps, .. } = *shape;
+    for pixel in 0..shape.out_pixels() {
+        let (image, row, column) = (
+            pixel / width / height,
+            pixel / width % height,
+            pixel % width,
+        );
+        for tap in 0..taps * taps {
+            let place = |i: usize, tap: usize, length: usize| {
+                let place = i * shape.spec.stride + tap * shape.spec.dilation;
+                place
+                    .checked_sub(shape.spec.padding)
+                    .filter(|p| *p < length)
+            };
+            let y = place(row, tap / taps, shape.height);
+            let x = place(column, tap % taps, shape.width);
+            let Some((y, x)) = y.zip(x) else { continue };
+            for c in 0..channels {
+                let input = ((image * shape.height + y) * shape.width + x) * channels + c;
+                for o in 0..shape.outputs {
+                    let weight = (o * channels + c) * taps * taps + tap;
+                    visit(pixel * shape.outputs + o, input, weight);
                 }
             }
         }
     }
-    output
+}
+
+fn agree(fast: &[f32], slow: &[f64], context: &dyn std::fmt::Debug) {
+    assert_eq!(fast.len(), slow.len());
+    let scale = slow.iter().fold(1e-3_f64, |m, v| m.max(v.abs()));
+    for (a, b) in fast.iter().zip(slow) {
+        assert!(
+            (f64::from(*a) - b).abs() < 3e-5 * scale,
+            "{context:?}: {a} {b}"
+        );
+    }
+}
+
+#[test]
+fn kernels_agree_with_plain_loops_on_every_level() {
+    let scratch = Scratch::new();
+    for shape in cases() {
+        let inputs = shape.size().iter().product::<usize>() * shape.channels;
+        let outputs = shape.out_pixels() * shape.outputs;
+        let (x, grad) = (random(inputs, "x"), random(outputs, "grad"));
+        let (skip, bias) = (random(outputs, "skip"), random(shape.outputs, "bias"));
+        let weights = random(shape.outputs * shape.depth(), "weights");
+
+        let mut plain: Vec<f64> = (0..outputs)
+            .map(|i| f64::from(skip[i]) + f64::from(bias[i % shape.outputs]))
+            .collect();
+        let (mut plain_x, mut plain_weights) = (vec![0.0; x.len()], vec![0.0; weights.len()]);
+        products(&shape, |o, i, w| {
+            let [x, weight, grad] = [x[i], weights[w], grad[o]].map(f64::from);
+            plain[o] += x * weight;
+            plain_x[i] += grad * weight;
+            plain_weights[w] += grad * x;
+        });
+        let plain: Vec<f64> = plain.into_iter().map(|v| v.max(0.0)).collect();
+
+        for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+            let context = (level, shape);
+            let sizes = [shape.outputs, shape.channels, shape.taps];
+            let prepared = Layer::new(level, &weights, sizes, &bias, shape.spec);
+            let mut output = vec![f32::NAN; outputs];
+            let tail = Tail {
+                skip: Some(&skip),
+                relu: true,
+            };
+            prepared.apply(&x, shape.size(), tail, &scratch, &mut output);
+            agree(&output, &plain, &context);
+            let gradient = layer::input_gradient(level, &weights, &grad, &shape, &scratch);
+            agree(&gradient, &plain_x, &context);
+            let gradient = layer::weight_gradient(level, &x, &grad, &shape, &scratch);
+            agree(&gradient, &plain_weights, &context);
+        }
+    }
 }
 
 fn dot(a: &[f32], b: &[f32]) -> f64 {
@@ -65,45 +144,48 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
 }
 
 #[test]
-fn the_fast_path_agrees_with_plain_loops_and_its_adjoints() {
+fn the_op_agrees_with_burn_and_its_gradients_are_adjoint() {
     let device = Device::flex().autodiff();
-    for (shape, [o, taps], spec) in cases() {
-        let [b, c, h, w] = shape;
-        let (x, weight) = (random(b * c * h * w, "x"), random(o * c * taps * taps, "w"));
-        let data = |v: &[f32], s: [usize; 4]| TensorData::new(v.to_vec(), s);
-        let input = Tensor::<4>::from_data(data(&x, shape), &device).require_grad();
-        let kernel =
-            Tensor::<4>::from_data(data(&weight, [o, c, taps, taps]), &device).require_grad();
+    for shape in cases() {
+        let Shape { taps, spec, .. } = shape;
+        let dims = [shape.batch, shape.height, shape.width, shape.channels];
+        let (x, weights) = (
+            random(dims.iter().product(), "x"),
+            random(shape.outputs * shape.depth(), "w"),
+        );
+        let tensor = |v: &[f32], dims: [usize; 4]| {
+            Tensor::<4>::from_data(TensorData::new(v.to_vec(), dims), &device)
+        };
+        let input = tensor(&x, dims).require_grad();
+        let kernel = tensor(&weights, [shape.outputs, shape.channels, taps, taps]).require_grad();
         let output = conv2d(input.clone(), kernel.clone(), spec);
-        let dims = output.dims();
-        assert_eq!(dims, [b, o, spec.output(h, taps), spec.output(w, taps)]);
-
-        let values: Vec<f32> = output.clone().into_data().iter::<f32>().collect();
-        let expected = plain(&x, shape, &weight, [o, taps], spec);
-        let scale = expected.iter().fold(1e-3_f64, |m, v| m.max(v.abs()));
-        for (fast, slow) in values.iter().zip(&expected) {
-            assert!(
-                (f64::from(*fast) - slow).abs() < 1e-5 * scale,
-                "{shape:?} {spec:?}"
-            );
-        }
+        let (height, width) = shape.out();
+        let out_dims = [shape.batch, height, width, shape.outputs];
+        assert_eq!(output.dims(), out_dims);
+        let read = |t: Tensor<4>| t.into_data().iter::<f32>().collect::<Vec<f32>>();
+        let values = read(output.clone());
+        let reference = burn::tensor::module::conv2d(
+            input.clone().permute([0, 3, 1, 2]),
+            kernel.clone(),
+            None,
+            spec.options(),
+        );
+        let reference = read(reference.permute([0, 2, 3, 1]));
+        let reference: Vec<f64> = reference.into_iter().map(f64::from).collect();
+        agree(&values, &reference, &shape);
 
         // <conv(x, w), g> = <x, gradient of x> = <w, gradient of w>, since conv is bilinear.
         let g = random(values.len(), "g");
-        let gradients = (output * Tensor::from_data(data(&g, dims), &device))
-            .sum()
-            .backward();
-        let read =
-            |t: Option<Tensor<4>>| -> Vec<f32> { t.unwrap().into_data().iter::<f32>().collect() };
+        let gradients = (output * tensor(&g, out_dims)).sum().backward();
         let total = dot(&values, &g);
         let size = dot(&g, &g).sqrt() * dot(&values, &values).sqrt() + 1e-6;
         for product in [
-            dot(&x, &read(input.grad(&gradients))),
-            dot(&weight, &read(kernel.grad(&gradients))),
+            dot(&x, &read(input.grad(&gradients).unwrap())),
+            dot(&weights, &read(kernel.grad(&gradients).unwrap())),
         ] {
             assert!(
                 (product - total).abs() < 1e-5 * size,
-                "{shape:?} {spec:?} {product} {total}"
+                "{shape:?} {product} {total}"
             );
         }
     }

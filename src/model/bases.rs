@@ -8,10 +8,10 @@ use burn::tensor::{Tensor, TensorData};
 /// The MLP from features and position to N base functions (paper section 3.2).
 #[derive(Module, Debug)]
 pub struct BasisHead {
-    hidden: Vec<Hidden>,
-    last: Linear,
+    pub(super) hidden: Vec<Hidden>,
+    pub(super) last: Linear,
     #[module(skip)]
-    octaves: usize,
+    pub(super) octaves: usize,
 }
 
 impl BasisHead {
@@ -36,7 +36,7 @@ impl BasisHead {
     }
 }
 
-/// The base functions of a batch of images: features at a quarter of the resolution, and the MLP
+/// The base functions of a batch of images: features `[batch, height / 4, width / 4, channels]`, and the MLP
 /// that turns them into values at any pixel of any output size (paper section 4.5).
 #[derive(Clone, Debug)]
 pub struct Bases {

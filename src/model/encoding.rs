@@ -25,7 +25,7 @@ pub fn encode(size: (usize, usize), pixels: &[u32], octaves: usize) -> Vec<f32> 
 }
 
 /// For every pixel of an axis: the coordinate twice, then its sines and cosines.
-fn axis(length: usize, octaves: usize) -> Vec<f32> {
+pub(super) fn axis(length: usize, octaves: usize) -> Vec<f32> {
     (0..length)
         .map(|i| (2 * i + 1) as f64 / length as f64 - 1.0)
         .flat_map(|c| {

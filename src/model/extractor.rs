@@ -131,20 +131,20 @@ impl ExtractorConfig {
 /// The extractor with its weights.
 #[derive(Module, Debug)]
 pub struct Extractor {
-    stem: Vec<ConvNorm>,
-    half: Vec<Block>,
-    quarter: Vec<Block>,
-    wide: Vec<Block>,
-    dilated: Vec<Block>,
-    branches: Vec<ConvNorm>,
-    merge: ConvNorm,
-    project: Conv,
+    pub(super) stem: Vec<ConvNorm>,
+    pub(super) half: Vec<Block>,
+    pub(super) quarter: Vec<Block>,
+    pub(super) wide: Vec<Block>,
+    pub(super) dilated: Vec<Block>,
+    pub(super) branches: Vec<ConvNorm>,
+    pub(super) merge: ConvNorm,
+    pub(super) project: Conv,
     #[module(skip)]
-    pools: Vec<usize>,
+    pub(super) pools: Vec<usize>,
 }
 
 impl Extractor {
-    /// `[batch, 3, height, width]` to `[batch, features, ceil(height / 4), ceil(width / 4)]`.
+    /// `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
         let x = self
@@ -159,16 +159,16 @@ impl Extractor {
         });
         let all = [raw, skip.clone()].into_iter().chain(pooled).collect();
         self.project
-            .forward(self.merge.forward_relu(Tensor::cat(all, 1)))
+            .forward(self.merge.forward_relu(Tensor::cat(all, 3)))
     }
 }
 
 /// PSMNet's residual block: two convolutions, no ReLU after the sum.
 #[derive(Module, Debug)]
-struct Block {
-    first: ConvNorm,
-    second: ConvNorm,
-    shortcut: Option<ConvNorm>,
+pub(super) struct Block {
+    pub(super) first: ConvNorm,
+    pub(super) second: ConvNorm,
+    pub(super) shortcut: Option<ConvNorm>,
 }
 
 impl Block {
@@ -213,32 +213,41 @@ fn stage(
         .collect()
 }
 
-/// A linear map of rows and one of columns: pooling or bilinear enlargement of a whole map.
+/// A linear map along rows and one along columns: pooling or bilinear enlargement of a whole map.
 struct Separable {
-    rows: Tensor<4>,
-    columns: Tensor<4>,
+    /// `[height', height]`
+    rows: Tensor<2>,
+    /// `[width', width]`
+    columns: Tensor<2>,
 }
 
 impl Separable {
+    /// `[batch, height, width, channels]` to `[batch, height', width', channels]`.
     fn apply(&self, x: Tensor<4>) -> Tensor<4> {
-        self.rows.clone().matmul(x.matmul(self.columns.clone()))
+        let [batch, height, width, channels] = x.dims();
+        let [new_height, new_width] = [self.rows.dims()[0], self.columns.dims()[0]];
+        let x = x.reshape([batch, height, width * channels]);
+        let x = self.rows.clone().unsqueeze::<3>().matmul(x);
+        let x = x.reshape([batch * new_height, width, channels]);
+        let x = self.columns.clone().unsqueeze::<3>().matmul(x);
+        x.reshape([batch, new_height, new_width, channels])
     }
 }
 
-/// Average pooling of `[_, _, height, width]` by `pool` and the bilinear way back.
+/// Average pooling of `[_, height, width, _]` by `pool` and the bilinear way back.
 fn resampling(dims: [usize; 4], pool: usize, device: &Device) -> (Separable, Separable) {
-    let [_, _, height, width] = dims;
+    let [_, height, width, _] = dims;
     let tensor = |values: Vec<f32>, rows: usize, columns: usize| {
-        Tensor::<4>::from_data(TensorData::new(values, [1, 1, rows, columns]), device)
+        Tensor::<2>::from_data(TensorData::new(values, [rows, columns]), device)
     };
     let (short, narrow) = (height.div_ceil(pool), width.div_ceil(pool));
     let down = Separable {
         rows: tensor(averages(height, pool), short, height),
-        columns: tensor(averages(width, pool), narrow, width).transpose(),
+        columns: tensor(averages(width, pool), narrow, width),
     };
     let up = Separable {
         rows: tensor(enlargement(short, height), height, short),
-        columns: tensor(enlargement(narrow, width), width, narrow).transpose(),
+        columns: tensor(enlargement(narrow, width), width, narrow),
     };
     (down, up)
 }

@@ -12,12 +12,12 @@ pub(super) fn neighbours(i: usize, to: usize, from: usize) -> (usize, usize, f32
     (low, (low + 1).min(from - 1), (position - low as f64) as f32)
 }
 
-/// Reads features `[batch, channels, h, w]` at pixels of an image of `size` (height, width).
+/// Reads features `[batch, h, w, channels]` at pixels of an image of `size` (height, width).
 ///
 /// `pixels[b]` lists `y * width + x`, equally many for each image; the result is
 /// `[batch * pixels, channels]`.
 pub(super) fn sample(features: Tensor<4>, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<2> {
-    let [batch, channels, h, w] = features.dims();
+    let [batch, h, w, channels] = features.dims();
     let device = features.device();
     let rows: Vec<_> = (0..size.0).map(|y| neighbours(y, size.0, h)).collect();
     let columns: Vec<_> = (0..size.1).map(|x| neighbours(x, size.1, w)).collect();
@@ -41,9 +41,7 @@ pub(super) fn sample(features: Tensor<4>, size: (usize, usize), pixels: &[Vec<u3
             }
         }
     }
-    let table = features
-        .permute([0, 2, 3, 1])
-        .reshape([batch * h * w, channels]);
+    let table = features.reshape([batch * h * w, channels]);
     indices
         .into_iter()
         .zip(weights)

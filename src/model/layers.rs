@@ -1,9 +1,10 @@
 //! The building blocks: convolution or linear map without bias, normalisation, ReLU.
 
-use crate::conv::{ConvSpec, conv2d};
+use crate::conv::{ConvSpec, Layer, conv2d};
 use crate::error::{Error, Result};
 use crate::norm::{NormSpec, moments, normalise};
 use crate::rng::Rng;
+use crate::simd::Level;
 use burn::module::{Flag, Module, ModuleMapper, Param, RunningState};
 use burn::nn::{GroupNorm, GroupNormConfig};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -98,6 +99,21 @@ impl BatchNorm {
         };
         normalise(x, self.gain.val(), self.shift.val(), mean, variance, spec)
     }
+
+    /// Slope and offset of every channel with the running statistics.
+    fn line(&self) -> Vec<(f32, f32)> {
+        let read = |t: Tensor<1>| t.into_data().iter::<f32>().collect::<Vec<f32>>();
+        let (gain, shift) = (read(self.gain.val()), read(self.shift.val()));
+        let mean = read(self.running_mean.value());
+        let variance = read(self.running_variance.value());
+        (0..gain.len())
+            .map(|c| {
+                let slope = f64::from(gain[c]) / (f64::from(variance[c]) + EPSILON).sqrt();
+                let offset = f64::from(shift[c]) - f64::from(mean[c]) * slope;
+                (slope as f32, offset as f32)
+            })
+            .collect()
+    }
 }
 
 fn follow(running: &RunningState<Tensor<1>>, now: Tensor<1>) {
@@ -112,14 +128,6 @@ pub(super) struct FreezeStatistics;
 impl ModuleMapper for FreezeStatistics {
     fn map_flag(&mut self, flag: Param<Flag>) -> Param<Flag> {
         flag.with_value(false)
-    }
-}
-
-fn rectify<const D: usize>(x: Tensor<D>, relu: bool) -> Tensor<D> {
-    if relu {
-        burn::tensor::activation::relu(x)
-    } else {
-        x
     }
 }
 
@@ -143,7 +151,25 @@ impl Norm {
     fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
         match self {
             Self::Batch(norm) => norm.forward(x, relu),
-            Self::Group(norm) => rectify(norm.forward(x), relu),
+            Self::Group(norm) => {
+                // burn has the channels second.
+                let x = norm.forward(x.movedim(D - 1, 1)).movedim(1, D - 1);
+                if relu {
+                    burn::tensor::activation::relu(x)
+                } else {
+                    x
+                }
+            }
+        }
+    }
+}
+
+impl Norm {
+    /// Slope and offset of every channel, if they do not depend on the input.
+    fn line(&self) -> Option<Vec<(f32, f32)>> {
+        match self {
+            Self::Batch(norm) => Some(norm.line()),
+            Self::Group(_) => None,
         }
     }
 }
@@ -171,9 +197,30 @@ impl Conv {
         }
     }
 
-    /// `[batch, from, height, width]` to `[batch, to, height', width']`.
+    /// `[batch, height, width, from]` to `[batch, height', width', to]`.
     pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         conv2d(x, self.weight.val(), self.spec)
+    }
+
+    /// The convolution for the CPU alone.
+    pub(super) fn prepared(&self, level: Level) -> Layer {
+        self.scaled(level, None)
+    }
+
+    /// The convolution with outputs times slopes plus offsets.
+    fn scaled(&self, level: Level, line: Option<&[(f32, f32)]>) -> Layer {
+        let weight = self.weight.val();
+        let [outputs, channels, taps, _] = weight.dims();
+        let mut values: Vec<f32> = weight.into_data().iter::<f32>().collect();
+        let mut bias = Vec::new();
+        if let Some(line) = line {
+            let rows = values.chunks_exact_mut(channels * taps * taps);
+            for (row, (slope, _)) in rows.zip(line) {
+                row.iter_mut().for_each(|v| *v *= slope);
+            }
+            bias.extend(line.iter().map(|(_, offset)| offset));
+        }
+        Layer::new(level, &values, [outputs, channels, taps], &bias, self.spec)
     }
 }
 
@@ -205,6 +252,11 @@ impl ConvNorm {
     pub(super) fn forward_relu(&self, x: Tensor<4>) -> Tensor<4> {
         self.norm.forward(self.conv.forward(x), true)
     }
+
+    /// Both as one convolution with bias for the CPU, if the statistics are fixed.
+    pub(super) fn folded(&self, level: Level) -> Option<Layer> {
+        Some(self.conv.scaled(level, Some(&self.norm.line()?)))
+    }
 }
 
 /// Linear map of rows without bias.
@@ -225,6 +277,27 @@ impl Linear {
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         x.matmul(self.weight.val())
     }
+
+    /// The matrix, row by row, and its sizes.
+    pub(super) fn values(&self) -> (Vec<f32>, [usize; 2]) {
+        let weight = self.weight.val();
+        let dims = weight.dims();
+        (weight.into_data().iter::<f32>().collect(), dims)
+    }
+}
+
+/// A linear map of rows with bias.
+pub(super) struct Folded {
+    pub(super) depth: usize,
+    pub(super) columns: usize,
+    values: Vec<f32>,
+    pub(super) bias: Vec<f32>,
+}
+
+impl Folded {
+    pub(super) fn at(&self, row: usize, column: usize) -> f32 {
+        self.values[row * self.columns + column]
+    }
 }
 
 /// Linear map, normalisation, ReLU.
@@ -244,5 +317,22 @@ impl Hidden {
 
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         self.norm.forward(self.linear.forward(x), true)
+    }
+
+    /// Linear map and normalisation as one, if the statistics are fixed.
+    pub(super) fn folded(&self) -> Option<Folded> {
+        let line = self.norm.line()?;
+        let (mut values, [depth, columns]) = self.linear.values();
+        for row in values.chunks_exact_mut(columns) {
+            row.iter_mut()
+                .zip(&line)
+                .for_each(|(v, (slope, _))| *v *= slope);
+        }
+        Some(Folded {
+            depth,
+            columns,
+            values,
+            bias: line.into_iter().map(|(_, offset)| offset).collect(),
+        })
     }
 }

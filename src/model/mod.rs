@@ -5,6 +5,7 @@ mod encoding;
 mod extractor;
 mod grid;
 mod layers;
+mod plan;
 #[cfg(test)]
 mod tests;
 mod weights;
@@ -13,6 +14,7 @@ pub use bases::{Bases, BasisHead};
 pub use encoding::encode;
 pub use extractor::{Extractor, ExtractorConfig, StageConfig};
 pub use layers::NormKind;
+pub use plan::{Plan, PlannedBases};
 pub use weights::{Normalisation, Weights, WeightsRecord};
 
 use crate::error::{Error, Result};
@@ -135,7 +137,7 @@ pub struct BasisNet {
 }
 
 impl BasisNet {
-    /// Computes the base functions of normalised images `[batch, 3, height, width]`.
+    /// Computes the base functions of normalised images `[batch, height, width, 3]`.
     pub fn bases(&self, images: Tensor<4>) -> Bases {
         let features = self.extractor.forward(images);
         Bases::new(features, self.head.clone())

@@ -8,7 +8,7 @@ fn image(height: usize, width: usize) -> Tensor<4> {
     let mut rng = Rng::stream(0, &["image"]);
     let values: Vec<f32> = (0..3 * height * width).map(|_| rng.normal()).collect();
     Tensor::from_data(
-        TensorData::new(values, [1, 3, height, width]),
+        TensorData::new(values, [1, height, width, 3]),
         &Device::flex(),
     )
 }

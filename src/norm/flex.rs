@@ -1,8 +1,7 @@
 //! The op on flex: one pass over memory forward, two backward, with all threads.
 
-use super::layout::{Layout, Line};
-use super::{NormBackend, NormSpec, reference_backward, reference_moments};
-use burn::backend::ops::{ActivationOps as _, ModuleOps as _};
+use super::rows::{self, Backward, Lines};
+use super::{NormBackend, NormSpec, reference, reference_backward, reference_moments};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
@@ -14,9 +13,8 @@ impl NormBackend for Flex {
             return reference_moments::<Self>(x);
         }
         let x = x.to_contiguous();
-        let (mean, variance) = Layout::of(&x.shape()).moments(x.storage::<f32>());
-        let channels = vec![mean.len()];
-        (tensor(mean, channels.clone()), tensor(variance, channels))
+        let (mean, variance) = rows::moments(x.storage(), channels(&x));
+        (vector(mean), vector(variance))
     }
 
     fn normalise(
@@ -28,27 +26,15 @@ impl NormBackend for Flex {
         spec: NormSpec,
     ) -> FloatTensor<Self> {
         if x.dtype() != DType::F32 {
-            let output = Self::batch_norm(x, gain, shift, mean, variance, spec.epsilon);
-            return if spec.relu {
-                Self::relu(output)
-            } else {
-                output
-            };
+            return reference::<Self>(x, gain, shift, mean, variance, spec);
         }
         let [x, gain, shift, mean, variance] =
             [x, gain, shift, mean, variance].map(|t| t.to_contiguous());
-        let lines = Line::of(
-            gain.storage(),
-            shift.storage(),
-            mean.storage(),
-            variance.storage(),
-            spec.epsilon,
-        );
-        let floor = floor(spec);
-        let values = x.storage::<f32>();
-        let output =
-            Layout::of(&x.shape()).map(values, values, |c, x, _| lines[c].at(x).max(floor));
-        tensor(output, x.shape().to_vec())
+        let (gain, shift) = (gain.storage(), shift.storage());
+        let (mean, variance) = (mean.storage(), variance.storage());
+        let lines = Lines::new(gain, shift, mean, variance, spec.epsilon);
+        let output = rows::normalise(x.storage(), &lines, spec.relu);
+        FlexTensor::from_data(TensorData::new(output, x.shape().to_vec()))
     }
 
     fn normalise_backward(
@@ -65,48 +51,31 @@ impl NormBackend for Flex {
         }
         let [x, gain, shift, mean, variance, grad] =
             [x, gain, shift, mean, variance, grad].map(|t| t.to_contiguous());
-        let layout = Layout::of(&x.shape());
-        let (values, grads) = (x.storage::<f32>(), grad.storage::<f32>());
-        let (mean, variance) = (mean.storage::<f32>(), variance.storage::<f32>());
-        let lines = Line::of(
-            gain.storage(),
-            shift.storage(),
-            mean,
-            variance,
-            spec.epsilon,
-        );
-        let ones = vec![1.0; mean.len()];
-        let zeros = vec![0.0; mean.len()];
-        let standard = Line::of(&ones, &zeros, mean, variance, spec.epsilon);
-        let floor = floor(spec);
-        let passed = |c: usize, x: f32, g: f32| if lines[c].at(x) > floor { g } else { 0.0 };
-        let (shift_grad, gain_grad) = layout.sums(values, grads, |c, x, g| {
-            let g = passed(c, x, g);
-            (g, g * standard[c].at(x))
-        });
-        let input_grad = if spec.own {
-            let count = layout.count() as f32;
-            layout.map(values, grads, |c, x, g| {
-                let common = shift_grad[c] + standard[c].at(x) * gain_grad[c];
-                lines[c].slope * (passed(c, x, g) - common / count)
-            })
-        } else {
-            layout.map(values, grads, |c, x, g| lines[c].slope * passed(c, x, g))
+        let (gain, shift) = (gain.storage(), shift.storage());
+        let (mean, variance) = (mean.storage::<f32>(), variance.storage());
+        let back = Backward {
+            lines: &Lines::new(gain, shift, mean, variance, spec.epsilon),
+            standard: &Lines::standard(mean, variance, spec.epsilon),
+            relu: spec.relu,
         };
-        let channels = vec![mean.len()];
+        let (values, grads) = (x.storage::<f32>(), grad.storage());
+        let (gain_grad, shift_grad) = back.sums(values, grads);
+        let rows = values.len() / channels(&x).max(1);
+        let common = Backward::common(&gain_grad, &shift_grad, rows);
+        let input_grad = back.input(values, grads, spec.own.then_some(&common));
         (
-            tensor(input_grad, x.shape().to_vec()),
-            tensor(gain_grad, channels.clone()),
-            tensor(shift_grad, channels),
+            FlexTensor::from_data(TensorData::new(input_grad, x.shape().to_vec())),
+            vector(gain_grad),
+            vector(shift_grad),
         )
     }
 }
 
-/// Outputs are at least this.
-fn floor(spec: NormSpec) -> f32 {
-    if spec.relu { 0.0 } else { f32::NEG_INFINITY }
+fn channels(x: &FlexTensor) -> usize {
+    x.shape().last().copied().unwrap_or(1)
 }
 
-fn tensor(values: Vec<f32>, shape: Vec<usize>) -> FlexTensor {
-    FlexTensor::from_data(TensorData::new(values, shape))
+fn vector(values: Vec<f32>) -> FlexTensor {
+    let length = values.len();
+    FlexTensor::from_data(TensorData::new(values, [length]))
 }

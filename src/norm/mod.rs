@@ -3,7 +3,7 @@
 
 mod autodiff;
 mod flex;
-mod layout;
+mod rows;
 #[cfg(test)]
 mod tests;
 
@@ -30,13 +30,13 @@ pub struct NormSpec {
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait NormBackend: Backend {
-    /// Mean and biased variance of each channel of `x [batch, channels, ..]`; not differentiated.
+    /// Mean and biased variance of each channel of `x [.., channels]`; not differentiated.
     fn moments(x: FloatTensor<Self>) -> (FloatTensor<Self>, FloatTensor<Self>) {
         reference_moments::<Self>(x)
     }
 
     /// `(x - mean) / sqrt(variance + epsilon) * gain + shift`, per channel of
-    /// `x [batch, channels, ..]`, then the ReLU if asked for.
+    /// `x [.., channels]`, then the ReLU if asked for.
     fn normalise(
         x: FloatTensor<Self>,
         gain: FloatTensor<Self>,
@@ -45,12 +45,7 @@ pub trait NormBackend: Backend {
         variance: FloatTensor<Self>,
         spec: NormSpec,
     ) -> FloatTensor<Self> {
-        let output = Self::batch_norm(x, gain, shift, mean, variance, spec.epsilon);
-        if spec.relu {
-            Self::relu(output)
-        } else {
-            output
-        }
+        reference::<Self>(x, gain, shift, mean, variance, spec)
     }
 
     /// The gradients of `x`, `gain` and `shift` from that of the output.
@@ -67,8 +62,34 @@ pub trait NormBackend: Backend {
     }
 }
 
+/// `[.., channels]` as `[rows, channels]`, which is what burn's batch normalisation takes.
+fn rows_of<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
+    let shape = x.shape();
+    let channels = shape.last().copied().unwrap_or(1);
+    B::float_reshape(
+        x,
+        Shape::new([shape.num_elements() / channels.max(1), channels]),
+    )
+}
+
+/// The forward pass in burn's own operations.
+fn reference<B: Backend>(
+    x: FloatTensor<B>,
+    gain: FloatTensor<B>,
+    shift: FloatTensor<B>,
+    mean: FloatTensor<B>,
+    variance: FloatTensor<B>,
+    spec: NormSpec,
+) -> FloatTensor<B> {
+    let shape = x.shape();
+    let output = B::batch_norm(rows_of::<B>(x), gain, shift, mean, variance, spec.epsilon);
+    let output = if spec.relu { B::relu(output) } else { output };
+    B::float_reshape(output, shape)
+}
+
 /// Mean and variance in burn's own operations.
 fn reference_moments<B: Backend>(x: FloatTensor<B>) -> (FloatTensor<B>, FloatTensor<B>) {
+    let x = rows_of::<B>(x);
     let channels = Shape::new([x.shape()[1]]);
     let (device, dtype) = (x.device(), x.dtype().into());
     let ones = B::float_ones(channels.clone(), &device, dtype);
@@ -87,6 +108,8 @@ fn reference_backward<B: Backend>(
     grad: FloatTensor<B>,
     spec: NormSpec,
 ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
+    let shape = x.shape();
+    let (x, grad) = (rows_of::<B>(x), rows_of::<B>(grad));
     let norm = |x, shift| {
         B::batch_norm(
             x,
@@ -111,7 +134,8 @@ fn reference_backward<B: Backend>(
         grad.clone(),
     );
     if spec.own {
-        return (back.x_grad, back.gamma_grad, back.beta_grad);
+        let x_grad = B::float_reshape(back.x_grad, shape);
+        return (x_grad, back.gamma_grad, back.beta_grad);
     }
     // With fixed statistics the input only passes through the slope.
     let zeros = |t: &FloatTensor<B>| B::float_zeros(t.shape(), &t.device(), t.dtype().into());
@@ -123,7 +147,11 @@ fn reference_backward<B: Backend>(
         variance.clone(),
         spec.epsilon,
     );
-    (through, back.gamma_grad, back.beta_grad)
+    (
+        B::float_reshape(through, shape),
+        back.gamma_grad,
+        back.beta_grad,
+    )
 }
 
 #[cfg(feature = "ndarray")]
@@ -132,13 +160,13 @@ impl NormBackend for burn_ndarray::NdArray {}
 #[cfg(feature = "wgpu")]
 impl NormBackend for burn_cubecl::CubeBackend {}
 
-/// Mean and biased variance `[channels]` of `x [batch, channels, ..]`; not differentiated.
+/// Mean and biased variance `[channels]` of `x [.., channels]`; not differentiated.
 pub fn moments<const D: usize>(x: Tensor<D>) -> (Tensor<1>, Tensor<1>) {
     let (mean, variance) = Dispatch::moments(x.into_dispatch());
     (Tensor::from_dispatch(mean), Tensor::from_dispatch(variance))
 }
 
-/// Normalises `x [batch, channels, ..]`; differentiable in `x`, `gain` and `shift`.
+/// Normalises `x [.., channels]`; differentiable in `x`, `gain` and `shift`.
 pub fn normalise<const D: usize>(
     x: Tensor<D>,
     gain: Tensor<1>,

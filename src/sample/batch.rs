@@ -8,7 +8,7 @@ use image::RgbImage;
 /// A batch of equally large samples on a device.
 #[derive(Clone, Debug)]
 pub struct Batch {
-    /// Normalised colours `[batch, 3, height, width]`.
+    /// Normalised colours `[batch, height, width, 3]`.
     pub images: Tensor<4>,
     /// Rows and columns of the images.
     pub size: (usize, usize),
@@ -68,7 +68,7 @@ impl Batch {
     }
 }
 
-/// Images to `[batch, 3, height, width]`; colours become (value / 255 - mean) / deviation.
+/// Images to `[batch, height, width, 3]`; colours become (value / 255 - mean) / deviation.
 ///
 /// # Errors
 /// No image, or images of different sizes.
@@ -86,15 +86,21 @@ pub fn image_tensor(
         return Err(Error::shape("the images of a batch differ in size"));
     }
     let (width, height) = (width as usize, height as usize);
-    let mut values = Vec::with_capacity(images.len() * 3 * width * height);
-    for image in images {
-        for c in 0..3 {
-            let colours = image.as_raw().iter().skip(c).step_by(3);
-            values.extend(colours.map(|&v| (f32::from(v) / 255.0 - mean[c]) / deviation[c]));
-        }
-    }
-    let shape = [images.len(), 3, height, width];
+    let values = images
+        .iter()
+        .flat_map(|image| image_values(image, mean, deviation))
+        .collect();
+    let shape = [images.len(), height, width, 3];
     Ok(Tensor::from_data(TensorData::new(values, shape), device))
+}
+
+/// One image as `[height, width, 3]`; colours become (value / 255 - mean) / deviation.
+pub fn image_values(image: &RgbImage, mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
+    let tables: [[f32; 256]; 3] = std::array::from_fn(|c| {
+        std::array::from_fn(|v| (v as f32 / 255.0 - mean[c]) / deviation[c])
+    });
+    let colours = image.as_raw().iter().enumerate();
+    colours.map(|(i, &v)| tables[i % 3][v as usize]).collect()
 }
 
 fn matrix(values: Vec<f32>, shape: [usize; 2], device: &Device) -> Tensor<2> {

@@ -9,7 +9,7 @@ mod protocol;
 mod resize;
 
 pub use augment::AugmentConfig;
-pub use batch::{Batch, image_tensor};
+pub use batch::{Batch, image_tensor, image_values};
 pub use loader::{Loader, Sampler, SamplerConfig};
 pub use patches::{Sample, SupervisionConfig};
 pub use pattern::Pattern;

@@ -1,0 +1,201 @@
+//! The convolution: inputs to the frequency domain, a product per frequency, and back.
+
+use super::{Filter, IN, Images, OUT, SPECTRUM, Tile, tiles, transform};
+use crate::simd::{Kernel, Rows, Scratch, Shared, Tail, Vector, product};
+use rayon::prelude::*;
+
+/// Tiles of one task at most: two register tiles of the longest vectors.
+const TILES: usize = 28;
+/// Floats of transformed inputs of one task at most, for second-level caches.
+const CACHE: usize = 160 << 10;
+
+impl Filter {
+    /// `output [batch, height, width, outputs]` from `x [batch, height, width, channels]`.
+    pub(in crate::conv) fn apply(
+        &self,
+        x: &[f32],
+        size: [usize; 3],
+        tail: Tail<'_>,
+        scratch: &Scratch,
+        output: &mut [f32],
+    ) {
+        let pixels = size.iter().product::<usize>();
+        assert_eq!(x.len(), pixels * self.channels, "input");
+        assert_eq!(output.len(), pixels * self.outputs, "output");
+        assert!(tail.skip.is_none_or(|skip| skip.len() == output.len()));
+        let padded = self.channels.next_multiple_of(self.level.lanes());
+        let tiles = tiles(size, self.dilation);
+        // As many equal tasks as threads, or a multiple.
+        let most = (CACHE / (SPECTRUM * padded)).clamp(1, TILES);
+        let tasks = tiles.len().div_ceil(most);
+        let tasks = tasks.next_multiple_of(rayon::current_num_threads());
+        let most = tiles.len().div_ceil(tasks.max(1)).max(1);
+        let zeros = vec![0.0; padded];
+        let images = Images {
+            values: x,
+            size,
+            channels: self.channels,
+            dilation: self.dilation,
+            zeros: &zeros,
+        };
+        let output = Shared::new(output);
+        tiles.par_chunks(most).for_each(|tiles| {
+            let inputs = SPECTRUM * tiles.len() * padded;
+            let products = SPECTRUM * tiles.len() * 2 * self.level.lanes();
+            scratch.with(inputs + products, |memory| {
+                let (inputs, products) = memory.split_at_mut(inputs);
+                let kernel = Forward {
+                    filter: self,
+                    images,
+                    tiles,
+                    tail,
+                    padded,
+                    inputs,
+                    products,
+                    output,
+                };
+                // SAFETY: lengths were asserted; each pixel belongs to one tile.
+                unsafe { self.level.run(kernel) }
+            });
+        });
+    }
+}
+
+struct Forward<'a> {
+    filter: &'a Filter,
+    images: Images<'a>,
+    tiles: &'a [Tile],
+    tail: Tail<'a>,
+    /// Channels of the transformed inputs, in whole vectors.
+    padded: usize,
+    /// `[frequency][tile][padded]`
+    inputs: &'a mut [f32],
+    /// `[frequency][tile][width]`, of one panel.
+    products: &'a mut [f32],
+    output: Shared<'a>,
+}
+
+impl Kernel for Forward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(mut self) {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            self.transform_inputs::<V>();
+            for first in (0..self.filter.outputs).step_by(2 * V::LANES) {
+                self.multiply::<V>(first);
+                self.transform_outputs::<V>(first);
+            }
+        }
+    }
+}
+
+impl Forward<'_> {
+    #[inline(always)]
+    unsafe fn transform_inputs<V: Vector>(&mut self) {
+        let (tiles, padded) = (self.tiles.len(), self.padded);
+        let inputs = self.inputs.as_mut_ptr();
+        for (t, &tile) in self.tiles.iter().enumerate() {
+            let window = self.images.window::<IN>(tile, 1);
+            // SAFETY: the memory has a padded row for each frequency and tile.
+            unsafe {
+                self.images.spectrum::<V, IN>(
+                    &window,
+                    padded,
+                    #[inline(always)]
+                    |d| transform::input(d),
+                    #[inline(always)]
+                    |c, f, value| value.store(inputs.add((f * tiles + t) * padded + c)),
+                );
+            }
+        }
+    }
+
+    /// The products of one panel of outputs.
+    #[inline(always)]
+    unsafe fn multiply<V: Vector>(&mut self, first: usize) {
+        let channels = self.filter.channels;
+        let (tiles, width) = (self.tiles.len(), 2 * V::LANES);
+        for f in 0..SPECTRUM {
+            // SAFETY: panels have `channels` rows per frequency; the memory has as many rows as
+            // tiles.
+            unsafe {
+                let panel = self
+                    .filter
+                    .spectrum
+                    .as_ptr()
+                    .add(first * SPECTRUM * channels);
+                let rows = Rows {
+                    pointer: self.inputs.as_ptr().add(f * tiles * self.padded),
+                    row: self.padded,
+                    step: 1,
+                };
+                let products = self.products.as_mut_ptr().add(f * tiles * width);
+                let panel = panel.add(f * channels * width);
+                product::<V>(
+                    rows,
+                    tiles,
+                    channels,
+                    panel,
+                    width,
+                    #[inline(always)]
+                    |t, sums| {
+                        sums[0].store(products.add(t * width));
+                        sums[1].store(products.add(t * width + V::LANES));
+                    },
+                );
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn transform_outputs<V: Vector>(&mut self, first: usize) {
+        let [_, height, width] = self.images.size;
+        let Filter {
+            outputs, dilation, ..
+        } = *self.filter;
+        let step = self.tiles.len() * 2 * V::LANES;
+        for (t, &[image, y, x]) in self.tiles.iter().enumerate() {
+            for half in 0..2 {
+                let channel = first + half * V::LANES;
+                if channel >= outputs {
+                    break;
+                }
+                // SAFETY: the products have a row for each frequency and tile; only pixels inside
+                // the image and channels below `outputs` are written.
+                unsafe {
+                    let products = self.products.as_ptr().add((2 * t + half) * V::LANES);
+                    let bias = V::load(self.filter.bias.as_ptr().add(channel));
+                    let mut rows = [[V::splat(0.0); OUT]; IN];
+                    for (i, row) in rows.iter_mut().enumerate() {
+                        *row = transform::output(std::array::from_fn(
+                            #[inline(always)]
+                            |j| V::load(products.add((i * IN + j) * step)),
+                        ));
+                    }
+                    for j in 0..OUT {
+                        let column = x + j * dilation;
+                        if column >= width {
+                            break;
+                        }
+                        let values = transform::output(std::array::from_fn(
+                            #[inline(always)]
+                            |i| rows[i][j],
+                        ));
+                        for (i, value) in values.into_iter().enumerate() {
+                            let row = y + i * dilation;
+                            if row >= height {
+                                break;
+                            }
+                            let pixel = (image * height + row) * width + column;
+                            let (at, count) = (pixel * outputs + channel, outputs - channel);
+                            let value = self.tail.finish(value.add(bias), at, count);
+                            value.store_some(self.output.at(at, count.min(V::LANES)), count);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! The feature extractor, layer by layer.
+
+use super::map::{Map, Pool};
+use crate::conv::Layer;
+use crate::model::extractor::{Block, Extractor};
+use crate::model::grid::neighbours;
+use crate::simd::{Level, Scratch, Tail};
+use rayon::prelude::*;
+
+#[derive(Debug)]
+pub(super) struct ExtractorPlan {
+    stem: Vec<Layer>,
+    /// Half resolution and a quarter.
+    raw: Vec<BlockPlan>,
+    /// Wider, then dilated.
+    skip: Vec<BlockPlan>,
+    /// Pool size and convolution of each branch.
+    branches: Vec<(usize, Layer)>,
+    merge: Layer,
+    project: Layer,
+}
+
+#[derive(Debug)]
+struct BlockPlan {
+    first: Layer,
+    second: Layer,
+    shortcut: Option<Layer>,
+}
+
+/// What all layers of a run share.
+#[derive(Clone, Copy)]
+struct Run<'a> {
+    scratch: &'a Scratch,
+    pool: &'a Pool,
+}
+
+impl Run<'_> {
+    fn layer(self, layer: &Layer, x: &Map, skip: Option<&Map>, relu: bool) -> Map {
+        let size = [1, x.height, x.width];
+        let shape = layer.shape(size);
+        let (height, width) = shape.out();
+        let mut output = self.pool.take(height, width, shape.outputs);
+        let tail = Tail {
+            skip: skip.map(|map| &map.values[..]),
+            relu,
+        };
+        layer.apply(&x.values, size, tail, self.scratch, &mut output.values);
+        output
+    }
+
+    fn block(self, block: &BlockPlan, x: Map) -> Map {
+        let inner = self.layer(&block.first, &x, None, true);
+        let shortcut = match &block.shortcut {
+            None => x,
+            Some(layer) => {
+                let shortcut = self.layer(layer, &x, None, false);
+                self.pool.give(x);
+                shortcut
+            }
+        };
+        let output = self.layer(&block.second, &inner, Some(&shortcut), false);
+        self.pool.give(inner);
+        self.pool.give(shortcut);
+        output
+    }
+}
+
+impl ExtractorPlan {
+    pub(super) fn new(net: &Extractor, level: Level) -> Option<Self> {
+        let block = |block: &Block| {
+            Some(BlockPlan {
+                first: block.first.folded(level)?,
+                second: block.second.folded(level)?,
+                shortcut: match &block.shortcut {
+                    None => None,
+                    Some(conv) => Some(conv.folded(level)?),
+                },
+            })
+        };
+        let blocks = |one: &[Block], two: &[Block]| {
+            one.iter().chain(two).map(block).collect::<Option<Vec<_>>>()
+        };
+        let branches = net.pools.iter().zip(&net.branches);
+        Some(Self {
+            stem: net
+                .stem
+                .iter()
+                .map(|conv| conv.folded(level))
+                .collect::<Option<_>>()?,
+            raw: blocks(&net.half, &net.quarter)?,
+            skip: blocks(&net.wide, &net.dilated)?,
+            branches: branches
+                .map(|(&pool, conv)| Some((pool, conv.folded(level)?)))
+                .collect::<Option<_>>()?,
+            merge: net.merge.folded(level)?,
+            project: net.project.prepared(level),
+        })
+    }
+
+    /// Features at a quarter of the image's resolution.
+    pub(super) fn forward(&self, image: Map, scratch: &Scratch, pool: &Pool) -> Map {
+        let run = Run { scratch, pool };
+        let x = self.stem.iter().fold(image, |x, layer| {
+            let output = run.layer(layer, &x, None, true);
+            pool.give(x);
+            output
+        });
+        let raw = self.raw.iter().fold(x, |x, block| run.block(block, x));
+        let copy = {
+            let mut copy = pool.take(raw.height, raw.width, raw.channels());
+            copy.values.copy_from_slice(&raw.values);
+            copy
+        };
+        let skip = self.skip.iter().fold(copy, |x, block| run.block(block, x));
+        let branches: Vec<Map> = self
+            .branches
+            .iter()
+            .map(|(size, layer)| {
+                let pooled = averages(&skip, *size);
+                run.layer(layer, &pooled, None, true)
+            })
+            .collect();
+        let all = self.gather(&raw, &skip, &branches, pool);
+        for map in branches.into_iter().chain([raw, skip]) {
+            pool.give(map);
+        }
+        let merged = run.layer(&self.merge, &all, None, true);
+        pool.give(all);
+        let features = run.layer(&self.project, &merged, None, false);
+        pool.give(merged);
+        features
+    }
+
+    /// Puts all maps side by side, the branches enlarged bilinearly.
+    fn gather(&self, raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
+        let maps = [raw, skip].into_iter().chain(branches);
+        let channels: usize = maps.map(Map::channels).sum();
+        let mut all = pool.take(raw.height, raw.width, channels);
+        let rows = all.values.par_chunks_exact_mut(raw.width * channels);
+        rows.enumerate().for_each(|(y, row)| {
+            for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+                let mut rest = pixel;
+                for map in [raw, skip] {
+                    let (own, others) = rest.split_at_mut(map.channels());
+                    let from = (y * raw.width + x) * own.len();
+                    own.copy_from_slice(&map.values[from..from + own.len()]);
+                    rest = others;
+                }
+                for map in branches {
+                    let (own, others) = rest.split_at_mut(map.channels());
+                    enlarge(map, (y, raw.height), (x, raw.width), own);
+                    rest = others;
+                }
+            }
+        });
+        all
+    }
+}
+
+/// The value of a map at pixel (y, x) of an enlarged one.
+fn enlarge(map: &Map, (y, height): (usize, usize), (x, width): (usize, usize), output: &mut [f32]) {
+    let (top, bottom, v) = neighbours(y, height, map.height);
+    let (left, right, u) = neighbours(x, width, map.width);
+    let pixel = |y: usize, x: usize| &map.values[(y * map.width + x) * output.len()..];
+    let upper = pixel(top, left).iter().zip(pixel(top, right));
+    let lower = pixel(bottom, left).iter().zip(pixel(bottom, right));
+    for (output, (a, b)) in output.iter_mut().zip(upper.zip(lower)) {
+        let upper = a.0 * (1.0 - u) + a.1 * u;
+        let lower = b.0 * (1.0 - u) + b.1 * u;
+        *output = upper * (1.0 - v) + lower * v;
+    }
+}
+
+/// Means over windows of `pool` pixels, cut off at the end.
+fn averages(map: &Map, pool: usize) -> Map {
+    let (height, width) = (map.height.div_ceil(pool), map.width.div_ceil(pool));
+    let channels = map.channels();
+    let mut values = vec![0.0_f32; height * width * channels];
+    let rows = values.par_chunks_exact_mut(width * channels).enumerate();
+    rows.for_each(|(window_row, sums)| {
+        let rows = window_row * pool..((window_row + 1) * pool).min(map.height);
+        for y in rows.clone() {
+            let row = &map.values[y * map.width * channels..][..map.width * channels];
+            for (x, pixel) in row.chunks_exact(channels).enumerate() {
+                let sum = &mut sums[x / pool * channels..][..channels];
+                sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += v);
+            }
+        }
+        for (window, sum) in sums.chunks_exact_mut(channels).enumerate() {
+            let columns = pool.min(map.width - window * pool);
+            let scale = 1.0 / (rows.len() * columns) as f32;
+            sum.iter_mut().for_each(|s| *s *= scale);
+        }
+    });
+    Map {
+        values,
+        height,
+        width,
+    }
+}

@@ -1,0 +1,58 @@
+//! Maps between layers, and the memory that they reuse.
+
+use std::sync::Mutex;
+
+/// Values `[height, width, channels]`.
+#[derive(Clone, Debug)]
+pub(super) struct Map {
+    pub(super) values: Vec<f32>,
+    pub(super) height: usize,
+    pub(super) width: usize,
+}
+
+impl Map {
+    pub(super) fn pixels(&self) -> usize {
+        self.height * self.width
+    }
+
+    pub(super) fn channels(&self) -> usize {
+        self.values.len() / self.pixels().max(1)
+    }
+}
+
+/// Memory of maps that are no longer needed: fresh pages cost as much as a layer.
+#[derive(Debug, Default)]
+pub(super) struct Pool(Mutex<Vec<Vec<f32>>>);
+
+/// More maps than are ever alive at once.
+const KEPT: usize = 8;
+
+impl Pool {
+    /// A map of any values.
+    pub(super) fn take(&self, height: usize, width: usize, channels: usize) -> Map {
+        let length = height * width * channels;
+        let mut values = self.find(length).unwrap_or_default();
+        values.resize(length, 0.0);
+        Map {
+            values,
+            height,
+            width,
+        }
+    }
+
+    /// The shortest memory that suffices.
+    fn find(&self, length: usize) -> Option<Vec<f32>> {
+        let mut free = self.0.lock().ok()?;
+        let fitting = free.iter().enumerate().filter(|(_, v)| v.len() >= length);
+        let (place, _) = fitting.min_by_key(|(_, v)| v.len())?;
+        Some(free.swap_remove(place))
+    }
+
+    pub(super) fn give(&self, map: Map) {
+        if let Ok(mut free) = self.0.lock()
+            && free.len() < KEPT
+        {
+            free.push(map.values);
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! A trained network prepared for the CPU: the same base functions as `BasisNet`, several times
+//! faster.
+//!
+//! Normalisation is folded into the weights, bias, skip and ReLU into the kernels; layers hand over
+//! maps `[height, width, channels]` as they are. At full resolution nothing is ever formed whole:
+//! the first layer of the MLP is applied before enlargement, which commutes with it, and the fit's
+//! weights are folded into the last.
+
+mod extractor;
+mod head;
+mod map;
+#[cfg(test)]
+mod tests;
+
+use super::BasisNet;
+use crate::simd::{Level, Scratch};
+use extractor::ExtractorPlan;
+use head::HeadPlan;
+use map::{Map, Pool};
+use std::sync::Arc;
+
+/// A network prepared for one instruction set. Clones share weights and memory.
+#[derive(Clone, Debug)]
+pub struct Plan(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    extractor: ExtractorPlan,
+    head: HeadPlan,
+    scratch: Scratch,
+    pool: Pool,
+}
+
+impl Plan {
+    /// Prepares a network, or `None` if it has no fixed statistics to fold: group normalisation, or
+    /// no hidden layer.
+    pub fn new(net: &BasisNet, level: Level) -> Option<Self> {
+        Some(Self(Arc::new(Inner {
+            extractor: ExtractorPlan::new(&net.extractor, level)?,
+            head: HeadPlan::new(&net.head, level)?,
+            scratch: Scratch::new(),
+            pool: Pool::default(),
+        })))
+    }
+
+    /// The base functions of one normalised image `[height, width, 3]`.
+    ///
+    /// # Panics
+    /// If the image does not have `size.0 * size.1` pixels, at least one.
+    pub fn bases(&self, image: Vec<f32>, size: (usize, usize)) -> PlannedBases {
+        let Inner {
+            extractor,
+            head,
+            scratch,
+            pool,
+        } = &*self.0;
+        let image = Map {
+            values: image,
+            height: size.0,
+            width: size.1,
+        };
+        let features = extractor.forward(image, scratch, pool);
+        PlannedBases {
+            plan: self.clone(),
+            inputs: head.enter(&features),
+        }
+    }
+}
+
+/// The base functions of an image: cheap to read anywhere, again and again.
+#[derive(Clone, Debug)]
+pub struct PlannedBases {
+    plan: Plan,
+    /// What the features add to the first hidden layer, at their resolution.
+    inputs: Map,
+}
+
+impl PlannedBases {
+    /// Values `[pixels, N + 1]` at pixels `y * width + x` of an output of `size` (height, width),
+    /// the first function being the constant 1.
+    pub fn at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
+        self.plan.0.head.rows(&self.inputs, size, pixels)
+    }
+
+    /// Bases x weights at every pixel of an output of `size` (height, width).
+    pub fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
+        let Inner { head, scratch, .. } = &*self.plan.0;
+        head.combine(&self.inputs, size, weights, scratch)
+    }
+}

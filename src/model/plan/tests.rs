@@ -1,0 +1,117 @@
+//! The prepared network against the plain one, with statistics far from the initial ones.
+
+use super::Plan;
+use crate::model::{BasisNet, BasisNetConfig, ExtractorConfig, NormKind};
+use crate::rng::Rng;
+use crate::simd::Level;
+use burn::module::Module as _;
+use burn::tensor::{Device, Tensor, TensorData};
+
+fn image(height: usize, width: usize) -> Vec<f32> {
+    let mut rng = Rng::stream(0, &["image"]);
+    (0..3 * height * width).map(|_| rng.normal()).collect()
+}
+
+fn tensor(values: Vec<f32>, (height, width): (usize, usize)) -> Tensor<4> {
+    Tensor::from_data(
+        TensorData::new(values, [1, height, width, 3]),
+        &Device::flex(),
+    )
+}
+
+/// A network whose running statistics have seen an image.
+fn net(config: &BasisNetConfig) -> BasisNet {
+    let device = Device::flex().autodiff();
+    let net = config.init(3, &device).unwrap();
+    let image = TensorData::new(image(40, 56), [1, 40, 56, 3]);
+    let pixels = vec![(0..40 * 56).collect()];
+    for _ in 0..20 {
+        let bases = net.bases(Tensor::from_data(image.clone(), &device));
+        let _ = bases.at((40, 56), &pixels);
+    }
+    net.valid()
+}
+
+fn tiny() -> BasisNetConfig {
+    let mut extractor = ExtractorConfig::small();
+    extractor.stages.iter_mut().for_each(|s| s.blocks = 1);
+    BasisNetConfig {
+        extractor,
+        hidden: vec![40, 24],
+        bases: 20,
+        ..BasisNetConfig::small()
+    }
+}
+
+/// Largest difference as a share of the largest value.
+fn difference(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    let largest = b.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+    let pairs = a.iter().zip(b);
+    pairs.fold(0.0_f32, |m, (x, y)| m.max((x - y).abs())) / largest
+}
+
+fn agree(net: &BasisNet, level: Level, size: (usize, usize), output: (usize, usize)) {
+    let plan = Plan::new(net, level).unwrap();
+    let planned = plan.bases(image(size.0, size.1), size);
+    let plain = net.bases(tensor(image(size.0, size.1), size));
+    let pixels: Vec<u32> = (0..output.0 * output.1)
+        .step_by(7)
+        .map(|p| p as u32)
+        .collect();
+    let reference = plain.at(output, &[pixels.clone()]).into_data();
+    let reference: Vec<f32> = reference.iter::<f32>().collect();
+    let rows = planned.at(output, &pixels);
+    assert!(difference(&rows, &reference) < 1e-4, "{level:?} {size:?}");
+
+    let functions = rows.len() / pixels.len();
+    let mut rng = Rng::stream(1, &["weights"]);
+    let weights: Vec<f64> = (0..functions).map(|_| f64::from(rng.normal())).collect();
+    let narrow: Vec<f32> = weights.iter().map(|w| *w as f32).collect();
+    let dense = planned.combine(output, &weights);
+    let plain = plain.combine(output, &narrow);
+    assert!(difference(&dense, &plain) < 1e-4, "{level:?} {size:?}");
+}
+
+#[test]
+fn the_plan_agrees_with_the_network_at_every_size() {
+    let net = net(&tiny());
+    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+        for size in [(1, 1), (3, 5), (32, 32), (37, 61), (57, 130), (120, 160)] {
+            agree(&net, level, size, size);
+        }
+        agree(&net, level, (48, 64), (100, 77));
+    }
+}
+
+#[test]
+fn the_plan_agrees_for_every_kind_of_head() {
+    for (octaves, hidden) in [(0, vec![32]), (3, vec![24]), (5, vec![64, 40, 24])] {
+        let config = BasisNetConfig {
+            octaves,
+            hidden,
+            ..tiny()
+        };
+        agree(&net(&config), Level::here(), (33, 47), (33, 47));
+    }
+}
+
+#[test]
+fn the_papers_network_agrees() {
+    agree(
+        &net(&BasisNetConfig::paper()),
+        Level::here(),
+        (57, 76),
+        (57, 76),
+    );
+}
+
+#[test]
+fn group_normalisation_has_no_plan() {
+    let config = BasisNetConfig {
+        norm: NormKind::Group,
+        ..tiny()
+    };
+    let net = config.init(0, &Device::flex()).unwrap();
+    assert!(Plan::new(&net, Level::here()).is_none());
+}

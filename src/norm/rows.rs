@@ -1,0 +1,330 @@
+//! Sums and maps per channel over `[rows, channels]`.
+//!
+//! Work is cut into the same pieces whatever the number of threads, and pieces are summed in a
+//! fixed order, so results do not depend on the number of threads.
+
+use crate::simd::{Kernel, Level, Shared, Vector};
+use rayon::prelude::*;
+
+/// Rows of one piece.
+const ROWS: usize = 512;
+
+/// `x * slope + offset` per channel: a normalisation with its gain and shift.
+#[derive(Clone, Debug)]
+pub(super) struct Lines {
+    slope: Vec<f32>,
+    offset: Vec<f32>,
+}
+
+impl Lines {
+    pub(super) fn new(
+        gain: &[f32],
+        shift: &[f32],
+        mean: &[f32],
+        variance: &[f32],
+        epsilon: f64,
+    ) -> Self {
+        let deviations = variance.iter().map(|v| (v + epsilon as f32).sqrt());
+        let slope: Vec<f32> = gain.iter().zip(deviations).map(|(g, d)| g / d).collect();
+        let terms = shift.iter().zip(mean).zip(&slope);
+        Self {
+            offset: terms.map(|((shift, mean), s)| shift - mean * s).collect(),
+            slope,
+        }
+    }
+
+    /// The normalisation alone, with gain 1 and shift 0.
+    pub(super) fn standard(mean: &[f32], variance: &[f32], epsilon: f64) -> Self {
+        let (ones, zeros) = (vec![1.0; mean.len()], vec![0.0; mean.len()]);
+        Self::new(&ones, &zeros, mean, variance, epsilon)
+    }
+
+    /// # Safety
+    /// As for `Vector`; there are `count` channels from `c` on.
+    #[inline(always)]
+    unsafe fn at<V: Vector>(&self, x: V, c: usize, count: usize) -> V {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            let slope = V::load_some(self.slope.as_ptr().add(c), count);
+            x.mul_add(slope, V::load_some(self.offset.as_ptr().add(c), count))
+        }
+    }
+}
+
+/// Mean and biased variance of each channel.
+pub(super) fn moments(x: &[f32], channels: usize) -> (Vec<f32>, Vec<f32>) {
+    let mut mean = vec![0.0_f64; channels];
+    let mut squares = vec![0.0_f64; channels];
+    let mut rows = 0.0;
+    let pieces: Vec<_> = pieces(x, channels)
+        .map(|piece| {
+            let zero = vec![0.0; channels];
+            let count = (piece.len() / channels) as f32;
+            let sum = sums(piece, channels, Term::Squares { mean: &zero }).0;
+            let mean: Vec<f32> = sum.iter().map(|s| s / count).collect();
+            let squares = sums(piece, channels, Term::Squares { mean: &mean }).1;
+            (f64::from(count), mean, squares)
+        })
+        .collect();
+    // The update of Chan, Golub and LeVeque 1979.
+    for (count, piece_mean, piece_squares) in pieces {
+        let total = rows + count;
+        for c in 0..channels {
+            let delta = f64::from(piece_mean[c]) - mean[c];
+            mean[c] += delta * count / total;
+            squares[c] += f64::from(piece_squares[c]) + delta * delta * rows * count / total;
+        }
+        rows = total;
+    }
+    let rows = rows.max(1.0);
+    (
+        mean.into_iter().map(|m| m as f32).collect(),
+        squares.into_iter().map(|s| (s / rows) as f32).collect(),
+    )
+}
+
+/// `x` normalised, cut off below 0 if asked for.
+pub(super) fn normalise(x: &[f32], lines: &Lines, relu: bool) -> Vec<f32> {
+    let job = Map::Normalise { lines, relu };
+    map(x, x, lines.slope.len(), job)
+}
+
+/// A backward pass: what it needs to know of the forward one.
+#[derive(Clone, Copy)]
+pub(super) struct Backward<'a> {
+    pub(super) lines: &'a Lines,
+    pub(super) standard: &'a Lines,
+    pub(super) relu: bool,
+}
+
+impl Backward<'_> {
+    /// The gradients of gain and shift.
+    pub(super) fn sums(&self, x: &[f32], grad: &[f32]) -> (Vec<f32>, Vec<f32>) {
+        let channels = self.lines.slope.len();
+        let piece = ROWS * channels;
+        let parts: Vec<_> = pieces(x, channels)
+            .zip(grad.par_chunks(piece))
+            .map(|(x, grad)| sums(x, channels, Term::Gradients { back: *self, grad }))
+            .collect();
+        let mut totals = (vec![0.0_f64; channels], vec![0.0_f64; channels]);
+        for (shift, gain) in parts {
+            let add = |to: &mut [f64], from: Vec<f32>| {
+                to.iter_mut()
+                    .zip(from)
+                    .for_each(|(t, v)| *t += f64::from(v));
+            };
+            add(&mut totals.0, shift);
+            add(&mut totals.1, gain);
+        }
+        let narrow = |v: Vec<f64>| v.into_iter().map(|v| v as f32).collect();
+        (narrow(totals.1), narrow(totals.0))
+    }
+
+    /// The gradient of the input; `common` are the parts that come through the statistics, per row:
+    /// a constant and a multiple of the normalised input.
+    pub(super) fn input(&self, x: &[f32], grad: &[f32], common: Option<&Lines>) -> Vec<f32> {
+        let job = Map::Backward {
+            back: *self,
+            common,
+        };
+        map(x, grad, self.lines.slope.len(), job)
+    }
+
+    /// What `input` needs for statistics of the input itself, from the sums over `rows` rows.
+    pub(super) fn common(gain_grad: &[f32], shift_grad: &[f32], rows: usize) -> Lines {
+        let share = |v: &[f32]| v.iter().map(|v| v / rows as f32).collect();
+        Lines {
+            slope: share(gain_grad),
+            offset: share(shift_grad),
+        }
+    }
+
+    /// # Safety
+    /// As for `Lines::at`.
+    #[inline(always)]
+    unsafe fn passed<V: Vector>(&self, x: V, grad: V, c: usize, count: usize) -> V {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            if self.relu {
+                grad.where_positive(self.lines.at(x, c, count))
+            } else {
+                grad
+            }
+        }
+    }
+}
+
+fn pieces(x: &[f32], channels: usize) -> impl IndexedParallelIterator<Item = &[f32]> {
+    x.par_chunks(ROWS * channels.max(1))
+}
+
+/// What is summed over the rows of a piece.
+#[derive(Clone, Copy)]
+enum Term<'a> {
+    /// x, and (x - mean)^2.
+    Squares { mean: &'a [f32] },
+    /// The gradient that passed the ReLU, and that times the normalised input.
+    Gradients { back: Backward<'a>, grad: &'a [f32] },
+}
+
+/// Two sums per channel over the rows of one piece.
+fn sums(x: &[f32], channels: usize, term: Term<'_>) -> (Vec<f32>, Vec<f32>) {
+    let mut first = vec![0.0; channels];
+    let mut second = vec![0.0; channels];
+    let kernel = Sums {
+        x,
+        channels,
+        term,
+        first: &mut first,
+        second: &mut second,
+    };
+    // SAFETY: all slices have the lengths that the kernel relies on.
+    unsafe { Level::here().run(kernel) };
+    (first, second)
+}
+
+struct Sums<'a> {
+    x: &'a [f32],
+    channels: usize,
+    term: Term<'a>,
+    first: &'a mut [f32],
+    second: &'a mut [f32],
+}
+
+impl Kernel for Sums<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(mut self) {
+        let mut c = 0;
+        // SAFETY: as demanded from the caller; columns lie below `channels`.
+        unsafe {
+            while c + 4 * V::LANES <= self.channels {
+                self.columns::<V, 4>(c);
+                c += 4 * V::LANES;
+            }
+            while c < self.channels {
+                self.columns::<V, 1>(c);
+                c += V::LANES;
+            }
+        }
+    }
+}
+
+impl Sums<'_> {
+    /// The sums of `N` vectors of channels.
+    #[inline(always)]
+    unsafe fn columns<V: Vector, const N: usize>(&mut self, start: usize) {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            let mut sums = [[V::splat(0.0); 2]; N];
+            for row in (0..self.x.len()).step_by(self.channels) {
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    let c = start + i * V::LANES;
+                    let count = self.channels - c;
+                    let x = V::load_some(self.x.as_ptr().add(row + c), count);
+                    match self.term {
+                        Term::Squares { mean } => {
+                            let off = x.sub(V::load_some(mean.as_ptr().add(c), count));
+                            sum[0] = sum[0].add(x);
+                            sum[1] = off.mul_add(off, sum[1]);
+                        }
+                        Term::Gradients { back, grad } => {
+                            let grad = V::load_some(grad.as_ptr().add(row + c), count);
+                            let grad = back.passed(x, grad, c, count);
+                            sum[0] = sum[0].add(grad);
+                            sum[1] = grad.mul_add(back.standard.at(x, c, count), sum[1]);
+                        }
+                    }
+                }
+            }
+            for (i, sum) in sums.into_iter().enumerate() {
+                let c = start + i * V::LANES;
+                let count = self.channels - c;
+                sum[0].store_some(self.first.as_mut_ptr().add(c), count);
+                sum[1].store_some(self.second.as_mut_ptr().add(c), count);
+            }
+        }
+    }
+}
+
+/// What becomes of each value.
+#[derive(Clone, Copy)]
+enum Map<'a> {
+    Normalise {
+        lines: &'a Lines,
+        relu: bool,
+    },
+    Backward {
+        back: Backward<'a>,
+        common: Option<&'a Lines>,
+    },
+}
+
+fn map(x: &[f32], y: &[f32], channels: usize, job: Map<'_>) -> Vec<f32> {
+    assert_eq!(x.len(), y.len());
+    let mut output = vec![0.0; x.len()];
+    let piece = ROWS * channels.max(1);
+    let inputs = x.par_chunks(piece).zip(y.par_chunks(piece));
+    output
+        .par_chunks_mut(piece)
+        .zip(inputs)
+        .for_each(|(output, (x, y))| {
+            let kernel = Mapping {
+                x,
+                y,
+                channels,
+                job,
+                output: Shared::new(output),
+            };
+            // SAFETY: all slices have the lengths that the kernel relies on.
+            unsafe { Level::here().run(kernel) }
+        });
+    output
+}
+
+struct Mapping<'a> {
+    x: &'a [f32],
+    y: &'a [f32],
+    channels: usize,
+    job: Map<'a>,
+    output: Shared<'a>,
+}
+
+impl Kernel for Mapping<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(self) {
+        for row in (0..self.x.len()).step_by(self.channels) {
+            for c in (0..self.channels).step_by(V::LANES) {
+                let count = self.channels - c;
+                // SAFETY: rows have `channels` floats.
+                unsafe {
+                    let x = V::load_some(self.x.as_ptr().add(row + c), count);
+                    let value = match self.job {
+                        Map::Normalise { lines, relu } => {
+                            let value = lines.at(x, c, count);
+                            if relu {
+                                value.max(V::splat(0.0))
+                            } else {
+                                value
+                            }
+                        }
+                        Map::Backward { back, common } => {
+                            let grad = V::load_some(self.y.as_ptr().add(row + c), count);
+                            let mut grad = back.passed(x, grad, c, count);
+                            if let Some(common) = common {
+                                let x = back.standard.at(x, c, count);
+                                grad = grad.sub(common.at(x, c, count));
+                            }
+                            grad.mul(V::load_some(back.lines.slope.as_ptr().add(c), count))
+                        }
+                    };
+                    let to = self.output.at(row + c, count.min(V::LANES));
+                    value.store_some(to, count);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Memory that threads reuse, and memory that they share.
+
+use std::marker::PhantomData;
+use std::ops::{Deref, DerefMut};
+use std::sync::Mutex;
+
+/// Floats that start at a cache line, so that no aligned vector straddles two.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Buffer {
+    lines: Vec<Line>,
+    length: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Line([f32; 16]);
+
+impl Buffer {
+    /// `length` zeros.
+    pub(crate) fn zeros(length: usize) -> Self {
+        Self {
+            lines: vec![Line([0.0; 16]); length.div_ceil(16)],
+            length,
+        }
+    }
+}
+
+impl Deref for Buffer {
+    type Target = [f32];
+
+    fn deref(&self) -> &[f32] {
+        // SAFETY: lines are arrays of floats without gaps, and hold at least `length`.
+        unsafe { std::slice::from_raw_parts(self.lines.as_ptr().cast(), self.length) }
+    }
+}
+
+impl DerefMut for Buffer {
+    fn deref_mut(&mut self) -> &mut [f32] {
+        // SAFETY: as above.
+        unsafe { std::slice::from_raw_parts_mut(self.lines.as_mut_ptr().cast(), self.length) }
+    }
+}
+
+/// Working memory of each thread, kept from call to call.
+#[derive(Debug)]
+pub(crate) struct Scratch {
+    /// Of the thread that runs an operation, for all threads.
+    whole: Mutex<Buffer>,
+    /// Of each thread of the pool, and of any other.
+    slots: Vec<Mutex<Buffer>>,
+}
+
+impl Scratch {
+    pub(crate) fn new() -> Self {
+        let slots = (0..=rayon::current_num_threads()).map(|_| Mutex::default());
+        Self {
+            whole: Mutex::default(),
+            slots: slots.collect(),
+        }
+    }
+
+    /// Calls `f` with `length` floats of any value, of this thread.
+    pub(crate) fn with<R>(&self, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
+        let slot = rayon::current_thread_index().map_or(0, |i| i + 1);
+        Self::lend(self.slots.get(slot), length, f)
+    }
+
+    /// Calls `f` with `length` floats of any value, which it may share with other threads.
+    pub(crate) fn with_whole<R>(&self, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
+        Self::lend(Some(&self.whole), length, f)
+    }
+
+    fn lend<R>(slot: Option<&Mutex<Buffer>>, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
+        // Taken already only if a thread stole work in the midst of its own, or if two threads
+        // outside of the pool compute at once: rare.
+        let Some(Ok(mut memory)) = slot.map(Mutex::try_lock) else {
+            return f(&mut Buffer::zeros(length));
+        };
+        if memory.len() < length {
+            *memory = Buffer::zeros(length);
+        }
+        f(&mut memory[..length])
+    }
+}
+
+/// A slice that several tasks write, each other parts of it.
+#[derive(Clone, Copy)]
+pub(crate) struct Shared<'a> {
+    pointer: *mut f32,
+    length: usize,
+    _borrow: PhantomData<&'a mut [f32]>,
+}
+
+// SAFETY: whoever calls `at` promises that no two tasks touch the same floats.
+unsafe impl Send for Shared<'_> {}
+// SAFETY: as above.
+unsafe impl Sync for Shared<'_> {}
+
+impl<'a> Shared<'a> {
+    pub(crate) fn new(values: &'a mut [f32]) -> Self {
+        Self {
+            pointer: values.as_mut_ptr(),
+            length: values.len(),
+            _borrow: PhantomData,
+        }
+    }
+
+    /// A pointer to `length` floats from `start` on.
+    ///
+    /// # Safety
+    /// They lie inside the slice, and no other task uses them.
+    #[inline(always)]
+    pub(crate) unsafe fn at(self, start: usize, length: usize) -> *mut f32 {
+        debug_assert!(start + length <= self.length);
+        // SAFETY: as demanded from the caller.
+        unsafe { self.pointer.add(start) }
+    }
+}

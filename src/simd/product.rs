@@ -1,0 +1,244 @@
+//! The matrix product that every layer comes down to: rows of inputs times panels of weights.
+
+use super::{Buffer, Kernel, Level, Vector};
+use rayon::prelude::*;
+
+/// A matrix in memory: element (r, k) is at `pointer + r * row + k * step`.
+#[derive(Clone, Copy)]
+pub(crate) struct Rows {
+    pub(crate) pointer: *const f32,
+    pub(crate) row: usize,
+    pub(crate) step: usize,
+}
+
+/// `N` rows times a panel of two vectors' width.
+///
+/// # Safety
+/// As for `Vector`; `a` has `N` rows of `depth`, the panel has `depth` rows `b_row` apart.
+#[inline(always)]
+unsafe fn tile<V: Vector, const N: usize>(
+    a: Rows,
+    depth: usize,
+    b: *const f32,
+    b_row: usize,
+) -> [[V; 2]; N] {
+    // SAFETY: as demanded from the caller.
+    unsafe {
+        let mut sums = [[V::splat(0.0); 2]; N];
+        for k in 0..depth {
+            let b = b.add(k * b_row);
+            let (left, right) = (V::load(b), V::load(b.add(V::LANES)));
+            let a_k = a.pointer.add(k * a.step);
+            for (r, sum) in sums.iter_mut().enumerate() {
+                let value = V::splat(*a_k.add(r * a.row));
+                sum[0] = value.mul_add(left, sum[0]);
+                sum[1] = value.mul_add(right, sum[1]);
+            }
+        }
+        sums
+    }
+}
+
+/// `count` rows times a panel of two vectors' width; `sink(row, sums)` takes each result.
+///
+/// A row's result does not depend on which rows it is computed with.
+///
+/// # Safety
+/// As for `Vector`; `a` has `count` rows of `depth`, the panel has `depth` rows `b_row` apart.
+#[inline(always)]
+pub(crate) unsafe fn product<V: Vector>(
+    a: Rows,
+    count: usize,
+    depth: usize,
+    b: *const f32,
+    b_row: usize,
+    mut sink: impl FnMut(usize, [V; 2]),
+) {
+    let mut first = 0;
+    for blocks in (1..=count.div_ceil(V::ROWS)).rev() {
+        let rows = (count - first).div_ceil(blocks);
+        macro_rules! tiles {
+            ($($n:literal)*) => {
+                match rows {
+                    $($n => {
+                        // SAFETY: as demanded from the caller.
+                        let sums = unsafe {
+                            let pointer = a.pointer.add(first * a.row);
+                            tile::<V, $n>(Rows { pointer, ..a }, depth, b, b_row)
+                        };
+                        for (r, sum) in sums.into_iter().enumerate() {
+                            sink(first + r, sum);
+                        }
+                    })*
+                    _ => unreachable!("no vector has more than 14 rows"),
+                }
+            };
+        }
+        tiles!(1 2 3 4 5 6 7 8 9 10 11 12 13 14);
+        first += rows;
+    }
+}
+
+/// What follows a product and its bias.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Tail<'a> {
+    /// Added; of the form of the output.
+    pub(crate) skip: Option<&'a [f32]>,
+    /// Cuts off below 0.
+    pub(crate) relu: bool,
+}
+
+impl Tail<'_> {
+    /// Finishes `count` floats of the output from `at` on.
+    ///
+    /// # Safety
+    /// As for `Vector`; the skip, if any, has these floats.
+    #[inline(always)]
+    pub(crate) unsafe fn finish<V: Vector>(&self, sum: V, at: usize, count: usize) -> V {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            let sum = match self.skip {
+                Some(skip) => sum.add(V::load_some(skip.as_ptr().add(at), count)),
+                None => sum,
+            };
+            if self.relu {
+                sum.max(V::splat(0.0))
+            } else {
+                sum
+            }
+        }
+    }
+}
+
+/// A matrix `[depth, columns]` and a bias, cut into panels `[panel][depth][width]` and padded with
+/// zeros.
+#[derive(Clone, Debug)]
+pub(crate) struct Packed {
+    level: Level,
+    depth: usize,
+    columns: usize,
+    /// Two vectors.
+    width: usize,
+    values: Buffer,
+    /// Padded to whole panels.
+    bias: Vec<f32>,
+}
+
+impl Packed {
+    /// Packs `at(row, column)`; an empty bias is 0.
+    pub(crate) fn new(
+        level: Level,
+        (depth, columns): (usize, usize),
+        bias: &[f32],
+        at: impl Fn(usize, usize) -> f32,
+    ) -> Self {
+        let width = 2 * level.lanes();
+        let panels = columns.div_ceil(width);
+        let mut values = Buffer::zeros(panels * depth * width);
+        for (i, values) in values.chunks_exact_mut(width).enumerate() {
+            let (first, row) = (i / depth * width, i % depth);
+            for (value, column) in values.iter_mut().zip(first..columns) {
+                *value = at(row, column);
+            }
+        }
+        let mut bias = bias.to_vec();
+        bias.resize(panels * width, 0.0);
+        Self {
+            level,
+            depth,
+            columns,
+            width,
+            values,
+            bias,
+        }
+    }
+
+    pub(crate) fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// `output [rows, columns] = tail(x [rows, depth] * self + bias)`, on this thread.
+    pub(crate) fn apply(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
+        let rows = output.len() / self.columns.max(1);
+        assert_eq!(x.len(), rows * self.depth, "input");
+        assert_eq!(output.len(), rows * self.columns, "output");
+        assert!(tail.skip.is_none_or(|skip| skip.len() == output.len()));
+        let kernel = Apply {
+            packed: self,
+            x,
+            tail,
+            output,
+            rows,
+        };
+        // SAFETY: the assertions hold what the kernel relies on.
+        unsafe { self.level.run(kernel) }
+    }
+
+    /// The same with all threads.
+    pub(crate) fn apply_parallel(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
+        /// Rows of one task: whole register tiles of every level.
+        const ROWS: usize = 84;
+        let piece = ROWS * self.columns.max(1);
+        let outputs = output.par_chunks_mut(piece).enumerate();
+        outputs.for_each(|(i, output)| {
+            let rows = output.len() / self.columns.max(1);
+            let x = &x[i * ROWS * self.depth..][..rows * self.depth];
+            let skip = tail.skip.map(|skip| &skip[i * piece..][..output.len()]);
+            self.apply(x, Tail { skip, ..tail }, output);
+        });
+    }
+}
+
+struct Apply<'a> {
+    packed: &'a Packed,
+    x: &'a [f32],
+    tail: Tail<'a>,
+    output: &'a mut [f32],
+    rows: usize,
+}
+
+impl Kernel for Apply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(self) {
+        let Packed {
+            depth,
+            columns,
+            width,
+            ..
+        } = *self.packed;
+        let rows = Rows {
+            pointer: self.x.as_ptr(),
+            row: depth,
+            step: 1,
+        };
+        let output = self.output.as_mut_ptr();
+        for first in (0..columns).step_by(width) {
+            // SAFETY: the caller checked all lengths; bias and panels are padded.
+            unsafe {
+                let bias = self.packed.bias.as_ptr().add(first);
+                let bias = [V::load(bias), V::load(bias.add(V::LANES))];
+                let panel = self.packed.values.as_ptr().add(first * depth);
+                product::<V>(
+                    rows,
+                    self.rows,
+                    depth,
+                    panel,
+                    width,
+                    #[inline(always)]
+                    |r, sums| {
+                        for (half, (sum, bias)) in sums.into_iter().zip(bias).enumerate() {
+                            let column = first + half * V::LANES;
+                            if column < columns {
+                                let (at, count) = (r * columns + column, columns - column);
+                                let value = self.tail.finish(sum.add(bias), at, count);
+                                value.store_some(output.add(at), count);
+                            }
+                        }
+                    },
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! What is done to single rows between products.
+
+use super::{Kernel, Level, Vector};
+
+/// A weighted sum of four rows, plus two more, cut off below 0.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Blend<'a> {
+    /// Rows and their weights.
+    pub(crate) parts: [(&'a [f32], f32); 4],
+    /// Rows that are added as they are.
+    pub(crate) terms: [&'a [f32]; 2],
+}
+
+impl Blend<'_> {
+    /// Computes a row as long as all others.
+    pub(crate) fn apply(self, level: Level, output: &mut [f32]) {
+        let lengths = self.parts.iter().map(|(row, _)| row.len());
+        let mut lengths = lengths.chain(self.terms.iter().map(|row| row.len()));
+        assert!(lengths.all(|length| length == output.len()));
+        // SAFETY: all rows have the same length.
+        unsafe { level.run(BlendRow(self, output)) }
+    }
+}
+
+struct BlendRow<'a>(Blend<'a>, &'a mut [f32]);
+
+impl Kernel for BlendRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(self) {
+        let Self(Blend { parts, terms }, output) = self;
+        for c in (0..output.len()).step_by(V::LANES) {
+            let count = output.len() - c;
+            // SAFETY: all rows have the same length.
+            unsafe {
+                let first = V::load_some(terms[0].as_ptr().add(c), count);
+                let mut sum = first.add(V::load_some(terms[1].as_ptr().add(c), count));
+                for (row, weight) in parts {
+                    let row = V::load_some(row.as_ptr().add(c), count);
+                    sum = row.mul_add(V::splat(weight), sum);
+                }
+                let sum = sum.max(V::splat(0.0));
+                sum.store_some(output.as_mut_ptr().add(c), count);
+            }
+        }
+    }
+}
+
+/// `output = rows [output, factors] * factors + constant`.
+pub(crate) fn dot_rows(
+    level: Level,
+    rows: &[f32],
+    factors: &[f32],
+    constant: f32,
+    output: &mut [f32],
+) {
+    assert_eq!(rows.len(), output.len() * factors.len());
+    let kernel = DotRows {
+        rows,
+        factors,
+        constant,
+        output,
+    };
+    // SAFETY: the assertion holds what the kernel relies on.
+    unsafe { level.run(kernel) }
+}
+
+struct DotRows<'a> {
+    rows: &'a [f32],
+    factors: &'a [f32],
+    constant: f32,
+    output: &'a mut [f32],
+}
+
+impl Kernel for DotRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(self) {
+        let width = self.factors.len();
+        for (r, output) in self.output.iter_mut().enumerate() {
+            // SAFETY: there are as many rows as outputs, `width` floats each.
+            unsafe {
+                let row = self.rows.as_ptr().add(r * width);
+                let mut sum = V::splat(0.0);
+                for c in (0..width).step_by(V::LANES) {
+                    let factor = V::load_some(self.factors.as_ptr().add(c), width - c);
+                    sum = V::load_some(row.add(c), width - c).mul_add(factor, sum);
+                }
+                *output = sum.total() + self.constant;
+            }
+        }
+    }
+}
