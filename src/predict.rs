@@ -79,7 +79,7 @@ pub struct ImageBases(Values);
 
 #[derive(Clone, Debug)]
 enum Values {
-    Net(Bases),
+    Net(Box<Bases>),
     Plan(PlannedBases),
 }
 
@@ -203,6 +203,14 @@ impl Completer {
         self
     }
 
+    /// Changes the height and width down to whose number of pixels larger images are reduced
+    /// before the network sees them.
+    #[must_use]
+    pub fn with_input(mut self, input: [usize; 2]) -> Self {
+        self.normalisation.input = input;
+        self
+    }
+
     /// Completes `sparse` under the guidance of `rgb`, at `size` or the size of `rgb`.
     ///
     /// # Errors
@@ -269,7 +277,7 @@ impl Completer {
         Ok(ImageBases(match &self.engine {
             Engine::Net(net, device) => {
                 let image = image_tensor(&[&working], mean, deviation, device)?;
-                Values::Net(net.bases(image))
+                Values::Net(Box::new(net.bases(image)))
             }
             Engine::Plan(plan) => {
                 let (width, height) = working.dimensions();

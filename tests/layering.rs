@@ -42,7 +42,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "cli",
         &[
             "config", "device", "eval", "train", "report", "predict", "metrics", "fit", "sample",
-            "data", "error",
+            "data", "simd", "error",
         ],
     ),
 ];

@@ -28,6 +28,8 @@ pub(super) enum Command {
     Train(Train),
     /// Write a frame of a dataset, with sparse points, as files for `complete`.
     Export(Export),
+    /// Measure how fast this machine completes depth.
+    Bench(Bench),
     /// Print every setting with its value.
     Config(Settings),
 }
@@ -54,6 +56,9 @@ pub(super) struct Complete {
     /// Fit by iteratively reweighted least squares, against outliers.
     #[arg(long)]
     pub(super) irls: bool,
+    /// Show the network every pixel, instead of a large image reduced to the size of training.
+    #[arg(long)]
+    pub(super) full: bool,
     /// Replace existing results.
     #[arg(long)]
     pub(super) force: bool,
@@ -145,6 +150,27 @@ pub(super) struct Train {
     /// Where to compute.
     #[arg(long, default_value = "cpu", env = "LSDC_DEVICE")]
     pub(super) device: String,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct Bench {
+    /// Size of image and result, as WIDTHxHEIGHT.
+    #[arg(long, value_parser = size, default_value = "640x480")]
+    pub(super) size: Size,
+    /// Sparse points.
+    #[arg(long, default_value_t = 500)]
+    pub(super) points: usize,
+    /// Completions to measure, after one that is not.
+    #[arg(long, default_value_t = 15)]
+    pub(super) runs: usize,
+    /// Show the network every pixel, instead of a large image reduced to the size of training.
+    #[arg(long)]
+    pub(super) full: bool,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) model: Model,
 }
 
 #[derive(Debug, ClapArgs)]

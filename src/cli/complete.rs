@@ -35,6 +35,11 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
                 fit.irls
             };
             let completer = completer.with_fit(FitConfig { irls, ..fit });
+            let completer = if args.full {
+                completer.with_input([sparse.height(), sparse.width()])
+            } else {
+                completer
+            };
             let completion = completer.complete(&rgb, &sparse, args.size)?;
             (completion.depth.clone(), Some(completion))
         }

@@ -1,6 +1,7 @@
 //! The command line: what was typed, one file per command, and all that is printed.
 
 mod args;
+mod bench;
 mod complete;
 mod eval;
 mod export;
@@ -54,6 +55,7 @@ fn run(args: Args) -> Result<Exit> {
         Command::Eval(args) => eval::run(&args),
         Command::Train(args) => train::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Config(args) => {
             ui::print(&args.load()?.to_toml()?);
             Ok(Exit::Done)

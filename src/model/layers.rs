@@ -42,7 +42,8 @@ impl NormKind {
 
 /// What every layer needs to be built.
 pub(super) struct Init {
-    pub(super) rng: Rng,
+    /// Source of random weights; without it they are 0.
+    pub(super) rng: Option<Rng>,
     pub(super) norm: NormKind,
     pub(super) device: Device,
 }
@@ -51,7 +52,10 @@ impl Init {
     /// Normal values of the given standard deviation.
     fn normal<const D: usize>(&mut self, shape: [usize; D], deviation: f32) -> Param<Tensor<D>> {
         let count = shape.iter().product();
-        let values: Vec<f32> = (0..count).map(|_| self.rng.normal() * deviation).collect();
+        let values: Vec<f32> = match &mut self.rng {
+            None => vec![0.0; count],
+            Some(rng) => (0..count).map(|_| rng.normal() * deviation).collect(),
+        };
         Param::from_data(TensorData::new(values, shape), &self.device)
     }
 }
@@ -216,7 +220,9 @@ impl Conv {
         if let Some(line) = line {
             let rows = values.chunks_exact_mut(channels * taps * taps);
             for (row, (slope, _)) in rows.zip(line) {
-                row.iter_mut().for_each(|v| *v *= slope);
+                for value in row {
+                    *value *= slope;
+                }
             }
             bias.extend(line.iter().map(|(_, offset)| offset));
         }

@@ -116,9 +116,18 @@ impl BasisNetConfig {
     /// # Errors
     /// A setting is out of range.
     pub fn init(&self, seed: u64, device: &Device) -> Result<BasisNet> {
+        self.build(Some(Rng::stream(seed, &["weights"])), device)
+    }
+
+    /// Builds the network with weights 0, to be filled: random ones take longer than a completion.
+    fn blank(&self, device: &Device) -> Result<BasisNet> {
+        self.build(None, device)
+    }
+
+    fn build(&self, rng: Option<Rng>, device: &Device) -> Result<BasisNet> {
         self.check()?;
         let mut init = Init {
-            rng: Rng::stream(seed, &["weights"]),
+            rng,
             norm: self.norm,
             device: device.clone(),
         };

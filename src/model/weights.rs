@@ -127,7 +127,7 @@ impl Weights {
     /// # Errors
     /// A tensor that is missing, superfluous or of another shape.
     pub fn load(&self, device: &Device) -> Result<BasisNet> {
-        let net = self.record.network.init(0, device)?;
+        let net = self.record.network.blank(device)?;
         let mut filler = Filler::new(self);
         let net = net.map(&mut filler);
         let superfluous = filler

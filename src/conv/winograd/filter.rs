@@ -82,7 +82,7 @@ impl Kernel for Transform<'_> {
                 }
                 let width = 2 * V::LANES;
                 for i in 0..IN {
-                    let row = transform::filter([columns[0][i], columns[1][i], columns[2][i]]);
+                    let row = transform::filter(transform::column(&columns, i));
                     for (j, value) in row.into_iter().enumerate() {
                         let row = (o / width * SPECTRUM + i * IN + j) * self.channels;
                         let at = (row + self.channel) * width + o % width;

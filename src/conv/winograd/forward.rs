@@ -179,10 +179,7 @@ impl Forward<'_> {
                         if column >= width {
                             break;
                         }
-                        let values = transform::output(std::array::from_fn(
-                            #[inline(always)]
-                            |i| rows[i][j],
-                        ));
+                        let values = transform::output(transform::column(&rows, j));
                         for (i, value) in values.into_iter().enumerate() {
                             let row = y + i * dilation;
                             if row >= height {

@@ -222,10 +222,7 @@ impl Kernel for Inverse<'_> {
                     ));
                 }
                 for x in 0..3 {
-                    let taps = transform::filter_adjoint(std::array::from_fn(
-                        #[inline(always)]
-                        |i| rows[i][x],
-                    ));
+                    let taps = transform::filter_adjoint(transform::column(&rows, x));
                     for (y, value) in taps.into_iter().enumerate() {
                         let row = (y * 3 + x) * self.channels + self.channel;
                         let count = (self.outputs - o).min(V::LANES);

@@ -109,10 +109,7 @@ impl Images<'_> {
                     *row = one(values);
                 }
                 for j in 0..IN {
-                    let column = one(std::array::from_fn(
-                        #[inline(always)]
-                        |i| rows[i][j],
-                    ));
+                    let column = one(transform::column(&rows, j));
                     for (i, value) in column.into_iter().enumerate() {
                         sink(c, i * IN + j, value);
                     }

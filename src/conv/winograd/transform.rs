@@ -6,6 +6,18 @@
 use super::{IN, OUT};
 use crate::simd::Vector;
 
+/// One column of a block of rows, so that it can be transformed in turn.
+#[inline(always)]
+pub(super) fn column<V: Copy, const N: usize, const M: usize>(
+    rows: &[[V; M]; N],
+    j: usize,
+) -> [V; N] {
+    std::array::from_fn(
+        #[inline(always)]
+        |i| rows[i][j],
+    )
+}
+
 /// G g: a filter's spectrum.
 #[inline(always)]
 pub(super) unsafe fn filter<V: Vector>([a, b, c]: [V; 3]) -> [V; IN] {

@@ -2,8 +2,10 @@
 
 use super::dot;
 use crate::error::{Error, Result};
-use faer::linalg::solvers::Solve as _;
-use faer::{Mat, MatRef, Side};
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::{Llt, Solve as _};
+use faer::linalg::triangular_inverse::invert_lower_triangular;
+use faer::{Accum, Mat, MatRef, Par, Side};
 
 /// How a problem is solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,7 +23,7 @@ pub struct Problem {
     rows: Vec<usize>,
     roots: Vec<f64>,
     matrix: Mat<f64>,
-    depths: Vec<f64>,
+    pub(super) depths: Vec<f64>,
 }
 
 /// Weights of the base functions and the rank they were found with.
@@ -34,10 +36,10 @@ pub struct Solution {
 }
 
 /// The kept part of a singular value decomposition: `matrix = u diag(s) v^T`.
-struct Kept {
-    u: Mat<f64>,
-    s: Vec<f64>,
-    v: Mat<f64>,
+pub(super) struct Kept {
+    pub(super) u: Mat<f64>,
+    pub(super) s: Vec<f64>,
+    pub(super) v: Mat<f64>,
 }
 
 impl Problem {
@@ -76,6 +78,9 @@ impl Problem {
         }
         match solver {
             Solver::Truncated(rcond) => {
+                if let Some(solution) = self.full_rank(rcond) {
+                    return Ok(solution);
+                }
                 let kept = self.decompose(rcond)?;
                 let inner = divide(transposed_times(kept.u.as_ref(), &self.depths), &kept.s);
                 Ok(Solution {
@@ -91,6 +96,53 @@ impl Problem {
                 rank: columns,
             }),
         }
+    }
+
+    /// The solution by the normal equations, if they show that nothing is to be left out and are
+    /// conditioned well enough to be trusted: several times faster than a decomposition.
+    pub(super) fn full_rank(&self, rcond: f64) -> Option<Solution> {
+        /// Normal equations square the condition of the matrix, so that f64 leaves 7 digits; a
+        /// step of refinement wins back the rest.
+        const WORST: f64 = 3e4;
+        let columns = self.matrix.ncols();
+        if self.rows.len() < columns {
+            return None;
+        }
+        let normal = self.normal();
+        let largest = (0..columns).map(|i| normal[(i, i)]).sum::<f64>().sqrt();
+        let factor = normal.llt(Side::Lower).ok()?;
+        let mut inverse = Mat::<f64>::zeros(columns, columns);
+        invert_lower_triangular(inverse.as_mut(), factor.L(), Par::Seq);
+        // Frobenius norms are bounds: largest >= s[0] and 1 / smallest >= 1 / s[last].
+        let condition = largest * inverse.norm_l2();
+        if condition.is_nan() || condition >= WORST.min(1.0 / rcond) {
+            return None;
+        }
+        let matrix = self.matrix.as_ref();
+        let solve = |d: &[f64]| solve(&factor, &transposed_times(matrix, d));
+        let mut weights = solve(&self.depths);
+        let residual = subtract(&self.depths, &times(matrix, &weights));
+        let step = solve(&residual);
+        weights.iter_mut().zip(step).for_each(|(w, s)| *w += s);
+        Some(Solution {
+            weights,
+            rank: columns,
+        })
+    }
+
+    /// `M^T M`.
+    fn normal(&self) -> Mat<f64> {
+        let columns = self.matrix.ncols();
+        let mut normal = Mat::<f64>::zeros(columns, columns);
+        matmul(
+            normal.as_mut(),
+            Accum::Replace,
+            self.matrix.transpose(),
+            self.matrix.as_ref(),
+            1.0,
+            Par::Seq,
+        );
+        normal
     }
 
     /// The gradients of `bases` (row by row) and `depths`, as given to `new` for `count` rows,
@@ -185,15 +237,7 @@ impl Problem {
     /// The inverse of the regularised normal equations, by Cholesky.
     fn ridge_inverse(&self, share: f64) -> Result<impl Fn(&[f64]) -> Vec<f64> + use<>> {
         let columns = self.matrix.ncols();
-        let mut normal = Mat::<f64>::zeros(columns, columns);
-        faer::linalg::matmul::matmul(
-            normal.as_mut(),
-            faer::Accum::Replace,
-            self.matrix.transpose(),
-            self.matrix.as_ref(),
-            1.0,
-            faer::Par::Seq,
-        );
+        let mut normal = self.normal();
         let trace: f64 = (0..columns).map(|i| normal[(i, i)]).sum();
         for i in 0..columns {
             normal[(i, i)] += share * trace / columns as f64;
@@ -202,15 +246,11 @@ impl Problem {
             Error::fit("the normal equations are not positive definite")
                 .hint("raise `fit.ridge`, or set it to 0 for the truncated SVD")
         })?;
-        Ok(move |b: &[f64]| {
-            let b = Mat::from_fn(b.len(), 1, |i, _| b[i]);
-            let x = factor.solve(&b);
-            (0..x.nrows()).map(|i| x[(i, 0)]).collect()
-        })
+        Ok(move |b: &[f64]| solve(&factor, b))
     }
 
     /// The singular directions with `s > rcond * s[0]`; a QR step first makes tall problems cheap.
-    fn decompose(&self, rcond: f64) -> Result<Kept> {
+    pub(super) fn decompose(&self, rcond: f64) -> Result<Kept> {
         let matrix = self.matrix.as_ref();
         let failed = |_| {
             Error::fit("the singular value decomposition did not converge")
@@ -246,11 +286,17 @@ struct Adjoint {
     depths: Vec<f64>,
 }
 
+fn solve(factor: &Llt<f64>, b: &[f64]) -> Vec<f64> {
+    let b = Mat::from_fn(b.len(), 1, |i, _| b[i]);
+    let x = factor.solve(&b);
+    (0..x.nrows()).map(|i| x[(i, 0)]).collect()
+}
+
 fn singular_values(svd: &faer::linalg::solvers::Svd<f64>) -> Vec<f64> {
     svd.S().column_vector().iter().copied().collect()
 }
 
-fn times(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
+pub(super) fn times(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
     let mut y = vec![0.0; a.nrows()];
     for (j, x) in x.iter().enumerate() {
         for (i, y) in y.iter_mut().enumerate() {
@@ -260,13 +306,13 @@ fn times(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
     y
 }
 
-fn transposed_times(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
+pub(super) fn transposed_times(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
     (0..a.ncols())
         .map(|j| x.iter().enumerate().map(|(i, x)| a[(i, j)] * x).sum())
         .collect()
 }
 
-fn divide(x: Vec<f64>, s: &[f64]) -> Vec<f64> {
+pub(super) fn divide(x: Vec<f64>, s: &[f64]) -> Vec<f64> {
     x.into_iter().zip(s).map(|(x, s)| x / s).collect()
 }
 

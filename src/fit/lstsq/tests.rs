@@ -1,5 +1,6 @@
 //! The op against closed forms and central differences.
 
+use super::problem::{divide, times, transposed_times};
 use super::{Problem, Solver, lstsq};
 use crate::rng::Rng;
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -234,4 +235,32 @@ fn values_that_are_not_finite_give_nan_not_a_panic() {
     let mut case = Case::new([1, 10, 3], EXACT);
     case.bases[4] = f64::NAN;
     assert!(case.loss(&case.bases, &case.depths).0.is_nan());
+}
+
+#[test]
+fn the_fast_path_is_taken_only_where_it_is_safe_and_agrees_with_the_decomposition() {
+    let (n, k) = (60, 9);
+    let (f, d, w) = (random(n * k, "f"), random(n, "d"), vec![1.0; n]);
+    // The last column is another one plus a little: singular values from 1 down to `little`.
+    let squeezed = |little: f64| {
+        let mut f = f.clone();
+        for row in f.chunks_exact_mut(k) {
+            row[k - 1] = row[0] + little * row[k - 1];
+        }
+        Problem::new(&f, &d, &w)
+    };
+    for little in [1.0, 1e-2, 1e-3] {
+        let problem = squeezed(little);
+        let fast = problem.full_rank(1e-9).unwrap();
+        let kept = problem.decompose(1e-9).unwrap();
+        let inner = divide(transposed_times(kept.u.as_ref(), &problem.depths), &kept.s);
+        assert_close(&fast.weights, &times(kept.v.as_ref(), &inner), 1e-9);
+        assert_eq!(fast.rank, k);
+    }
+    for little in [1e-5, 1e-8, 0.0] {
+        assert!(squeezed(little).full_rank(1e-9).is_none());
+    }
+    assert!(squeezed(1e-2).full_rank(0.1).is_none(), "must be truncated");
+    let few = Problem::new(&f[..5 * k], &d[..5], &w[..5]);
+    assert!(few.full_rank(1e-9).is_none(), "fewer points than functions");
 }

@@ -120,7 +120,7 @@ impl ExtractorPlan {
                 run.layer(layer, &pooled, None, true)
             })
             .collect();
-        let all = self.gather(&raw, &skip, &branches, pool);
+        let all = gather(&raw, &skip, &branches, pool);
         for map in branches.into_iter().chain([raw, skip]) {
             pool.give(map);
         }
@@ -130,31 +130,31 @@ impl ExtractorPlan {
         pool.give(merged);
         features
     }
+}
 
-    /// Puts all maps side by side, the branches enlarged bilinearly.
-    fn gather(&self, raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
-        let maps = [raw, skip].into_iter().chain(branches);
-        let channels: usize = maps.map(Map::channels).sum();
-        let mut all = pool.take(raw.height, raw.width, channels);
-        let rows = all.values.par_chunks_exact_mut(raw.width * channels);
-        rows.enumerate().for_each(|(y, row)| {
-            for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-                let mut rest = pixel;
-                for map in [raw, skip] {
-                    let (own, others) = rest.split_at_mut(map.channels());
-                    let from = (y * raw.width + x) * own.len();
-                    own.copy_from_slice(&map.values[from..from + own.len()]);
-                    rest = others;
-                }
-                for map in branches {
-                    let (own, others) = rest.split_at_mut(map.channels());
-                    enlarge(map, (y, raw.height), (x, raw.width), own);
-                    rest = others;
-                }
+/// Puts all maps side by side, the branches enlarged bilinearly.
+fn gather(raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
+    let maps = [raw, skip].into_iter().chain(branches);
+    let channels: usize = maps.map(Map::channels).sum();
+    let mut all = pool.take(raw.height, raw.width, channels);
+    let rows = all.values.par_chunks_exact_mut(raw.width * channels);
+    rows.enumerate().for_each(|(y, row)| {
+        for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+            let mut rest = pixel;
+            for map in [raw, skip] {
+                let (own, others) = rest.split_at_mut(map.channels());
+                let from = (y * raw.width + x) * own.len();
+                own.copy_from_slice(&map.values[from..from + own.len()]);
+                rest = others;
             }
-        });
-        all
-    }
+            for map in branches {
+                let (own, others) = rest.split_at_mut(map.channels());
+                enlarge(map, (y, raw.height), (x, raw.width), own);
+                rest = others;
+            }
+        }
+    });
+    all
 }
 
 /// The value of a map at pixel (y, x) of an enlarged one.
@@ -189,7 +189,9 @@ fn averages(map: &Map, pool: usize) -> Map {
         for (window, sum) in sums.chunks_exact_mut(channels).enumerate() {
             let columns = pool.min(map.width - window * pool);
             let scale = 1.0 / (rows.len() * columns) as f32;
-            sum.iter_mut().for_each(|s| *s *= scale);
+            for value in sum {
+                *value *= scale;
+            }
         }
     });
     Map {

@@ -59,7 +59,7 @@ fn agree(net: &BasisNet, level: Level, size: (usize, usize), output: (usize, usi
         .step_by(7)
         .map(|p| p as u32)
         .collect();
-    let reference = plain.at(output, &[pixels.clone()]).into_data();
+    let reference = plain.at(output, std::slice::from_ref(&pixels)).into_data();
     let reference: Vec<f32> = reference.iter::<f32>().collect();
     let rows = planned.at(output, &pixels);
     assert!(difference(&rows, &reference) < 1e-4, "{level:?} {size:?}");

@@ -1,0 +1,152 @@
+"""The network of a weights file as an ONNX graph, with normalisation folded into the weights."""
+
+import json
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+from safetensors.numpy import load_file
+from safetensors import safe_open
+
+EPSILON = 1e-5
+
+
+class Graph:
+    """Nodes and constants as they are added."""
+
+    def __init__(self, tensors: dict[str, np.ndarray]):
+        self.tensors = {name: t.astype(np.float32) for name, t in tensors.items()}
+        self.nodes = []
+        self.constants = []
+
+    def constant(self, value: np.ndarray) -> str:
+        name = f"c{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(value, name))
+        return name
+
+    def add(self, kind: str, *inputs: str, **attributes) -> str:
+        name = f"n{len(self.nodes)}"
+        self.nodes.append(helper.make_node(kind, list(inputs), [name], **attributes))
+        return name
+
+    def line(self, norm: str) -> tuple[np.ndarray, np.ndarray]:
+        """Slope and offset of a batch normalisation."""
+        part = {
+            key: self.tensors[f"{norm}.Batch.{key}"].astype(np.float64)
+            for key in ("gain", "shift", "running_mean", "running_variance")
+        }
+        slope = part["gain"] / np.sqrt(part["running_variance"] + EPSILON)
+        return slope, part["shift"] - part["running_mean"] * slope
+
+    def conv(self, x: str, name: str, stride=1, dilation=1, relu=True) -> str:
+        weight = self.tensors[f"{name}.conv.weight"].astype(np.float64)
+        slope, offset = self.line(f"{name}.norm")
+        weight = weight * slope[:, None, None, None]
+        return self.plain(x, weight, offset, stride, dilation, relu)
+
+    def plain(self, x: str, weight: np.ndarray, bias, stride=1, dilation=1, relu=False) -> str:
+        taps = weight.shape[2]
+        pad = dilation * (taps // 2)
+        inputs = [x, self.constant(weight.astype(np.float32))]
+        if bias is not None:
+            inputs.append(self.constant(bias.astype(np.float32)))
+        x = self.add(
+            "Conv",
+            *inputs,
+            strides=[stride] * 2,
+            dilations=[dilation] * 2,
+            pads=[pad] * 4,
+        )
+        return self.add("Relu", x) if relu else x
+
+    def resize(self, x: str, height: int, width: int, channels: int) -> str:
+        sizes = self.constant(np.array([1, channels, height, width], np.int64))
+        return self.add(
+            "Resize",
+            x,
+            "",
+            "",
+            sizes,
+            mode="linear",
+            coordinate_transformation_mode="half_pixel",
+        )
+
+
+def encode(height: int, width: int, octaves: int) -> np.ndarray:
+    """The positional encoding `[1, 4 octaves, height, width]`."""
+
+    def axis(length: int) -> np.ndarray:
+        c = (2 * np.arange(length) + 1) / length - 1
+        waves = [f(2**k * np.pi * c) for k in range(octaves - 1) for f in (np.sin, np.cos)]
+        return np.stack([c, c, *waves])
+
+    columns = np.broadcast_to(axis(width)[:, None, :], (2 * octaves, height, width))
+    rows = np.broadcast_to(axis(height)[:, :, None], (2 * octaves, height, width))
+    return np.concatenate([columns, rows])[None].astype(np.float32)
+
+
+def build(weights: str, height: int, width: int) -> onnx.ModelProto:
+    """Image `[1, 3, height, width]` to base functions `[1, N, height, width]`."""
+    with safe_open(weights, "np") as file:
+        config = json.loads(file.metadata()["network"])
+    graph = Graph(load_file(weights))
+    extractor = config["extractor"]
+    half = lambda n: (n + 1) // 2
+    h, w = half(half(height)), half(half(width))
+
+    x = "image"
+    for i in range(3):
+        x = graph.conv(x, f"extractor.stem.{i}", stride=2 if i == 0 else 1)
+    taps = []
+    for stage, (name, stride, dilation) in enumerate(
+        [("half", 1, 1), ("quarter", 2, 1), ("wide", 1, 1), ("dilated", 1, 2)]
+    ):
+        for block in range(extractor["stages"][stage]["blocks"]):
+            at = f"extractor.{name}.{block}"
+            step = stride if block == 0 else 1
+            y = graph.conv(x, f"{at}.first", stride=step, dilation=dilation)
+            y = graph.conv(y, f"{at}.second", dilation=dilation, relu=False)
+            if f"{at}.shortcut.conv.weight" in graph.tensors:
+                x = graph.conv(x, f"{at}.shortcut", stride=step, relu=False)
+            x = graph.add("Add", y, x)
+        taps.append(x)
+    raw, skip = taps[1], taps[3]
+    parts = [raw, skip]
+    for i, pool in enumerate(extractor["pools"]):
+        y = graph.add(
+            "AveragePool",
+            skip,
+            kernel_shape=[pool] * 2,
+            strides=[pool] * 2,
+            ceil_mode=1,
+            count_include_pad=0,
+        )
+        y = graph.conv(y, f"extractor.branches.{i}")
+        parts.append(graph.resize(y, h, w, extractor["branch"]))
+    x = graph.add("Concat", *parts, axis=1)
+    x = graph.conv(x, "extractor.merge")
+    x = graph.plain(x, graph.tensors["extractor.project.weight"], None)
+    x = graph.resize(x, height, width, extractor["features"])
+    codes = graph.constant(encode(height, width, config["octaves"]))
+    x = graph.add("Concat", x, codes, axis=1)
+    for i in range(len(config["hidden"])):
+        weight = graph.tensors[f"head.hidden.{i}.linear.weight"].astype(np.float64)
+        slope, offset = graph.line(f"head.hidden.{i}.norm")
+        x = graph.plain(x, (weight * slope).T[:, :, None, None], offset, relu=True)
+    last = graph.tensors["head.last.weight"].T[:, :, None, None]
+    graph.plain(x, last, None)
+    graph.nodes[-1].output[0] = "bases"
+
+    tensor = lambda name, channels: helper.make_tensor_value_info(
+        name, TensorProto.FLOAT, [1, channels, height, width]
+    )
+    body = helper.make_graph(
+        graph.nodes,
+        "lsdc",
+        [tensor("image", 3)],
+        [tensor("bases", config["bases"])],
+        graph.constants,
+    )
+    model = helper.make_model(body, opset_imports=[helper.make_opsetid("", 19)], ir_version=9)
+    onnx.checker.check_model(model)
+    return model
