@@ -1,7 +1,7 @@
 //! Image and sparse depths to dense depth: the only place where bases and fit meet.
 
 use crate::classic;
-use crate::data::DepthMap;
+use crate::data::{self, DepthMap};
 use crate::error::{Error, Result};
 use crate::fit::{Fit, FitConfig, fit};
 use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
@@ -225,14 +225,26 @@ impl Completer {
         let started = Instant::now();
         let bases = self.bases(rgb)?;
         let network = started.elapsed();
+        let mut completion = self.complete_with(&bases, sparse, size)?;
+        completion.timings.network = network;
+        Ok(completion)
+    }
 
+    /// Completes `sparse` with base functions that were kept: new points for the same image cost
+    /// only a fit. The result has `size` or the size of `sparse`.
+    ///
+    /// # Errors
+    /// No point, or damaged weights.
+    pub fn complete_with(
+        &self,
+        bases: &ImageBases,
+        sparse: &DepthMap,
+        size: Option<Size>,
+    ) -> Result<Completion> {
         let started = Instant::now();
-        let points: Vec<_> = sparse.points().collect();
-        let pixels = points
-            .iter()
-            .map(|p| (p.y * sparse.width() + p.x) as u32)
-            .collect::<Vec<u32>>();
-        let depths: Vec<f32> = points.iter().map(|p| p.depth).collect();
+        let pixel = |p: data::Point| (p.y * sparse.width() + p.x) as u32;
+        let pixels: Vec<u32> = sparse.points().map(pixel).collect();
+        let depths: Vec<f32> = sparse.points().map(|p| p.depth).collect();
         let rows = bases.at((sparse.height(), sparse.width()), &pixels);
         let fit = fit(&rows, &depths, &self.fit)?;
         let fitting = started.elapsed();
@@ -248,15 +260,14 @@ impl Completer {
             *value = value.clamp(low / RANGE, high * RANGE);
         }
         let depth = DepthMap::new(size.width, size.height, values)?;
-        let timings = Timings {
-            network,
-            fit: fitting,
-            dense: started.elapsed(),
-        };
         Ok(Completion {
             depth,
             fit,
-            timings,
+            timings: Timings {
+                network: Duration::ZERO,
+                fit: fitting,
+                dense: started.elapsed(),
+            },
         })
     }
 

@@ -13,7 +13,7 @@ mod x86;
 pub use level::Level;
 pub(crate) use memory::{Buffer, Scratch, Shared};
 pub(crate) use product::{Packed, Rows, Tail, product};
-pub(crate) use rows::{Blend, dot_rows};
+pub(crate) use rows::{Blend, blend_rows, dot_rows};
 
 /// The longest vector of any level.
 const MOST_LANES: usize = 16;
@@ -75,7 +75,15 @@ pub(crate) trait Vector: Copy {
         let mut buffer = [0.0; MOST_LANES];
         // SAFETY: as demanded from the caller.
         unsafe { self.store(buffer.as_mut_ptr()) };
-        buffer.iter().sum()
+        // By halves, which vector units can do.
+        let mut half = MOST_LANES / 2;
+        while half > 0 {
+            for i in 0..half {
+                buffer[i] += buffer[i + half];
+            }
+            half /= 2;
+        }
+        buffer[0]
     }
 }
 

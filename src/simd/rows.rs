@@ -11,37 +11,52 @@ pub(crate) struct Blend<'a> {
     pub(crate) terms: [&'a [f32]; 2],
 }
 
-impl Blend<'_> {
-    /// Computes a row as long as all others.
-    pub(crate) fn apply(self, level: Level, output: &mut [f32]) {
-        let lengths = self.parts.iter().map(|(row, _)| row.len());
-        let mut lengths = lengths.chain(self.terms.iter().map(|row| row.len()));
-        assert!(lengths.all(|length| length == output.len()));
-        // SAFETY: all rows have the same length.
-        unsafe { level.run(BlendRow(self, output)) }
-    }
+/// Computes blends one after the other into `output [blends, columns]`.
+pub(crate) fn blend_rows<'a>(
+    level: Level,
+    blends: impl ExactSizeIterator<Item = Blend<'a>>,
+    columns: usize,
+    output: &mut [f32],
+) {
+    assert_eq!(output.len(), blends.len() * columns);
+    let kernel = BlendRows {
+        blends,
+        columns,
+        output,
+    };
+    // SAFETY: the assertion holds what the kernel relies on; it checks the rows itself.
+    unsafe { level.run(kernel) }
 }
 
-struct BlendRow<'a>(Blend<'a>, &'a mut [f32]);
+struct BlendRows<'a, I> {
+    blends: I,
+    columns: usize,
+    output: &'a mut [f32],
+}
 
-impl Kernel for BlendRow<'_> {
+impl<'a, I: ExactSizeIterator<Item = Blend<'a>>> Kernel for BlendRows<'_, I> {
     type Output = ();
 
     #[inline(always)]
     unsafe fn run<V: Vector>(self) {
-        let Self(Blend { parts, terms }, output) = self;
-        for c in (0..output.len()).step_by(V::LANES) {
-            let count = output.len() - c;
-            // SAFETY: all rows have the same length.
-            unsafe {
-                let first = V::load_some(terms[0].as_ptr().add(c), count);
-                let mut sum = first.add(V::load_some(terms[1].as_ptr().add(c), count));
-                for (row, weight) in parts {
-                    let row = V::load_some(row.as_ptr().add(c), count);
-                    sum = row.mul_add(V::splat(weight), sum);
+        let outputs = self.output.chunks_exact_mut(self.columns.max(1));
+        for (Blend { parts, terms }, output) in self.blends.zip(outputs) {
+            let lengths = parts.iter().map(|(row, _)| row.len());
+            let mut lengths = lengths.chain(terms.iter().map(|row| row.len()));
+            assert!(lengths.all(|length| length == output.len()));
+            for c in (0..output.len()).step_by(V::LANES) {
+                let count = output.len() - c;
+                // SAFETY: all rows have the same length.
+                unsafe {
+                    let first = V::load_some(terms[0].as_ptr().add(c), count);
+                    let mut sum = first.add(V::load_some(terms[1].as_ptr().add(c), count));
+                    for (row, weight) in parts {
+                        let row = V::load_some(row.as_ptr().add(c), count);
+                        sum = row.mul_add(V::splat(weight), sum);
+                    }
+                    let sum = sum.max(V::splat(0.0));
+                    sum.store_some(output.as_mut_ptr().add(c), count);
                 }
-                let sum = sum.max(V::splat(0.0));
-                sum.store_some(output.as_mut_ptr().add(c), count);
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::dot;
 use crate::error::{Error, Result};
-use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::{Accum, Mat, MatRef, Par, Side};
@@ -130,15 +130,18 @@ impl Problem {
         })
     }
 
-    /// `M^T M`.
+    /// The lower half of `M^T M`.
     fn normal(&self) -> Mat<f64> {
         let columns = self.matrix.ncols();
         let mut normal = Mat::<f64>::zeros(columns, columns);
         matmul(
             normal.as_mut(),
+            BlockStructure::TriangularLower,
             Accum::Replace,
             self.matrix.transpose(),
+            BlockStructure::Rectangular,
             self.matrix.as_ref(),
+            BlockStructure::Rectangular,
             1.0,
             Par::Seq,
         );

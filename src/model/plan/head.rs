@@ -4,7 +4,7 @@ use super::map::Map;
 use crate::model::bases::BasisHead;
 use crate::model::encoding;
 use crate::model::grid::neighbours;
-use crate::simd::{Blend, Level, Packed, Scratch, Tail, dot_rows};
+use crate::simd::{Blend, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
 use rayon::prelude::*;
 
 #[derive(Debug)]
@@ -137,9 +137,9 @@ impl HeadPlan {
     ) -> &'a [f32] {
         let count = pixels.len();
         let (mut x, mut rest) = memory.split_at_mut(count * self.features.columns());
-        for (pixel, output) in pixels.zip(x.chunks_exact_mut(self.features.columns())) {
-            places.blend(pixel, output.len()).apply(self.level, output);
-        }
+        let columns = self.features.columns();
+        let blends = pixels.map(|pixel| places.blend(pixel, columns));
+        blend_rows(self.level, blends, columns, x);
         for layer in &self.hidden {
             let (output, others) = rest.split_at_mut(count * layer.columns());
             let tail = Tail {
