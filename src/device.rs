@@ -33,9 +33,7 @@ pub fn device(name: &str) -> Result<Device> {
     }
 }
 
-/// burn's authors prefer flex and mark ndarray as deprecated; it stays available on request.
 #[cfg(feature = "ndarray")]
-#[allow(deprecated)]
 fn ndarray() -> Device {
     Device::ndarray()
 }

@@ -14,6 +14,9 @@
 //! # }
 //! ```
 
+// burn's authors deprecate ndarray in favour of flex; it stays available on request.
+#![cfg_attr(feature = "ndarray", allow(deprecated))]
+
 pub mod classic;
 pub mod cli;
 pub mod config;
