@@ -126,6 +126,8 @@ pub struct Timings {
     pub network: Duration,
     /// Base functions at the points, and the solve.
     pub fit: Duration,
+    /// The solve alone.
+    pub solve: Duration,
     /// Base functions at every pixel, times weights.
     pub dense: Duration,
 }
@@ -136,7 +138,7 @@ impl Completer {
     /// # Errors
     /// None in a sound build.
     pub fn load() -> Result<Self> {
-        Self::with_weights(&embedded_weights()?, &Device::flex())
+        Self::open(None, &Device::flex())
     }
 
     /// Weights from a file, or those that come with the program.
@@ -144,14 +146,7 @@ impl Completer {
     /// # Errors
     /// A file that cannot be read or is no weights file.
     pub fn open(weights: Option<&Path>, device: &Device) -> Result<Self> {
-        let weights = match weights {
-            None => embedded_weights()?,
-            Some(path) => {
-                let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
-                Weights::from_bytes(&bytes, &path.display().to_string())?
-            }
-        };
-        Self::with_weights(&weights, device)
+        Self::with_weights(&open_weights(weights)?, device)
     }
 
     /// Uses the given weights with the fit that they were trained for.
@@ -242,10 +237,8 @@ impl Completer {
         size: Option<Size>,
     ) -> Result<Completion> {
         let started = Instant::now();
-        let pixel = |p: data::Point| (p.y * sparse.width() + p.x) as u32;
-        let pixels: Vec<u32> = sparse.points().map(pixel).collect();
-        let depths: Vec<f32> = sparse.points().map(|p| p.depth).collect();
-        let rows = bases.at((sparse.height(), sparse.width()), &pixels);
+        let (rows, depths) = at_points(bases, sparse);
+        let reading = started.elapsed();
         let fit = fit(&rows, &depths, &self.fit)?;
         let fitting = started.elapsed();
 
@@ -266,9 +259,19 @@ impl Completer {
             timings: Timings {
                 network: Duration::ZERO,
                 fit: fitting,
+                solve: fitting - reading,
                 dense: started.elapsed(),
             },
         })
+    }
+
+    /// Fits base functions to points, without a dense depth map.
+    ///
+    /// # Errors
+    /// No point, or damaged weights.
+    pub fn fit(&self, bases: &ImageBases, sparse: &DepthMap) -> Result<Fit> {
+        let (rows, depths) = at_points(bases, sparse);
+        fit(&rows, &depths, &self.fit)
     }
 
     /// The base functions of an image. A larger image than those of training is first reduced to
@@ -293,7 +296,7 @@ impl Completer {
             Engine::Plan(plan) => {
                 let (width, height) = working.dimensions();
                 let image = image_values(&working, mean, deviation);
-                Values::Plan(plan.bases(image, (height as usize, width as usize)))
+                Values::Plan(plan.bases(&image, (height as usize, width as usize)))
             }
         }))
     }
@@ -306,6 +309,14 @@ impl Completer {
 pub fn complete_linear(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
     check_sizes(rgb, sparse)?;
     classic::linear(sparse)
+}
+
+/// Base functions `[points, N + 1]` and depths at the points.
+fn at_points(bases: &ImageBases, sparse: &DepthMap) -> (Vec<f32>, Vec<f32>) {
+    let pixel = |p: data::Point| (p.y * sparse.width() + p.x) as u32;
+    let pixels: Vec<u32> = sparse.points().map(pixel).collect();
+    let rows = bases.at((sparse.height(), sparse.width()), &pixels);
+    (rows, sparse.points().map(|p| p.depth).collect())
 }
 
 fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
@@ -324,6 +335,14 @@ fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
     ))
 }
 
-fn embedded_weights() -> Result<Weights> {
-    Weights::from_bytes(EMBEDDED, "embedded weights")
+/// Weights from a file, or those that come with the program.
+///
+/// # Errors
+/// A file that cannot be read or is no weights file.
+pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
+    let Some(path) = path else {
+        return Weights::from_bytes(EMBEDDED, "embedded weights");
+    };
+    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    Weights::from_bytes(&bytes, &path.display().to_string())
 }

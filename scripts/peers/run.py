@@ -1,12 +1,19 @@
 #!/usr/bin/env python3
-"""Times lsdc and other runtimes of the same network with the same weights, in turns.
+"""Times lsdc and other programs at the same work with the same weights, in turns.
 
-    python3 scripts/peers/run.py --size 304x228
+    python3 scripts/peers/run.py completion --size 304x228
+    python3 scripts/peers/run.py training --preset paper
+    python3 scripts/peers/run.py solve
 
 Needs Python 3.10 and `cargo build --release`. Packages come from PyPI into a scratch environment
-(`target/peers`). First it checks that all compute the same: base functions of each peer, fitted
-in NumPy, against the depth map of lsdc. Then it times all in turns and prints medians and ratios
-to ONNX Runtime: image to base functions for the peers, image to dense depth for lsdc.
+(`target/peers`; PyTorch is a large download). Prints medians, their range, and ratios to the first
+peer.
+
+completion  image to base functions for the peers, image to dense depth for lsdc, the fit included;
+            first checks that all compute the same depth map
+training    a step of batch 2 with every pixel in the loss: forward, fit, backward, Adam
+solve       500 and 1000 points, 129 base functions, f64, one thread: lsdc (rows to weights) against
+            MKL's Cholesky on the normal equations and MKL's gelsd, as PyTorch calls them
 """
 
 import argparse
@@ -21,39 +28,95 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ["numpy", "onnx", "safetensors", "onnxruntime", "openvino", "pillow"]
+SCRATCH = ROOT / "target/peers"
+PACKAGES = ["numpy", "onnx", "safetensors", "onnxruntime", "openvino", "pillow", "torch"]
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
+    parser.add_argument("task", choices=["completion", "training", "solve"])
     parser.add_argument("--size", default="304x228", help="WIDTHxHEIGHT")
     parser.add_argument("--points", type=int, default=500)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--runs", type=int, default=5, help="runs of each program in a round")
+    keep = "make the C library keep freed pages, for all programs (lsdc does by itself)"
+    parser.add_argument("--keep-pages", action="store_true", help=keep)
+    parser.add_argument("--preset", help="random weights of a preset (paper, medium, small)")
     parser.add_argument("--weights", default=str(ROOT / "assets/weights.safetensors"))
     parser.add_argument("--lsdc", default=str(ROOT / "target/release/lsdc"))
-    parser.add_argument("--torch", action="store_true", help="time PyTorch too (a large download)")
     return parser.parse_args()
 
 
 def enter_environment(args: argparse.Namespace) -> None:
     """Runs this script again inside the scratch environment."""
-    folder = ROOT / "target/peers"
-    python = folder / "bin/python"
-    if Path(sys.prefix) == folder:
+    if args.keep_pages:
+        for name in ["MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"]:
+            os.environ[name] = str(1 << 30)
+    if Path(sys.prefix) == SCRATCH:
         return
+    python = SCRATCH / "bin/python"
     if not python.exists():
-        venv.create(folder, with_pip=True)
-    packages = PACKAGES + (["torch", "onnx2torch"] if args.torch else [])
-    subprocess.run([python, "-m", "pip", "install", "-q", *packages], check=True)
+        venv.create(SCRATCH, with_pip=True)
+    subprocess.run([python, "-m", "pip", "install", "-q", *PACKAGES], check=True)
     os.execv(python, [str(python), *sys.argv])
 
 
-def peers(model: bytes, args: argparse.Namespace) -> dict:
+def lsdc(args: argparse.Namespace, *words) -> str:
+    environment = {**os.environ, "RAYON_NUM_THREADS": str(args.threads)}
+    return subprocess.run(
+        [args.lsdc, *map(str, words)], check=True, capture_output=True, env=environment
+    ).stdout
+
+
+def random_weights(args: argparse.Namespace) -> str:
+    """A weights file of a preset after one step of training on one room."""
+    path = SCRATCH / f"{args.preset}.safetensors"
+    if not path.exists():
+        with tempfile.TemporaryDirectory() as folder:
+            settings = ["train.steps=1", "train.held_out=0", "data.rooms.train=2", "fit.ridge=1e-4"]
+            words = [word for setting in settings for word in ("--set", setting)]
+            words += ["--set", f'preset="{args.preset}"']
+            lsdc(args, "train", "--dataset", "rooms", *words, "-o", f"{folder}/run")
+            (Path(folder) / "run/weights.safetensors").rename(path)
+    return str(path)
+
+
+def seconds(run, count: int) -> float:
+    """Mean over a few runs after one."""
+    run()
+    started = time.perf_counter()
+    for _ in range(count):
+        run()
+    return (time.perf_counter() - started) / count
+
+
+def race(title: str, rounds: int, programs: dict) -> None:
+    """Calls each program, which returns milliseconds, in turns."""
+    times = {name: [] for name in programs}
+    for _ in range(rounds):
+        for name, program in programs.items():
+            times[name].append(program())
+    print(title)
+    reference = statistics.median(times[list(programs)[1]])
+    for name, values in times.items():
+        median = statistics.median(values)
+        print(
+            f"{name:<14} {median:9.2f} ms  {median / reference:5.2f} x"
+            f"  ({min(values):.2f} to {max(values):.2f})"
+        )
+
+
+def peers(args: argparse.Namespace, width: int, height: int) -> dict:
     """Functions from an image to base functions, by name."""
     import onnxruntime
     import openvino
+    import torch
+    from network import build
+    from pytorch import Network
 
+    model = build(args.weights, height, width).SerializeToString()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = args.threads
     session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
@@ -64,57 +127,40 @@ def peers(model: bytes, args: argparse.Namespace) -> dict:
         "PERFORMANCE_HINT": "LATENCY",
     }
     compiled = core.compile_model(core.read_model(model), "CPU", settings)
-    runs = {
+    torch.set_num_threads(args.threads)
+    net = Network(args.weights).fold().to(memory_format=torch.channels_last)
+
+    def pytorch(image):
+        with torch.inference_mode():
+            x = torch.from_numpy(image).to(memory_format=torch.channels_last)
+            return net(x).numpy()
+
+    return {
         "onnxruntime": lambda image: session.run(None, {"image": image})[0],
         "openvino": lambda image: compiled(image)[0],
+        "pytorch": pytorch,
     }
-    if args.torch:
-        import onnx
-        import torch
-        from onnx2torch import convert
-
-        torch.set_num_threads(args.threads)
-        net = convert(onnx.load_from_string(model)).eval().to(memory_format=torch.channels_last)
-
-        def run(image):
-            with torch.inference_mode():
-                x = torch.from_numpy(image).to(memory_format=torch.channels_last)
-                return net(x).numpy()
-
-        runs["pytorch"] = run
-    return runs
 
 
-def environment(args: argparse.Namespace) -> dict:
-    return {**os.environ, "RAYON_NUM_THREADS": str(args.threads)}
-
-
-def check(runs: dict, args: argparse.Namespace) -> "numpy.ndarray":
+def check(runs: dict, args: argparse.Namespace, width: int, height: int) -> "numpy.ndarray":
     """Compares the depth maps of all on one room; returns its normalised image."""
     import numpy as np
     from PIL import Image
     from safetensors import safe_open
 
-    width, height = map(int, args.size.split("x"))
     with safe_open(args.weights, "np") as file:
         record = file.metadata()
     normalisation = json.loads(record["normalisation"])
     ridge = json.loads(record["fit"])["ridge"]
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder)
-        lsdc = lambda *words: subprocess.run(
-            [args.lsdc, *map(str, words)], check=True, stdout=subprocess.DEVNULL
-        )
-        lsdc(
-            *("export", "--dataset", "rooms", "--points", args.points, "-o", room),
-            *("--set", f"data.rooms.width={width}", "--set", f"data.rooms.height={height}"),
-        )
+        sizes = [f"data.rooms.width={width}", f"data.rooms.height={height}"]
+        sizes = [word for size in sizes for word in ("--set", size)]
+        lsdc(args, "export", "--dataset", "rooms", "--points", args.points, "-o", room, *sizes)
         rgb = np.asarray(Image.open(room / "rgb.png"), np.float32) / 255
         sparse = np.load(room / "sparse.npy")
-        lsdc(
-            *("complete", room / "rgb.png", room / "sparse.npy", "--weights", args.weights),
-            "--full",
-        )
+        files = [room / "rgb.png", room / "sparse.npy"]
+        lsdc(args, "complete", *files, "--weights", args.weights, "--full")
         ours = np.load(room / "rgb_depth.npy")
     image = (rgb - normalisation["mean"]) / normalisation["deviation"]
     image = np.ascontiguousarray(image.transpose(2, 0, 1)[None], np.float32)
@@ -128,42 +174,80 @@ def check(runs: dict, args: argparse.Namespace) -> "numpy.ndarray":
         normal += ridge * np.trace(normal) / len(normal) * np.eye(len(normal))
         weights = np.linalg.solve(normal, rows.T @ sparse[at].astype(np.float64))
         depth = np.tensordot(weights, bases, 1).clip(low / 10, high * 10)
-        print(f"{name:<12} largest difference of depth {np.abs(depth - ours).max():.1e} m")
+        print(f"{name:<14} largest difference of depth {np.abs(depth - ours).max():.1e} m")
     return image
+
+
+def bench(args: argparse.Namespace, *words) -> dict:
+    common = ["--json", "--runs", args.runs, "--size", args.size, "--weights", args.weights]
+    return json.loads(lsdc(args, "bench", *common, *words))
+
+
+def completion(args: argparse.Namespace) -> None:
+    width, height = map(int, args.size.split("x"))
+    runs = peers(args, width, height)
+    image = check(runs, args, width, height)
+    ours = lambda: bench(args, "--full", "--points", args.points)["total_ms"]
+    others = {
+        name: lambda run=run: seconds(lambda: run(image), args.runs) * 1e3
+        for name, run in runs.items()
+    }
+    title = f"{args.size}, {args.points} points, {args.threads} threads"
+    race(title, args.rounds, {"lsdc": ours, **others})
+
+
+def training(args: argparse.Namespace) -> None:
+    import torch
+    from pytorch import trainer
+
+    torch.set_num_threads(args.threads)
+    width, height = map(int, args.size.split("x"))
+    step = trainer(args.weights, height, width, 2, 1000)
+    programs = {
+        "lsdc": lambda: bench(args, "--training")["step_ms"],
+        "pytorch": lambda: seconds(step, args.runs) * 1e3,
+    }
+    race(f"{args.size}, batch 2, {args.threads} threads", args.rounds, programs)
+
+
+def solve(args: argparse.Namespace) -> None:
+    import torch
+
+    torch.set_num_threads(1)
+    for points in [500, 1000]:
+        generator = torch.Generator().manual_seed(0)
+        draw = lambda *shape: torch.randn(shape, generator=generator, dtype=torch.float64)
+        rows, depths = draw(points, 129), draw(points, 1)
+
+        def cholesky():
+            normal = rows.mT @ rows
+            normal.diagonal().add_(1e-4 * normal.diagonal().mean())
+            return torch.cholesky_solve(rows.mT @ depths, torch.linalg.cholesky(normal))
+
+        def gelsd():
+            return torch.linalg.lstsq(rows, depths, driver="gelsd").solution
+
+        words = [args.lsdc, "bench", "--json", "--points", str(points), "--runs", "50"]
+        environment = {**os.environ, "RAYON_NUM_THREADS": "1"}
+
+        def ours():
+            output = subprocess.run(words, check=True, capture_output=True, env=environment)
+            return json.loads(output.stdout)["solve_ms"]
+
+        programs = {
+            "lsdc": ours,
+            "MKL Cholesky": lambda: seconds(cholesky, 50) * 1e3,
+            "MKL gelsd": lambda: seconds(gelsd, 10) * 1e3,
+        }
+        race(f"{points} points, 129 base functions", args.rounds, programs)
 
 
 def main() -> None:
     args = arguments()
     enter_environment(args)
-    from network import build
-
-    width, height = map(int, args.size.split("x"))
-    runs = peers(build(args.weights, height, width).SerializeToString(), args)
-    image = check(runs, args)
-    times = {name: [] for name in ["lsdc", *runs]}
-    bench = [args.lsdc, "bench", "--json", "--full", "--runs", "5", "--size", args.size]
-    bench += ["--points", str(args.points), "--weights", args.weights]
-    for _ in range(args.rounds):
-        output = subprocess.run(
-            bench, check=True, capture_output=True, env=environment(args)
-        ).stdout
-        outcome = json.loads(output)
-        times["lsdc"].append(outcome["total_ms"])
-        for name, run in runs.items():
-            run(image)
-            started = time.perf_counter()
-            for _ in range(5):
-                run(image)
-            times[name].append((time.perf_counter() - started) / 5 * 1e3)
-    reference = statistics.median(times["onnxruntime"])
-    print(f"{args.size}, {args.points} points, {args.threads} threads, {outcome['instructions']}")
-    for name, values in times.items():
-        median = statistics.median(values)
-        print(
-            f"{name:<12} {median:8.1f} ms  {median / reference:5.2f} x"
-            f"  ({min(values):.1f} to {max(values):.1f})"
-        )
-    print(f"lsdc held {outcome['peak_mb']:.0f} MB at most")
+    if args.preset:
+        args.weights = random_weights(args)
+    {"completion": completion, "training": training, "solve": solve}[args.task](args)
 
 
 if __name__ == "__main__":

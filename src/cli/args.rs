@@ -154,18 +154,21 @@ pub(super) struct Train {
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct Bench {
-    /// Size of image and result, as WIDTHxHEIGHT.
-    #[arg(long, value_parser = size, default_value = "640x480")]
-    pub(super) size: Size,
+    /// Size of image and result, as WIDTHxHEIGHT [default: 640x480; with --training 304x228].
+    #[arg(long, value_parser = size)]
+    pub(super) size: Option<Size>,
     /// Sparse points.
     #[arg(long, default_value_t = 500)]
     pub(super) points: usize,
-    /// Completions to measure, after one that is not.
+    /// Completions or steps to measure, after one that is not.
     #[arg(long, default_value_t = 15)]
     pub(super) runs: usize,
     /// Show the network every pixel, instead of a large image reduced to the size of training.
     #[arg(long)]
     pub(super) full: bool,
+    /// Time steps of training instead: two images, every pixel in the loss.
+    #[arg(long, conflicts_with_all = ["full", "points"])]
+    pub(super) training: bool,
     /// Print one JSON object.
     #[arg(long)]
     pub(super) json: bool,

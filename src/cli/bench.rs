@@ -1,53 +1,120 @@
 //! `lsdc bench`: how fast is it on this machine.
 
-use super::args::Bench;
+use super::args::{Bench, Model};
 use super::{Exit, ui};
 use crate::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::predict::{Completer, Timings};
-use crate::sample::Pattern;
+use crate::fit::FitConfig;
+use crate::predict::{Completer, Timings, open_weights};
+use crate::sample::{AugmentConfig, Batch, Pattern, Protocol, Sampler, SamplerConfig, Size};
 use crate::simd::Level;
+use crate::train::{Learner, TrainConfig};
 use serde::Serialize;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Medians over all runs.
+/// What a time depends on.
 #[derive(Debug, Serialize)]
-struct Outcome {
-    /// Image to features.
-    network_ms: f64,
-    /// Base functions at the points, and the solve.
-    fit_ms: f64,
-    /// Dense depth from the weights.
-    dense_ms: f64,
-    /// Image in memory to dense depth in memory.
-    total_ms: f64,
-    /// The most memory that the process has held, where the system tells.
-    peak_mb: Option<f64>,
+struct Setting {
     device: String,
     threads: usize,
     instructions: &'static str,
     width: usize,
     height: usize,
-    points: usize,
     runs: usize,
+}
+
+/// Medians over all runs of a completion.
+#[derive(Debug, Serialize)]
+struct Completing {
+    /// Image to features.
+    network_ms: f64,
+    /// Base functions at the points, and the solve.
+    fit_ms: f64,
+    /// The solve alone.
+    solve_ms: f64,
+    /// Dense depth from the weights.
+    dense_ms: f64,
+    /// Image in memory to dense depth in memory.
+    total_ms: f64,
+    points: usize,
+    /// The most memory that the process has held, where the system tells.
+    peak_mb: Option<f64>,
+    #[serde(flatten)]
+    setting: Setting,
+}
+
+/// Medians over all steps of training.
+#[derive(Debug, Serialize)]
+struct Training {
+    /// Forward, fit, losses, backward and Adam.
+    step_ms: f64,
+    batch: usize,
+    peak_mb: Option<f64>,
+    #[serde(flatten)]
+    setting: Setting,
 }
 
 pub(super) fn run(args: &Bench) -> Result<Exit> {
     if args.runs == 0 {
         return Err(Error::config("`--runs` must be above 0"));
     }
+    if args.training {
+        let outcome = train(&args.model, size(args, 304, 228), args.runs)?;
+        let lines = [
+            work(&outcome.setting, &format!("{} images", outcome.batch)),
+            format!("step      {:8.1} ms", outcome.step_ms),
+        ];
+        return report(args.json, &outcome, lines.into(), outcome.peak_mb);
+    }
+    let outcome = complete(args, size(args, 640, 480))?;
+    let mut lines = vec![work(
+        &outcome.setting,
+        &format!("{} points", outcome.points),
+    )];
+    for (name, value) in [
+        ("network", outcome.network_ms),
+        ("fit", outcome.fit_ms),
+        ("dense", outcome.dense_ms),
+        ("total", outcome.total_ms),
+    ] {
+        lines.push(format!("{name:<9} {value:8.2} ms"));
+    }
+    report(args.json, &outcome, lines, outcome.peak_mb)
+}
+
+fn size(args: &Bench, width: usize, height: usize) -> Size {
+    args.size.unwrap_or(Size { height, width })
+}
+
+fn rooms(split: Split, size: Size) -> Result<Rooms> {
+    let config = RoomsConfig {
+        width: size.width,
+        height: size.height,
+        ..RoomsConfig::default()
+    };
+    Rooms::new(split, &config)
+}
+
+fn setting(model: &Model, size: Size, runs: usize) -> Setting {
+    Setting {
+        device: model.device.clone(),
+        threads: rayon::current_num_threads(),
+        instructions: Level::here().name(),
+        width: size.width,
+        height: size.height,
+        runs,
+    }
+}
+
+fn complete(args: &Bench, size: Size) -> Result<Completing> {
     let mut completer =
         Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
     if args.full {
-        completer = completer.with_input([args.size.height, args.size.width]);
+        completer = completer.with_input([size.height, size.width]);
     }
-    let rooms = RoomsConfig {
-        width: args.size.width,
-        height: args.size.height,
-        ..RoomsConfig::default()
-    };
-    let frame = Rooms::new(Split::Val, &rooms)?.load(0)?;
+    let frame = rooms(Split::Val, size)?.load(0)?;
     let sparse = Pattern::Exactly(args.points).draw(&frame.depth, 0, &frame.id);
 
     let mut times: Vec<(Timings, Duration)> = Vec::with_capacity(args.runs);
@@ -59,56 +126,97 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
             times.push((completion.timings, started.elapsed()));
         }
     }
-    let median = |of: fn(&(Timings, Duration)) -> Duration| {
-        let mut values: Vec<f64> = times.iter().map(|t| of(t).as_secs_f64() * 1e3).collect();
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let outcome = Outcome {
+    let median = |of: fn(&(Timings, Duration)) -> Duration| median(times.iter().map(of));
+    Ok(Completing {
         network_ms: median(|(t, _)| t.network),
         fit_ms: median(|(t, _)| t.fit),
+        solve_ms: median(|(t, _)| t.solve),
         dense_ms: median(|(t, _)| t.dense),
         total_ms: median(|(_, total)| *total),
-        peak_mb: peak_memory(),
-        device: args.model.device.clone(),
-        threads: rayon::current_num_threads(),
-        instructions: Level::here().name(),
-        width: args.size.width,
-        height: args.size.height,
         points: sparse.count(),
-        runs: args.runs,
-    };
-    if args.json {
-        ui::print(
-            &serde_json::to_string(&outcome)
-                .map_err(|e| Error::config("the outcome cannot be written as JSON").because(e))?,
-        );
-    } else {
-        show(&outcome);
-    }
-    Ok(Exit::Done)
+        peak_mb: peak_memory(),
+        setting: setting(&args.model, size, args.runs),
+    })
 }
 
-fn show(outcome: &Outcome) {
-    ui::print(&format!(
-        "machine   {}, {} threads, {}",
-        outcome.device, outcome.threads, outcome.instructions
-    ));
-    ui::print(&format!(
-        "work      {}x{}, {} points, median of {} runs",
-        outcome.width, outcome.height, outcome.points, outcome.runs
-    ));
-    for (name, value) in [
-        ("network", outcome.network_ms),
-        ("fit", outcome.fit_ms),
-        ("dense", outcome.dense_ms),
-        ("total", outcome.total_ms),
-    ] {
-        ui::print(&format!("{name:<9} {value:8.2} ms"));
+/// Trains the network of the weights from the start.
+fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
+    let device = device(&model.device)?.autodiff();
+    let record = open_weights(model.weights.as_deref())?.record;
+    let config = TrainConfig::default();
+    let sampler = SamplerConfig {
+        protocol: Protocol::default(),
+        augment: AugmentConfig::default(),
+        supervision: config.supervision,
+        batch: config.batch,
+        seed: config.seed,
+    };
+    let frames = Arc::new(rooms(Split::Train, size)?);
+    let samples = Sampler::new(frames, (0..config.batch).collect(), sampler)?.batch(0)?;
+    let colours = record.normalisation;
+    let batch = Batch::new(&samples, colours.mean, colours.deviation, &device)?;
+    // Random base functions may depend on each other.
+    let fit = FitConfig {
+        ridge: 1e-4,
+        ..FitConfig::default()
+    };
+    let net = record.network.init(config.seed, &device)?;
+    let mut learner = Learner::new(net, &fit, &config);
+    let mut times = Vec::with_capacity(runs);
+    for run in 0..=runs {
+        let started = Instant::now();
+        (learner, _) = learner.step(&batch, config.learning_rate)?;
+        if run > 0 {
+            times.push(started.elapsed());
+        }
     }
-    if let Some(peak) = outcome.peak_mb {
+    Ok(Training {
+        step_ms: median(times.into_iter()),
+        batch: config.batch,
+        peak_mb: peak_memory(),
+        setting: setting(model, size, runs),
+    })
+}
+
+/// In milliseconds.
+fn median(times: impl Iterator<Item = Duration>) -> f64 {
+    let mut values: Vec<f64> = times.map(|t| t.as_secs_f64() * 1e3).collect();
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn work(setting: &Setting, what: &str) -> String {
+    format!(
+        "machine   {}, {} threads, {}\nwork      {}x{}, {what}, median of {} runs",
+        setting.device,
+        setting.threads,
+        setting.instructions,
+        setting.width,
+        setting.height,
+        setting.runs
+    )
+}
+
+fn report(
+    json: bool,
+    outcome: &impl Serialize,
+    lines: Vec<String>,
+    peak: Option<f64>,
+) -> Result<Exit> {
+    if json {
+        ui::print(
+            &serde_json::to_string(outcome)
+                .map_err(|e| Error::config("the outcome cannot be written as JSON").because(e))?,
+        );
+        return Ok(Exit::Done);
+    }
+    for line in lines {
+        ui::print(&line);
+    }
+    if let Some(peak) = peak {
         ui::print(&format!("memory    {peak:8.1} MB at most"));
     }
+    Ok(Exit::Done)
 }
 
 /// The most memory that this process has held, in megabytes.

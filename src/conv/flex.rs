@@ -2,7 +2,7 @@
 
 use super::shape::Shape;
 use super::{ConvBackend, ConvSpec, Layer, channels_first, channels_last, layer};
-use crate::simd::{Level, Scratch, Tail};
+use crate::simd::{Level, Scratch};
 use burn::backend::ops::ModuleOps as _;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
@@ -26,9 +26,7 @@ impl ConvBackend for Flex {
         let shape = shape(&x, &weight, spec);
         let sizes = [shape.outputs, shape.channels, shape.taps];
         let layer = Layer::new(Level::here(), weight.storage(), sizes, &[], spec);
-        let mut output = vec![0.0; shape.out_pixels() * shape.outputs];
-        let (size, tail) = (shape.size(), Tail::default());
-        layer.apply(x.storage(), size, tail, scratch(), &mut output);
+        let output = layer.output(x.storage(), shape.size(), scratch());
         let (height, width) = shape.out();
         tensor(output, [shape.batch, height, width, shape.outputs])
     }

@@ -4,11 +4,12 @@
 use super::shape::Shape;
 use super::winograd::{self, Filter};
 use super::{ConvSpec, unfold};
-use crate::simd::{Level, Packed, Scratch, Tail};
+use crate::simd::{Level, Packed, Scratch, Tail, Unset, unset, written};
+use rayon::prelude::*;
 
 /// A convolution whose weights are prepared for the kernels, with a bias.
 #[derive(Clone, Debug)]
-pub(crate) struct Layer {
+pub struct Layer {
     channels: usize,
     outputs: usize,
     taps: usize,
@@ -24,13 +25,18 @@ enum Prepared {
 
 impl Layer {
     /// Prepares weights `[outputs, channels, taps, taps]`; an empty bias is 0.
-    pub(crate) fn new(
+    ///
+    /// # Panics
+    /// If there are not as many weights, or as many biases as outputs.
+    pub fn new(
         level: Level,
         weights: &[f32],
         [outputs, channels, taps]: [usize; 3],
         bias: &[f32],
         spec: ConvSpec,
     ) -> Self {
+        assert_eq!(weights.len(), outputs * channels * taps * taps, "weights");
+        assert!(bias.is_empty() || bias.len() == outputs, "bias");
         let shape = Shape {
             batch: 1,
             height: 1,
@@ -42,7 +48,7 @@ impl Layer {
         };
         let area = taps * taps;
         let weights = if shape.is_winograd() {
-            let turned = arrange(weights, [outputs, channels, area], |[o, c, t]| [t, c, o]);
+            let turned = transposed(weights, outputs, channels * area);
             let sizes = (channels, outputs);
             Prepared::Spectrum(Filter::new(level, &turned, sizes, spec.dilation, bias))
         } else {
@@ -73,8 +79,12 @@ impl Layer {
         }
     }
 
-    /// `output [batch, height', width', outputs]` from `x [batch, height, width, channels]`.
-    pub(crate) fn apply(
+    /// `output [batch, height', width', outputs]` from `x [batch, height, width, channels]` of
+    /// `size` (batch, height, width).
+    ///
+    /// # Panics
+    /// If a slice does not have the length of its sizes.
+    pub fn apply(
         &self,
         x: &[f32],
         size: [usize; 3],
@@ -82,8 +92,32 @@ impl Layer {
         scratch: &Scratch,
         output: &mut [f32],
     ) {
+        // SAFETY: `write` writes floats.
+        self.write(x, size, tail, scratch, unsafe { unset(output) });
+    }
+
+    /// The same into new memory.
+    pub(super) fn output(&self, x: &[f32], size: [usize; 3], scratch: &Scratch) -> Vec<f32> {
+        let length = self.shape(size).out_pixels() * self.outputs;
+        // SAFETY: `write` sets every float.
+        unsafe {
+            written(length, |output| {
+                self.write(x, size, Tail::default(), scratch, output);
+            })
+        }
+    }
+
+    /// `apply`, which sets every float of the output.
+    fn write(
+        &self,
+        x: &[f32],
+        size: [usize; 3],
+        tail: Tail<'_>,
+        scratch: &Scratch,
+        output: &mut Unset,
+    ) {
         match &self.weights {
-            Prepared::Spectrum(filter) => filter.apply(x, size, tail, scratch, output),
+            Prepared::Spectrum(filter) => filter.write(x, size, tail, scratch, output),
             Prepared::Matrix(matrix) => {
                 unfold::forward(x, matrix, &self.shape(size), tail, scratch, output);
             }
@@ -102,13 +136,17 @@ pub(super) fn input_gradient(
 ) -> Vec<f32> {
     let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
     if shape.is_winograd() {
-        let dims = [outputs, channels, area];
-        let turned = arrange(weights, dims, |[o, c, t]| [area - 1 - t, o, c]);
+        let turned = reversed(weights, channels);
         let dilation = shape.spec.dilation;
         let filter = Filter::new(level, &turned, (outputs, channels), dilation, &[]);
-        let mut x = vec![0.0; shape.size().iter().product::<usize>() * channels];
-        filter.apply(grad, shape.size(), Tail::default(), scratch, &mut x);
-        return x;
+        let length = shape.size().iter().product::<usize>() * channels;
+        let tail = Tail::default();
+        // SAFETY: `write` sets every float.
+        return unsafe {
+            written(length, |x| {
+                filter.write(grad, shape.size(), tail, scratch, x);
+            })
+        };
     }
     let at = |o: usize, column: usize| {
         weights[(o * channels + column % channels) * area + column / channels]
@@ -125,35 +163,54 @@ pub(super) fn weight_gradient(
     shape: &Shape,
     scratch: &Scratch,
 ) -> Vec<f32> {
-    let sizes = (shape.channels, shape.outputs);
-    let gradient = if shape.is_winograd() {
-        {
-            let dilation = shape.spec.dilation;
-            winograd::weight_gradient(level, x, grad, shape.size(), sizes, dilation, scratch)
-        }
-    } else {
-        unfold::weight_gradient(level, x, grad, shape, scratch)
-    };
-    let dims = [shape.taps * shape.taps, shape.channels, shape.outputs];
-    arrange(&gradient, dims, |[t, c, o]| [o, c, t])
-}
-
-/// Reorders the axes of an array: `to` maps the indices and, in the same way, the sizes.
-fn arrange(values: &[f32], dims: [usize; 3], to: impl Fn([usize; 3]) -> [usize; 3]) -> Vec<f32> {
-    let last = to([dims[0] - 1, dims[1] - 1, dims[2] - 1]);
-    let first = to([0; 3]);
-    let sizes: [usize; 3] = std::array::from_fn(|i| last[i].max(first[i]) + 1);
-    let mut target = vec![0.0; values.len()];
-    let mut values = values.iter();
-    for a in 0..dims[0] {
-        for b in 0..dims[1] {
-            for c in 0..dims[2] {
-                let [i, j, k] = to([a, b, c]);
-                if let Some(value) = values.next() {
-                    target[(i * sizes[1] + j) * sizes[2] + k] = *value;
-                }
-            }
+    let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
+    if shape.is_winograd() {
+        let (sizes, dilation) = ((channels, outputs), shape.spec.dilation);
+        let gradient =
+            winograd::weight_gradient(level, x, grad, shape.size(), sizes, dilation, scratch);
+        return transposed(&gradient, channels * area, outputs);
+    }
+    let gradient = unfold::weight_gradient(level, x, grad, shape, scratch);
+    let mut target = vec![0.0; gradient.len()];
+    for (i, row) in gradient.chunks_exact(outputs.max(1)).enumerate() {
+        let (tap, channel) = (i / channels, i % channels);
+        for (o, value) in row.iter().enumerate() {
+            target[(o * channels + channel) * area + tap] = *value;
         }
     }
+    target
+}
+
+/// `[rows, columns]` to `[columns, rows]`.
+fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
+    /// A cache line of each row.
+    const BLOCK: usize = 16;
+    let mut target = vec![0.0; values.len()];
+    let blocks = target.par_chunks_mut((BLOCK * rows).max(1)).enumerate();
+    blocks.for_each(|(i, block)| {
+        let first = i * BLOCK;
+        let count = BLOCK.min(columns - first);
+        for (r, row) in values.chunks_exact(columns).enumerate() {
+            for (c, value) in row[first..first + count].iter().enumerate() {
+                block[c * rows + r] = *value;
+            }
+        }
+    });
+    target
+}
+
+/// Weights `[outputs, channels, 3, 3]` of the adjoint convolution: taps in reverse,
+/// `[outputs, 3, 3, channels]`.
+fn reversed(weights: &[f32], channels: usize) -> Vec<f32> {
+    let mut target = vec![0.0; weights.len()];
+    let size = 9 * channels;
+    let filters = target.par_chunks_mut(size).zip(weights.par_chunks(size));
+    filters.for_each(|(target, weights)| {
+        for (c, taps) in weights.chunks_exact(9).enumerate() {
+            for (t, tap) in taps.iter().rev().enumerate() {
+                target[t * channels + c] = *tap;
+            }
+        }
+    });
     target
 }

@@ -3,45 +3,76 @@
 //! Work is cut into the same pieces and summed in the same order whatever the number of threads.
 
 use super::shape::Shape;
-use crate::simd::{Kernel, Level, Packed, Rows, Scratch, Shared, Tail, Vector, product};
+use crate::simd::{Kernel, Level, Packed, Rows, Scratch, Shared, Tail, Unset, Vector, product, written};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Output pixels of one task.
 const PIXELS: usize = 84;
 
 impl Shape {
-    /// Calls `visit(column, source)` for every tap of output pixel `pixel`: the first of its
-    /// `channels` columns in the unfolded row, and of its floats in the input, if inside.
-    fn taps_of(&self, pixel: usize, mut visit: impl FnMut(usize, Option<usize>)) {
-        let (out_height, out_width) = self.out();
-        let (image, y, x) = (
-            pixel / out_width / out_height,
-            pixel / out_width % out_height,
-            pixel % out_width,
-        );
-        let spec = self.spec;
+    /// Image, row and column of output pixels from `first` on.
+    fn pixels(&self, first: usize) -> impl Iterator<Item = [usize; 3]> + use<> {
+        let (height, width) = self.out();
+        let start = [first / width / height, first / width % height, first % width];
+        std::iter::successors(Some(start), move |&[image, y, x]| {
+            Some(if x + 1 < width {
+                [image, y, x + 1]
+            } else if y + 1 < height {
+                [image, y + 1, 0]
+            } else {
+                [image + 1, 0, 0]
+            })
+        })
+    }
+
+    /// Calls `visit(columns, source)` for runs of the unfolded row of an output pixel, and where in
+    /// the input the run starts, if it is inside. Taps side by side make one run.
+    fn runs_of(
+        &self,
+        [image, y, x]: [usize; 3],
+        mut visit: impl FnMut(Range<usize>, Option<usize>),
+    ) {
+        let Shape { taps, spec, .. } = *self;
         let place = |i: usize, tap: usize, length: usize| {
             let place = (i * spec.stride + tap * spec.dilation).checked_sub(spec.padding);
             place.filter(|p| *p < length)
         };
-        for ky in 0..self.taps {
+        for ky in 0..taps {
             let row = place(y, ky, self.height);
-            for kx in 0..self.taps {
-                let source = row.zip(place(x, kx, self.width)).map(|(row, column)| {
+            let mut run = |kx: Range<usize>, column: Option<usize>| {
+                let source = row.zip(column).map(|(row, column)| {
                     ((image * self.height + row) * self.width + column) * self.channels
                 });
-                visit((ky * self.taps + kx) * self.channels, source);
+                let first = ky * taps;
+                visit(
+                    (first + kx.start) * self.channels..(first + kx.end) * self.channels,
+                    source,
+                );
+            };
+            if spec.dilation == 1 {
+                let start = x * spec.stride;
+                let low = spec.padding.saturating_sub(start).min(taps);
+                let high = (self.width + spec.padding).saturating_sub(start);
+                let high = high.clamp(low, taps);
+                run(0..low, None);
+                run(low..high, (start + low).checked_sub(spec.padding));
+                run(high..taps, None);
+            } else {
+                for kx in 0..taps {
+                    run(kx..kx + 1, place(x, kx, self.width));
+                }
             }
         }
     }
 
     /// The unfolded rows `[pixels, depth]` of output pixels from `first` on.
     fn unfold(&self, x: &[f32], first: usize, rows: &mut [f32]) {
-        for (i, row) in rows.chunks_exact_mut(self.depth()).enumerate() {
-            self.taps_of(first + i, |column, source| {
-                let to = &mut row[column..column + self.channels];
+        for (pixel, row) in self.pixels(first).zip(rows.chunks_exact_mut(self.depth())) {
+            self.runs_of(pixel, |columns, source| {
+                let to = &mut row[columns];
                 match source {
-                    Some(source) => to.copy_from_slice(&x[source..source + self.channels]),
+                    Some(source) => to.copy_from_slice(&x[source..source + to.len()]),
                     None => to.fill(0.0),
                 }
             });
@@ -50,11 +81,11 @@ impl Shape {
 
     /// Adds unfolded rows back onto the input: the adjoint of `unfold`.
     fn fold(&self, rows: &[f32], first: usize, x: &mut [f32]) {
-        for (i, row) in rows.chunks_exact(self.depth()).enumerate() {
-            self.taps_of(first + i, |column, source| {
+        for (pixel, row) in self.pixels(first).zip(rows.chunks_exact(self.depth())) {
+            self.runs_of(pixel, |columns, source| {
                 if let Some(source) = source {
-                    let to = &mut x[source..source + self.channels];
-                    let from = &row[column..column + self.channels];
+                    let from = &row[columns];
+                    let to = &mut x[source..source + from.len()];
                     to.iter_mut().zip(from).for_each(|(t, v)| *t += v);
                 }
             });
@@ -62,17 +93,17 @@ impl Shape {
     }
 }
 
-/// The convolution with weights `[depth, outputs]`.
+/// The convolution with weights `[depth, outputs]`; sets every float of the output.
 pub(super) fn forward(
     x: &[f32],
     weights: &Packed,
     shape: &Shape,
     tail: Tail<'_>,
     scratch: &Scratch,
-    output: &mut [f32],
+    output: &mut Unset,
 ) {
     if shape.is_pointwise() {
-        return weights.apply_parallel(x, tail, output);
+        return weights.write_parallel(x, tail, output);
     }
     let (depth, piece) = (shape.depth(), PIXELS * shape.outputs.max(1));
     let outputs = output.par_chunks_mut(piece).enumerate();
@@ -81,7 +112,7 @@ pub(super) fn forward(
         scratch.with(pixels * depth, |rows| {
             shape.unfold(x, i * PIXELS, rows);
             let skip = tail.skip.map(|skip| &skip[i * piece..][..output.len()]);
-            weights.apply(rows, Tail { skip, ..tail }, output);
+            weights.write(rows, Tail { skip, ..tail }, output);
         });
     });
 }
@@ -94,11 +125,16 @@ pub(super) fn input_gradient(
     scratch: &Scratch,
 ) -> Vec<f32> {
     let image = shape.height * shape.width * shape.channels;
-    let mut x = vec![0.0; shape.batch * image];
     if shape.is_pointwise() {
-        transposed.apply_parallel(grad, Tail::default(), &mut x);
-        return x;
+        let tail = Tail::default();
+        // SAFETY: `write_parallel` sets every float.
+        return unsafe {
+            written(shape.batch * image, |x| {
+                transposed.write_parallel(grad, tail, x);
+            })
+        };
     }
+    let mut x = vec![0.0; shape.batch * image];
     let pixels = shape.out().0 * shape.out().1;
     // Neighbouring outputs share inputs, so that a whole image is one task.
     x.par_chunks_mut(image.max(1))
@@ -119,6 +155,8 @@ pub(super) fn input_gradient(
 
 /// Sums that run side by side, at most.
 const PARTS: usize = 8;
+/// Pixels between two visits to a sum: a panel of their gradients fits first-level caches.
+const BLOCK: usize = 168;
 
 /// The gradient of the weights, `[depth, outputs]`.
 pub(super) fn weight_gradient(
@@ -131,25 +169,30 @@ pub(super) fn weight_gradient(
     let (depth, outputs) = (shape.depth(), shape.outputs);
     let pixels = shape.out_pixels();
     let padded = outputs.next_multiple_of(2 * level.lanes());
-    let part = pixels.div_ceil(PARTS).next_multiple_of(PIXELS);
+    // A convolution of one tap has its unfolded rows in memory.
+    let own = if shape.is_pointwise() { 0 } else { depth };
+    let part = pixels.div_ceil(PARTS).next_multiple_of(BLOCK);
     let starts: Vec<usize> = (0..pixels).step_by(part.max(1)).collect();
     let sums: Vec<Vec<f32>> = starts
         .par_iter()
         .map(|&start| {
             let mut sum = vec![0.0; depth * padded];
-            for first in (start..(start + part).min(pixels)).step_by(PIXELS) {
-                let count = PIXELS.min((start + part).min(pixels) - first);
-                scratch.with(count * (depth + padded), |memory| {
-                    let (rows, grads) = memory.split_at_mut(count * depth);
-                    shape.unfold(x, first, rows);
-                    let grad = grad[first * outputs..].chunks_exact(outputs);
-                    for (to, from) in grads.chunks_exact_mut(padded).zip(grad) {
-                        to[..outputs].copy_from_slice(from);
-                        to[outputs..].fill(0.0);
-                    }
+            let end = (start + part).min(pixels);
+            for first in (start..end).step_by(BLOCK) {
+                let count = BLOCK.min(end - first);
+                scratch.with(count * (own + padded), |memory| {
+                    let (panels, rows) = memory.split_at_mut(count * padded);
+                    let rows = if shape.is_pointwise() {
+                        &x[first * depth..][..count * depth]
+                    } else {
+                        shape.unfold(x, first, rows);
+                        rows
+                    };
+                    let grads = &grad[first * outputs..][..count * outputs];
+                    cut(grads, outputs, 2 * level.lanes(), panels);
                     let kernel = Correlate {
                         rows,
-                        grads,
+                        panels,
                         depth,
                         padded,
                         count,
@@ -174,10 +217,26 @@ pub(super) fn weight_gradient(
     total
 }
 
-/// Adds `rows^T [depth, count] * grads [count, padded]`.
+/// Cuts rows of `columns` into panels `[panel][row][width]`, padded with zeros.
+fn cut(rows: &[f32], columns: usize, width: usize, panels: &mut [f32]) {
+    let panel = rows.len() / columns.max(1) * width;
+    for (i, panel) in panels.chunks_exact_mut(panel.max(1)).enumerate() {
+        let first = i * width;
+        let count = width.min(columns - first);
+        for (to, row) in panel
+            .chunks_exact_mut(width)
+            .zip(rows.chunks_exact(columns))
+        {
+            to[..count].copy_from_slice(&row[first..first + count]);
+            to[count..].fill(0.0);
+        }
+    }
+}
+
+/// Adds `rows^T [depth, count] * panels [count, padded]`.
 struct Correlate<'a> {
     rows: &'a [f32],
-    grads: &'a [f32],
+    panels: &'a [f32],
     depth: usize,
     padded: usize,
     count: usize,
@@ -194,18 +253,20 @@ impl Kernel for Correlate<'_> {
             row: 1,
             step: self.depth,
         };
-        for first in (0..self.padded).step_by(2 * V::LANES) {
+        let width = 2 * V::LANES;
+        for first in (0..self.padded).step_by(width) {
             // SAFETY: as the caller made the memory.
             unsafe {
-                let grads = self.grads.as_ptr().add(first);
+                let panel = self.panels.as_ptr().add(first * self.count);
                 product::<V>(
                     rows,
                     self.depth,
                     self.count,
-                    grads,
-                    self.padded,
+                    panel,
+                    width,
+                    #[inline(always)]
                     |k, sums| {
-                        let to = self.sum.at(k * self.padded + first, 2 * V::LANES);
+                        let to = self.sum.at(k * self.padded + first, width);
                         let right = to.add(V::LANES);
                         V::load(to).add(sums[0]).store(to);
                         V::load(right).add(sums[1]).store(right);

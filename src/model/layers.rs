@@ -1,6 +1,6 @@
 //! The building blocks: convolution or linear map without bias, normalisation, ReLU.
 
-use crate::conv::{ConvSpec, Layer, conv2d};
+use crate::conv::{ConvSpec, Layer, conv2d, linear};
 use crate::error::{Error, Result};
 use crate::norm::{NormSpec, moments, normalise};
 use crate::rng::Rng;
@@ -281,7 +281,7 @@ impl Linear {
 
     /// `[rows, from]` to `[rows, to]`.
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        x.matmul(self.weight.val())
+        linear(x, self.weight.val())
     }
 
     /// The matrix, row by row, and its sizes.

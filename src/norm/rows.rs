@@ -3,11 +3,16 @@
 //! Work is cut into the same pieces whatever the number of threads, and pieces are summed in a
 //! fixed order, so results do not depend on the number of threads.
 
-use crate::simd::{Kernel, Level, Shared, Vector};
+use crate::simd::{Kernel, Level, Shared, Unset, Vector, written};
 use rayon::prelude::*;
 
-/// Rows of one piece.
-const ROWS: usize = 512;
+/// Floats of one piece: it is read twice, so it should fit second-level caches.
+const PIECE: usize = 1 << 16;
+
+/// Floats of the whole rows of one piece.
+fn piece(channels: usize) -> usize {
+    (PIECE / channels.max(1)).max(1) * channels.max(1)
+}
 
 /// `x * slope + offset` per channel: a normalisation with its gain and shift.
 #[derive(Clone, Debug)]
@@ -101,7 +106,7 @@ impl Backward<'_> {
     /// The gradients of gain and shift.
     pub(super) fn sums(&self, x: &[f32], grad: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let channels = self.lines.slope.len();
-        let piece = ROWS * channels;
+        let piece = piece(channels);
         let parts: Vec<_> = pieces(x, channels)
             .zip(grad.par_chunks(piece))
             .map(|(x, grad)| sums(x, channels, Term::Gradients { back: *self, grad }))
@@ -155,7 +160,7 @@ impl Backward<'_> {
 }
 
 fn pieces(x: &[f32], channels: usize) -> impl IndexedParallelIterator<Item = &[f32]> {
-    x.par_chunks(ROWS * channels.max(1))
+    x.par_chunks(piece(channels))
 }
 
 /// What is summed over the rows of a piece.
@@ -263,24 +268,24 @@ enum Map<'a> {
 
 fn map(x: &[f32], y: &[f32], channels: usize, job: Map<'_>) -> Vec<f32> {
     assert_eq!(x.len(), y.len());
-    let mut output = vec![0.0; x.len()];
-    let piece = ROWS * channels.max(1);
-    let inputs = x.par_chunks(piece).zip(y.par_chunks(piece));
-    output
-        .par_chunks_mut(piece)
-        .zip(inputs)
-        .for_each(|(output, (x, y))| {
+    let piece = piece(channels);
+    let write = |output: &mut Unset| {
+        let inputs = x.par_chunks(piece).zip(y.par_chunks(piece));
+        let outputs = output.par_chunks_mut(piece);
+        outputs.zip(inputs).for_each(|(output, (x, y))| {
             let kernel = Mapping {
                 x,
                 y,
                 channels,
                 job,
-                output: Shared::new(output),
+                output: Shared::unset(output),
             };
             // SAFETY: all slices have the lengths that the kernel relies on.
             unsafe { Level::here().run(kernel) }
         });
-    output
+    };
+    // SAFETY: the pieces make up the whole.
+    unsafe { written(x.len(), write) }
 }
 
 struct Mapping<'a> {

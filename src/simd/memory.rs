@@ -1,6 +1,7 @@
 //! Memory that threads reuse, and memory that they share.
 
 use std::marker::PhantomData;
+use std::mem::MaybeUninit;
 use std::ops::{Deref, DerefMut};
 use std::sync::Mutex;
 
@@ -23,6 +24,19 @@ impl Buffer {
             length,
         }
     }
+
+    /// Floats that fit without new memory.
+    pub(crate) fn capacity(&self) -> usize {
+        16 * self.lines.len()
+    }
+
+    /// Changes the length; all values are then of any kind.
+    pub(crate) fn reshape(&mut self, length: usize) {
+        if length > self.capacity() {
+            *self = Self::zeros(length);
+        }
+        self.length = length;
+    }
 }
 
 impl Deref for Buffer {
@@ -41,17 +55,48 @@ impl DerefMut for Buffer {
     }
 }
 
+/// Memory that is written before it is read: to clear it first would cost as much as a layer.
+pub(crate) type Unset = [MaybeUninit<f32>];
+
+/// A vector of so many floats that `write` sets.
+///
+/// # Safety
+/// `write` must set every float.
+pub(crate) unsafe fn written(length: usize, write: impl FnOnce(&mut Unset)) -> Vec<f32> {
+    let mut values = Vec::with_capacity(length);
+    write(&mut values.spare_capacity_mut()[..length]);
+    // SAFETY: they have been set, as demanded from the caller.
+    unsafe { values.set_len(length) };
+    values
+}
+
+/// Floats as memory to be written.
+///
+/// # Safety
+/// Nothing but floats may be written there.
+pub(crate) unsafe fn unset(values: &mut [f32]) -> &mut Unset {
+    // SAFETY: both have the same form; the rest is demanded from the caller.
+    unsafe { &mut *(std::ptr::from_mut(values) as *mut Unset) }
+}
+
 /// Working memory of each thread, kept from call to call.
 #[derive(Debug)]
-pub(crate) struct Scratch {
+pub struct Scratch {
     /// Of the thread that runs an operation, for all threads.
     whole: Mutex<Buffer>,
     /// Of each thread of the pool, and of any other.
     slots: Vec<Mutex<Buffer>>,
 }
 
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Scratch {
-    pub(crate) fn new() -> Self {
+    /// No memory yet; it grows to what the largest operation needs.
+    pub fn new() -> Self {
         let slots = (0..=rayon::current_num_threads()).map(|_| Mutex::default());
         Self {
             whole: Mutex::default(),
@@ -76,10 +121,8 @@ impl Scratch {
         let Some(Ok(mut memory)) = slot.map(Mutex::try_lock) else {
             return f(&mut Buffer::zeros(length));
         };
-        if memory.len() < length {
-            *memory = Buffer::zeros(length);
-        }
-        f(&mut memory[..length])
+        memory.reshape(length);
+        f(&mut memory)
     }
 }
 
@@ -98,8 +141,13 @@ unsafe impl Sync for Shared<'_> {}
 
 impl<'a> Shared<'a> {
     pub(crate) fn new(values: &'a mut [f32]) -> Self {
+        // SAFETY: the pointer is only handed out as one to floats.
+        Self::unset(unsafe { unset(values) })
+    }
+
+    pub(crate) fn unset(values: &'a mut Unset) -> Self {
         Self {
-            pointer: values.as_mut_ptr(),
+            pointer: values.as_mut_ptr().cast(),
             length: values.len(),
             _borrow: PhantomData,
         }

@@ -11,8 +11,10 @@ mod tests;
 mod x86;
 
 pub use level::Level;
-pub(crate) use memory::{Buffer, Scratch, Shared};
-pub(crate) use product::{Packed, Rows, Tail, product};
+pub use memory::Scratch;
+pub(crate) use memory::{Buffer, Shared, Unset, unset, written};
+pub use product::Tail;
+pub(crate) use product::{Packed, Rows, product};
 pub(crate) use rows::{Blend, blend_rows, dot_rows};
 
 /// The longest vector of any level.

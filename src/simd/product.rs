@@ -1,6 +1,6 @@
 //! The matrix product that every layer comes down to: rows of inputs times panels of weights.
 
-use super::{Buffer, Kernel, Level, Vector};
+use super::{Buffer, Kernel, Level, Shared, Unset, Vector, unset};
 use rayon::prelude::*;
 
 /// A matrix in memory: element (r, k) is at `pointer + r * row + k * step`.
@@ -81,11 +81,11 @@ pub(crate) unsafe fn product<V: Vector>(
 
 /// What follows a product and its bias.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Tail<'a> {
+pub struct Tail<'a> {
     /// Added; of the form of the output.
-    pub(crate) skip: Option<&'a [f32]>,
+    pub skip: Option<&'a [f32]>,
     /// Cuts off below 0.
-    pub(crate) relu: bool,
+    pub relu: bool,
 }
 
 impl Tail<'_> {
@@ -159,6 +159,12 @@ impl Packed {
 
     /// `output [rows, columns] = tail(x [rows, depth] * self + bias)`, on this thread.
     pub(crate) fn apply(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
+        // SAFETY: `write` writes floats.
+        self.write(x, tail, unsafe { unset(output) });
+    }
+
+    /// The same; sets every float of the output.
+    pub(crate) fn write(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset) {
         let rows = output.len() / self.columns.max(1);
         assert_eq!(x.len(), rows * self.depth, "input");
         assert_eq!(output.len(), rows * self.columns, "output");
@@ -167,15 +173,21 @@ impl Packed {
             packed: self,
             x,
             tail,
-            output,
+            output: Shared::unset(output),
             rows,
         };
         // SAFETY: the assertions hold what the kernel relies on.
         unsafe { self.level.run(kernel) }
     }
 
-    /// The same with all threads.
+    /// `apply` with all threads.
     pub(crate) fn apply_parallel(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
+        // SAFETY: `write_parallel` writes floats.
+        self.write_parallel(x, tail, unsafe { unset(output) });
+    }
+
+    /// `write` with all threads.
+    pub(crate) fn write_parallel(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset) {
         /// Rows of one task: whole register tiles of every level.
         const ROWS: usize = 84;
         let piece = ROWS * self.columns.max(1);
@@ -184,7 +196,7 @@ impl Packed {
             let rows = output.len() / self.columns.max(1);
             let x = &x[i * ROWS * self.depth..][..rows * self.depth];
             let skip = tail.skip.map(|skip| &skip[i * piece..][..output.len()]);
-            self.apply(x, Tail { skip, ..tail }, output);
+            self.write(x, Tail { skip, ..tail }, output);
         });
     }
 }
@@ -193,7 +205,7 @@ struct Apply<'a> {
     packed: &'a Packed,
     x: &'a [f32],
     tail: Tail<'a>,
-    output: &'a mut [f32],
+    output: Shared<'a>,
     rows: usize,
 }
 
@@ -213,7 +225,6 @@ impl Kernel for Apply<'_> {
             row: depth,
             step: 1,
         };
-        let output = self.output.as_mut_ptr();
         for first in (0..columns).step_by(width) {
             // SAFETY: the caller checked all lengths; bias and panels are padded.
             unsafe {
@@ -233,7 +244,8 @@ impl Kernel for Apply<'_> {
                             if column < columns {
                                 let (at, count) = (r * columns + column, columns - column);
                                 let value = self.tail.finish(sum.add(bias), at, count);
-                                value.store_some(output.add(at), count);
+                                let to = self.output.at(at, count.min(V::LANES));
+                                value.store_some(to, count);
                             }
                         }
                     },

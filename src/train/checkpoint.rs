@@ -1,9 +1,8 @@
 //! Checkpoints: everything that a run needs to go on bit for bit.
 
+use super::Learner;
 use crate::error::{Cause, Error, Result};
-use crate::model::BasisNet;
 use burn::module::Module as _;
-use burn::optim::ModuleOptimizer;
 use burn::store::ModuleRecord;
 use burn::tensor::Bytes;
 use std::path::{Path, PathBuf};
@@ -36,21 +35,17 @@ impl Checkpoints {
         steps
     }
 
-    pub(super) fn save(
-        &self,
-        step: usize,
-        net: &BasisNet,
-        optimiser: &ModuleOptimizer,
-    ) -> Result<()> {
+    pub(super) fn save(&self, step: usize, learner: &Learner) -> Result<()> {
         let broken = |e: &dyn std::fmt::Display| {
             Error::new(Cause::Write, format!("cannot encode a checkpoint: {e}"))
         };
-        let network = net
+        let network = learner
+            .net
             .clone()
             .into_record()
             .into_bytes()
             .map_err(|e| broken(&e))?;
-        let state = optimiser.into_bytes().map_err(|e| broken(&e))?;
+        let state = learner.optimiser.into_bytes().map_err(|e| broken(&e))?;
         let target = self.path(step);
         let temporary = self.folder.join(format!("{step:08}.tmp"));
         let attempt = || {
@@ -77,12 +72,8 @@ impl Checkpoints {
         Ok(())
     }
 
-    pub(super) fn load(
-        &self,
-        step: usize,
-        net: BasisNet,
-        optimiser: ModuleOptimizer,
-    ) -> Result<(BasisNet, ModuleOptimizer)> {
+    /// The learner as it was after `step`.
+    pub(super) fn load(&self, step: usize, mut learner: Learner) -> Result<Learner> {
         let read = |name: &str| {
             let path = self.path(step).join(name);
             std::fs::read(&path)
@@ -97,11 +88,14 @@ impl Checkpoints {
             .hint("resume with the `config.toml` of the run folder")
         };
         let record = ModuleRecord::from_bytes(read(NETWORK)?).map_err(|e| foreign(&e))?;
-        let net = net.try_load_record(record).map_err(|e| foreign(&e))?;
-        let optimiser = optimiser
+        learner.net = learner
+            .net
+            .try_load_record(record).map_err(|e| foreign(&e))?;
+        learner.optimiser = learner
+            .optimiser
             .from_bytes(read(OPTIMISER)?)
             .map_err(|e| foreign(&e))?;
-        Ok((net, optimiser))
+        Ok(learner)
     }
 
     fn path(&self, step: usize) -> PathBuf {

@@ -2,20 +2,17 @@
 
 use super::checkpoint::Checkpoints;
 use super::log::Log;
-use super::{TrainConfig, losses};
+use super::{Learner, TrainConfig};
 use crate::data::{Dataset, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::fit::FitConfig;
 use crate::metrics::{Scores, Tally};
 use crate::model::{BasisNet, BasisNetConfig, Normalisation, Weights, WeightsRecord};
-use crate::predict::{Completer, FIT_NOTE};
+use crate::predict::{Completer, FIT_NOTE, open_weights};
 use crate::rng;
 use crate::sample::{Batch, Loader, Pattern, Sampler, SamplerConfig};
-use burn::grad_clipping::GradientClippingConfig;
 use burn::module::Module as _;
-use burn::optim::decay::WeightDecayConfig;
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Device;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -104,11 +101,10 @@ impl Trainer {
     pub fn run(&self, stop: &AtomicBool, mut report: impl FnMut(&Event)) -> Result<Outcome> {
         let checkpoints = Checkpoints::new(&self.folder);
         let device = self.device.clone().autodiff();
-        let mut net = self.initial(&device)?;
-        let mut optimiser = self.optimiser();
+        let mut learner = Learner::new(self.initial(&device)?, &self.fit, &self.config);
         let mut step = 0;
         if let Some(&last) = checkpoints.steps().last() {
-            (net, optimiser) = checkpoints.load(last, net, optimiser)?;
+            learner = checkpoints.load(last, learner)?;
             step = last;
         }
         let mut log = Log::open(&self.folder, step)?;
@@ -128,33 +124,33 @@ impl Trainer {
             let batch = Batch::new(&samples, mean, deviation, &device)?;
             let rate = self.rate(step);
             if step as f64 >= self.config.freeze_statistics * self.config.steps as f64 {
-                net = net.freeze_statistics();
+                learner = learner.freeze_statistics();
             }
-            let (next, values) = self.step(net, &mut optimiser, &batch, rate)?;
-            net = next;
+            let (next, made) = learner.step(&batch, rate)?;
+            learner = next;
             step += 1;
             tell(Event::Step {
                 step,
-                loss: values[0],
-                l1: values[1],
-                rmse: values[2].sqrt(),
+                loss: made.loss,
+                l1: made.l1,
+                rmse: made.l2.sqrt(),
                 rate,
                 seconds: started.elapsed().as_secs_f64(),
             })?;
             let last = step == self.config.steps;
             if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
-                let held_out = self.measure(&net, &held_out)?;
+                let held_out = self.measure(learner.net(), &held_out)?;
                 tell(Event::Measured { step, held_out })?;
             }
             let stopping = stop.load(Ordering::Relaxed);
             if step.is_multiple_of(self.config.save_every) || last || stopping {
-                checkpoints.save(step, &net, &optimiser)?;
+                checkpoints.save(step, &learner)?;
             }
             if stopping && !last {
                 return Ok(Outcome::Stopped(step));
             }
         }
-        self.publish(&net)?;
+        self.publish(learner.net())?;
         Ok(Outcome::Finished)
     }
 
@@ -163,20 +159,9 @@ impl Trainer {
         let Some(path) = &self.config.start else {
             return Ok(net);
         };
-        let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
-        let weights = Weights::from_bytes(&bytes, &path.display().to_string())?;
-        let (net, new) = weights.transfer(net)?;
+        let (net, new) = open_weights(Some(path))?.transfer(net)?;
         tracing::info!("{new} tensors do not fit the start weights and begin at random");
         Ok(net)
-    }
-
-    fn optimiser(&self) -> ModuleOptimizer {
-        let decay = WeightDecayConfig::new(self.config.weight_decay);
-        AdamConfig::new()
-            .with_epsilon(1e-8)
-            .with_weight_decay(Some(decay))
-            .with_grad_clipping(self.config.clip.map(GradientClippingConfig::Norm))
-            .init()
     }
 
     fn sampler_config(&self) -> SamplerConfig {
@@ -214,27 +199,6 @@ impl Trainer {
         let mut training = order.split_off(count);
         training.sort_unstable();
         (training, order)
-    }
-
-    /// One step of Adam; returns the network and the values of the losses.
-    fn step(
-        &self,
-        net: BasisNet,
-        optimiser: &mut ModuleOptimizer,
-        batch: &Batch,
-        rate: f64,
-    ) -> Result<(BasisNet, [f64; 3])> {
-        let losses = losses(&net, batch, self.fit.solver(), &self.config.loss);
-        let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
-        let values = [value(&losses.total), value(&losses.l1), value(&losses.l2)];
-        if values.iter().any(|v: &f64| !v.is_finite()) {
-            return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
-                "lower `train.learning_rate`, set `train.clip`, or give the fit a `ridge`; \
-                 training goes on from the last checkpoint",
-            ));
-        }
-        let gradients = GradientsParams::from_grads(losses.total.backward(), &net);
-        Ok((optimiser.step(rate, net, gradients), values))
     }
 
     fn measure(&self, net: &BasisNet, frames: &[usize]) -> Result<Scores> {

@@ -17,7 +17,7 @@ pub(in crate::conv) struct Filter {
 }
 
 impl Filter {
-    /// Transforms weights `[3, 3, channels, outputs]`; an empty bias is 0.
+    /// Transforms weights `[channels, 3, 3, outputs]`; an empty bias is 0.
     pub(in crate::conv) fn new(
         level: Level,
         weights: &[f32],
@@ -74,7 +74,7 @@ impl Kernel for Transform<'_> {
                 for (x, column) in columns.iter_mut().enumerate() {
                     let mut taps = [V::splat(0.0); 3];
                     for (y, tap) in taps.iter_mut().enumerate() {
-                        let row = (y * 3 + x) * self.channels + self.channel;
+                        let row = self.channel * 9 + y * 3 + x;
                         let from = self.weights.as_ptr().add(row * self.outputs + o);
                         *tap = V::load_some(from, self.outputs - o);
                     }

@@ -1,7 +1,7 @@
 //! The convolution: inputs to the frequency domain, a product per frequency, and back.
 
-use super::{Filter, IN, Images, OUT, SPECTRUM, Tile, tiles, transform};
-use crate::simd::{Kernel, Rows, Scratch, Shared, Tail, Vector, product};
+use super::{Filter, IN, Images, OUT, SPECTRUM, Tile, frequency_stride, tiles, transform};
+use crate::simd::{Kernel, Rows, Scratch, Shared, Tail, Unset, Vector, product};
 use rayon::prelude::*;
 
 /// Tiles of one task at most: two register tiles of the longest vectors.
@@ -10,14 +10,15 @@ const TILES: usize = 28;
 const CACHE: usize = 160 << 10;
 
 impl Filter {
-    /// `output [batch, height, width, outputs]` from `x [batch, height, width, channels]`.
-    pub(in crate::conv) fn apply(
+    /// `output [batch, height, width, outputs]` from `x [batch, height, width, channels]`; sets
+    /// every float.
+    pub(in crate::conv) fn write(
         &self,
         x: &[f32],
         size: [usize; 3],
         tail: Tail<'_>,
         scratch: &Scratch,
-        output: &mut [f32],
+        output: &mut Unset,
     ) {
         let pixels = size.iter().product::<usize>();
         assert_eq!(x.len(), pixels * self.channels, "input");
@@ -38,9 +39,9 @@ impl Filter {
             dilation: self.dilation,
             zeros: &zeros,
         };
-        let output = Shared::new(output);
+        let output = Shared::unset(output);
         tiles.par_chunks(most).for_each(|tiles| {
-            let inputs = SPECTRUM * tiles.len() * padded;
+            let inputs = SPECTRUM * frequency_stride(tiles.len(), padded);
             let products = SPECTRUM * tiles.len() * 2 * self.level.lanes();
             scratch.with(inputs + products, |memory| {
                 let (inputs, products) = memory.split_at_mut(inputs);
@@ -94,7 +95,8 @@ impl Kernel for Forward<'_> {
 impl Forward<'_> {
     #[inline(always)]
     unsafe fn transform_inputs<V: Vector>(&mut self) {
-        let (tiles, padded) = (self.tiles.len(), self.padded);
+        let padded = self.padded;
+        let stride = frequency_stride(self.tiles.len(), padded);
         let inputs = self.inputs.as_mut_ptr();
         for (t, &tile) in self.tiles.iter().enumerate() {
             let window = self.images.window::<IN>(tile, 1);
@@ -106,7 +108,7 @@ impl Forward<'_> {
                     #[inline(always)]
                     |d| transform::input(d),
                     #[inline(always)]
-                    |c, f, value| value.store(inputs.add((f * tiles + t) * padded + c)),
+                    |c, f, value| value.store(inputs.add(f * stride + t * padded + c)),
                 );
             }
         }
@@ -117,6 +119,7 @@ impl Forward<'_> {
     unsafe fn multiply<V: Vector>(&mut self, first: usize) {
         let channels = self.filter.channels;
         let (tiles, width) = (self.tiles.len(), 2 * V::LANES);
+        let stride = frequency_stride(tiles, self.padded);
         for f in 0..SPECTRUM {
             // SAFETY: panels have `channels` rows per frequency; the memory has as many rows as
             // tiles.
@@ -127,7 +130,7 @@ impl Forward<'_> {
                     .as_ptr()
                     .add(first * SPECTRUM * channels);
                 let rows = Rows {
-                    pointer: self.inputs.as_ptr().add(f * tiles * self.padded),
+                    pointer: self.inputs.as_ptr().add(f * stride),
                     row: self.padded,
                     step: 1,
                 };
@@ -157,6 +160,9 @@ impl Forward<'_> {
         } = *self.filter;
         let step = self.tiles.len() * 2 * V::LANES;
         for (t, &[image, y, x]) in self.tiles.iter().enumerate() {
+            let reach = (OUT - 1) * dilation;
+            let inside = y + reach < height && x + reach < width;
+            let first_pixel = (image * height + y) * width + x;
             for half in 0..2 {
                 let channel = first + half * V::LANES;
                 if channel >= outputs {
@@ -173,6 +179,18 @@ impl Forward<'_> {
                             #[inline(always)]
                             |j| V::load(products.add((i * IN + j) * step)),
                         ));
+                    }
+                    if inside && channel + V::LANES <= outputs {
+                        for j in 0..OUT {
+                            let values = transform::output(transform::column(&rows, j));
+                            for (i, value) in values.into_iter().enumerate() {
+                                let pixel = first_pixel + (i * width + j) * dilation;
+                                let at = pixel * outputs + channel;
+                                let value = self.tail.finish(value.add(bias), at, V::LANES);
+                                value.store(self.output.at(at, V::LANES));
+                            }
+                        }
+                        continue;
                     }
                     for j in 0..OUT {
                         let column = x + j * dilation;

@@ -2,14 +2,14 @@
 //!
 //! Sums over tiles run in a fixed order, whatever the number of threads.
 
-use super::{IN, Images, OUT, SPECTRUM, Tile, tiles, transform};
+use super::{IN, Images, OUT, SPECTRUM, Tile, frequency_stride, tiles, transform};
 use crate::simd::{Kernel, Level, Rows, Scratch, Shared, Vector, product};
 use rayon::prelude::*;
 
 /// Tiles of one task of the transforms; their spectra lie together.
 const TILES: usize = 64;
 
-/// The gradient of weights `[3, 3, channels, outputs]` from inputs
+/// The gradient of weights `[channels, 3, 3, outputs]` from inputs
 /// `x [batch, height, width, channels]` and the gradient of outputs
 /// `grad [batch, height, width, outputs]`.
 pub(in crate::conv) fn weight_gradient(
@@ -38,8 +38,9 @@ pub(in crate::conv) fn weight_gradient(
         dilation,
         zeros: &zeros,
     };
-    let places = tiles.len().next_multiple_of(TILES);
-    let lengths = [places * inputs, places * grads, channels * grads];
+    let blocks = tiles.len().div_ceil(TILES);
+    let block = |row: usize| blocks * frequency_stride(TILES, row);
+    let lengths = [block(inputs), block(grads), channels * grads];
     let lengths = lengths.map(|length| SPECTRUM * length);
     let mut weights = vec![0.0; 9 * channels * outputs];
     scratch.with_whole(lengths.iter().sum(), |memory| {
@@ -105,7 +106,7 @@ impl Kernel for Transform<'_> {
         let (images, spectrum, padded) = self.x;
         let (grads, grad_spectrum, grad_padded) = self.grad;
         for (t, &tile) in self.part.iter().enumerate() {
-            let at = self.first * SPECTRUM + t;
+            let block = self.first / TILES * SPECTRUM;
             // SAFETY: both spectra have a padded row for each frequency and tile.
             unsafe {
                 let window = images.window::<IN>(tile, 1);
@@ -116,7 +117,7 @@ impl Kernel for Transform<'_> {
                     |d| transform::input(d),
                     #[inline(always)]
                     |c, f, value| {
-                        let at = (at + f * TILES) * padded + c;
+                        let at = (block + f) * frequency_stride(TILES, padded) + t * padded + c;
                         value.store(spectrum.at(at, V::LANES));
                     },
                 );
@@ -128,7 +129,8 @@ impl Kernel for Transform<'_> {
                     |y| transform::output_adjoint(y),
                     #[inline(always)]
                     |c, f, value| {
-                        let at = (at + f * TILES) * grad_padded + c;
+                        let stride = frequency_stride(TILES, grad_padded);
+                        let at = (block + f) * stride + t * grad_padded + c;
                         value.store(grad_spectrum.at(at, V::LANES));
                     },
                 );
@@ -159,15 +161,16 @@ impl Kernel for Correlate<'_> {
         let (grad, columns) = self.grad;
         for first in (0..self.tiles).step_by(TILES) {
             let count = TILES.min(self.tiles - first);
-            let offset = first * SPECTRUM + self.frequency * TILES;
+            let block = first / TILES * SPECTRUM + self.frequency;
             // SAFETY: both spectra have a padded row for each frequency and tile.
             unsafe {
                 let rows = Rows {
-                    pointer: x.as_ptr().add(offset * padded),
+                    pointer: x.as_ptr().add(block * frequency_stride(TILES, padded)),
                     row: 1,
                     step: padded,
                 };
-                let grad = grad.as_ptr().add(offset * columns + self.first);
+                let grad = grad.as_ptr();
+                let grad = grad.add(block * frequency_stride(TILES, columns) + self.first);
                 product::<V>(
                     rows,
                     channels,
@@ -224,7 +227,7 @@ impl Kernel for Inverse<'_> {
                 for x in 0..3 {
                     let taps = transform::filter_adjoint(transform::column(&rows, x));
                     for (y, value) in taps.into_iter().enumerate() {
-                        let row = (y * 3 + x) * self.channels + self.channel;
+                        let row = self.channel * 9 + y * 3 + x;
                         let count = (self.outputs - o).min(V::LANES);
                         let to = self.weights.at(row * self.outputs + o, count);
                         value.store_some(to, count);

@@ -21,6 +21,12 @@ const OUT: usize = 4;
 /// Inputs of a tile along an axis.
 const IN: usize = 6;
 
+/// Floats from one frequency to the next in a spectrum of so many rows: a cache line more than they
+/// take, or all frequencies of a tile would compete for the same lines of the cache.
+const fn frequency_stride(rows: usize, row: usize) -> usize {
+    rows * row + 16
+}
+
 /// The first output pixel of a tile: image, row, column.
 type Tile = [usize; 3];
 
@@ -63,6 +69,24 @@ impl Images<'_> {
         let place = |start: usize, i: usize| {
             (start + i * self.dilation).wrapping_sub(before * self.dilation)
         };
+        let inside = |start: usize, length: usize| {
+            place(start, 0) < length && place(start, N - 1) < length
+        };
+        if inside(y, height) && inside(x, width) {
+            let right = self.dilation * self.channels;
+            let down = right * width;
+            let first = ((image * height + place(y, 0)) * width + place(x, 0)) * self.channels;
+            let pixels = &self.values[first..][..(N - 1) * (right + down) + self.channels];
+            return std::array::from_fn(
+                #[inline(always)]
+                |i| {
+                    std::array::from_fn(
+                        #[inline(always)]
+                        |j| pixels.as_ptr().wrapping_add(i * down + j * right),
+                    )
+                },
+            );
+        }
         std::array::from_fn(
             #[inline(always)]
             |i| {
@@ -97,24 +121,59 @@ impl Images<'_> {
         one: impl Fn([V; N]) -> [V; IN],
         mut sink: impl FnMut(usize, usize, V),
     ) {
+        let whole = self.channels / V::LANES * V::LANES;
         for c in (0..padded).step_by(V::LANES) {
             // SAFETY: every pixel has `channels` floats; of those beyond none is read.
             unsafe {
-                let mut rows = [[V::splat(0.0); IN]; N];
-                for (row, pixels) in rows.iter_mut().zip(pixels) {
-                    let mut values = [V::splat(0.0); N];
-                    for (value, pixel) in values.iter_mut().zip(pixels) {
-                        *value = V::load_some(pixel.add(c), self.channels.saturating_sub(c));
-                    }
-                    *row = one(values);
-                }
-                for j in 0..IN {
-                    let column = one(transform::column(&rows, j));
-                    for (i, value) in column.into_iter().enumerate() {
-                        sink(c, i * IN + j, value);
-                    }
+                if c < whole {
+                    both_axes(
+                        pixels,
+                        #[inline(always)]
+                        |pixel| V::load(pixel.add(c)),
+                        &one,
+                        #[inline(always)]
+                        |f, value| sink(c, f, value),
+                    );
+                } else {
+                    let left = self.channels.saturating_sub(c);
+                    both_axes(
+                        pixels,
+                        #[inline(always)]
+                        |pixel| V::load_some(pixel.wrapping_add(c), left),
+                        &one,
+                        #[inline(always)]
+                        |f, value| sink(c, f, value),
+                    );
                 }
             }
+        }
+    }
+}
+
+/// Transforms a window of one vector per pixel along its rows, then along its columns.
+///
+/// # Safety
+/// As for `Vector`.
+#[inline(always)]
+unsafe fn both_axes<V: Vector, const N: usize>(
+    pixels: &[[*const f32; N]; N],
+    load: impl Fn(*const f32) -> V,
+    one: &impl Fn([V; N]) -> [V; IN],
+    mut sink: impl FnMut(usize, V),
+) {
+    // SAFETY: as demanded from the caller.
+    let mut rows = unsafe { [[V::splat(0.0); IN]; N] };
+    for (row, pixels) in rows.iter_mut().zip(pixels) {
+        let mut values = [row[0]; N];
+        for (value, pixel) in values.iter_mut().zip(pixels) {
+            *value = load(*pixel);
+        }
+        *row = one(values);
+    }
+    for j in 0..IN {
+        let column = one(transform::column(&rows, j));
+        for (i, value) in column.into_iter().enumerate() {
+            sink(i * IN + j, value);
         }
     }
 }

@@ -4,7 +4,7 @@ use super::map::{Map, Pool};
 use crate::conv::Layer;
 use crate::model::extractor::{Block, Extractor};
 use crate::model::grid::neighbours;
-use crate::simd::{Level, Scratch, Tail};
+use crate::simd::{Buffer, Level, Scratch, Tail};
 use rayon::prelude::*;
 
 #[derive(Debug)]
@@ -175,7 +175,7 @@ fn enlarge(map: &Map, (y, height): (usize, usize), (x, width): (usize, usize), o
 fn averages(map: &Map, pool: usize) -> Map {
     let (height, width) = (map.height.div_ceil(pool), map.width.div_ceil(pool));
     let channels = map.channels();
-    let mut values = vec![0.0_f32; height * width * channels];
+    let mut values = Buffer::zeros(height * width * channels);
     let rows = values.par_chunks_exact_mut(width * channels).enumerate();
     rows.for_each(|(window_row, sums)| {
         let rows = window_row * pool..((window_row + 1) * pool).min(map.height);

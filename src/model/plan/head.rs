@@ -4,7 +4,7 @@ use super::map::Map;
 use crate::model::bases::BasisHead;
 use crate::model::encoding;
 use crate::model::grid::neighbours;
-use crate::simd::{Blend, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
+use crate::simd::{Blend, Buffer, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
 use rayon::prelude::*;
 
 #[derive(Debug)]
@@ -57,7 +57,7 @@ impl HeadPlan {
 
     /// What the features add to the first hidden layer.
     pub(super) fn enter(&self, features: &Map) -> Map {
-        let mut values = vec![0.0; features.pixels() * self.features.columns()];
+        let mut values = Buffer::zeros(features.pixels() * self.features.columns());
         self.features
             .apply_parallel(&features.values, Tail::default(), &mut values);
         Map {

@@ -1,11 +1,12 @@
 //! Maps between layers, and the memory that they reuse.
 
+use crate::simd::Buffer;
 use std::sync::Mutex;
 
 /// Values `[height, width, channels]`.
 #[derive(Clone, Debug)]
 pub(super) struct Map {
-    pub(super) values: Vec<f32>,
+    pub(super) values: Buffer,
     pub(super) height: usize,
     pub(super) width: usize,
 }
@@ -22,7 +23,7 @@ impl Map {
 
 /// Memory of maps that are no longer needed: fresh pages cost as much as a layer.
 #[derive(Debug, Default)]
-pub(super) struct Pool(Mutex<Vec<Vec<f32>>>);
+pub(super) struct Pool(Mutex<Vec<Buffer>>);
 
 /// More maps than are ever alive at once.
 const KEPT: usize = 8;
@@ -32,7 +33,7 @@ impl Pool {
     pub(super) fn take(&self, height: usize, width: usize, channels: usize) -> Map {
         let length = height * width * channels;
         let mut values = self.find(length).unwrap_or_default();
-        values.resize(length, 0.0);
+        values.reshape(length);
         Map {
             values,
             height,
@@ -41,10 +42,10 @@ impl Pool {
     }
 
     /// The shortest memory that suffices.
-    fn find(&self, length: usize) -> Option<Vec<f32>> {
+    fn find(&self, length: usize) -> Option<Buffer> {
         let mut free = self.0.lock().ok()?;
-        let fitting = free.iter().enumerate().filter(|(_, v)| v.len() >= length);
-        let (place, _) = fitting.min_by_key(|(_, v)| v.len())?;
+        let fitting = free.iter().enumerate().filter(|(_, v)| v.capacity() >= length);
+        let (place, _) = fitting.min_by_key(|(_, v)| v.capacity())?;
         Some(free.swap_remove(place))
     }
 

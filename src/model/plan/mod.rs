@@ -47,19 +47,16 @@ impl Plan {
     ///
     /// # Panics
     /// If the image does not have `size.0 * size.1` pixels, at least one.
-    pub fn bases(&self, image: Vec<f32>, size: (usize, usize)) -> PlannedBases {
+    pub fn bases(&self, image: &[f32], size: (usize, usize)) -> PlannedBases {
         let Inner {
             extractor,
             head,
             scratch,
             pool,
         } = &*self.0;
-        let image = Map {
-            values: image,
-            height: size.0,
-            width: size.1,
-        };
-        let features = extractor.forward(image, scratch, pool);
+        let mut map = pool.take(size.0, size.1, 3);
+        map.values.copy_from_slice(image);
+        let features = extractor.forward(map, scratch, pool);
         PlannedBases {
             plan: self.clone(),
             inputs: head.enter(&features),

@@ -53,7 +53,7 @@ fn difference(a: &[f32], b: &[f32]) -> f32 {
 
 fn agree(net: &BasisNet, level: Level, size: (usize, usize), output: (usize, usize)) {
     let plan = Plan::new(net, level).unwrap();
-    let planned = plan.bases(image(size.0, size.1), size);
+    let planned = plan.bases(&image(size.0, size.1), size);
     let plain = net.bases(tensor(image(size.0, size.1), size));
     let pixels: Vec<u32> = (0..output.0 * output.1)
         .step_by(7)

@@ -1,0 +1,115 @@
+//! Each shape of layer of the paper's network at 228x304, forward and backward.
+//!
+//!     cargo bench --bench layers
+
+use burn::tensor::{Device, Distribution, Tensor};
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use lsdc::conv::{ConvSpec, Layer, conv2d};
+use lsdc::rng::Rng;
+use lsdc::simd::{Level, Scratch, Tail};
+use std::hint::black_box;
+
+/// Rows and columns at full, half and a quarter of the resolution.
+const FULL: [usize; 2] = [228, 304];
+const HALF: [usize; 2] = [114, 152];
+const QUARTER: [usize; 2] = [57, 76];
+
+struct Case {
+    name: &'static str,
+    size: [usize; 2],
+    channels: usize,
+    outputs: usize,
+    taps: usize,
+    spec: ConvSpec,
+}
+
+fn cases() -> Vec<Case> {
+    let case = |name, size, channels, outputs, taps, spec| Case {
+        name,
+        size,
+        channels,
+        outputs,
+        taps,
+        spec,
+    };
+    let same = ConvSpec::same;
+    vec![
+        case("3-32 stride 2", FULL, 3, 32, 3, ConvSpec::halving()),
+        case("32-32", HALF, 32, 32, 3, same(1)),
+        case("32-64 stride 2", HALF, 32, 64, 3, ConvSpec::halving()),
+        case("64-64", QUARTER, 64, 64, 3, same(1)),
+        case("64-128", QUARTER, 64, 128, 3, same(1)),
+        case("128-128", QUARTER, 128, 128, 3, same(1)),
+        case("128-128 dilated", QUARTER, 128, 128, 3, same(2)),
+        case("320-128", QUARTER, 320, 128, 3, same(1)),
+        case("512-128 1x1", FULL, 512, 128, 1, ConvSpec::pointwise()),
+        case("128-128 1x1", FULL, 128, 128, 1, ConvSpec::pointwise()),
+    ]
+}
+
+impl Case {
+    fn products(&self) -> Throughput {
+        let [height, width] = self.size;
+        let pixels = self.spec.output(height, self.taps) * self.spec.output(width, self.taps);
+        let depth = self.taps * self.taps * self.channels;
+        Throughput::Elements((pixels * depth * self.outputs) as u64)
+    }
+}
+
+fn random(count: usize) -> Vec<f32> {
+    let mut rng = Rng::stream(0, &["bench"]);
+    (0..count).map(|_| rng.normal()).collect()
+}
+
+fn forward(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("layer");
+    let scratch = Scratch::new();
+    for case in cases() {
+        let [height, width] = case.size;
+        let weights = random(case.outputs * case.channels * case.taps * case.taps);
+        let sizes = [case.outputs, case.channels, case.taps];
+        let layer = Layer::new(Level::here(), &weights, sizes, &[], case.spec);
+        let x = random(height * width * case.channels);
+        let rows = case.spec.output(height, case.taps);
+        let columns = case.spec.output(width, case.taps);
+        let mut output = vec![0.0; rows * columns * case.outputs];
+        let tail = Tail {
+            relu: true,
+            ..Tail::default()
+        };
+        group.throughput(case.products());
+        group.bench_function(case.name, |bencher| {
+            bencher.iter(|| {
+                let size = [1, height, width];
+                layer.apply(black_box(&x), size, tail, &scratch, &mut output);
+            });
+        });
+    }
+}
+
+fn backward(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("layer gradients, batch 2");
+    group.sample_size(10);
+    let device = Device::flex().autodiff();
+    for case in cases() {
+        let [height, width] = case.size;
+        let normal = Distribution::Normal(0.0, 1.0);
+        let x = Tensor::<4>::random([2, height, width, case.channels], normal, &device);
+        let sizes = [case.outputs, case.channels, case.taps, case.taps];
+        let weights = Tensor::<4>::random(sizes, normal, &device);
+        group.throughput(case.products());
+        group.bench_function(case.name, |bencher| {
+            bencher.iter_batched(
+                || {
+                    let (x, weights) = (x.clone().require_grad(), weights.clone().require_grad());
+                    conv2d(x, weights, case.spec).sum()
+                },
+                |sum| sum.backward(),
+                BatchSize::PerIteration,
+            );
+        });
+    }
+}
+
+criterion_group!(benches, forward, backward);
+criterion_main!(benches);

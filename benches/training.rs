@@ -1,0 +1,58 @@
+//! A step of training at 228x304, batch 2: forward, fit, losses, backward, Adam.
+//!
+//!     cargo bench --bench training
+
+use burn::tensor::Device;
+use criterion::{Criterion, criterion_group, criterion_main};
+use lsdc::data::{Rooms, RoomsConfig, Split};
+use lsdc::fit::FitConfig;
+use lsdc::model::{BasisNetConfig, Normalisation};
+use lsdc::sample::{AugmentConfig, Batch, Protocol, Sampler, SamplerConfig, SupervisionConfig};
+use lsdc::train::{Learner, TrainConfig};
+use std::sync::Arc;
+
+fn batch(device: &Device) -> Batch {
+    let rooms = Rooms::new(Split::Train, &RoomsConfig::default()).expect("the default");
+    let config = SamplerConfig {
+        protocol: Protocol::default(),
+        augment: AugmentConfig::default(),
+        supervision: SupervisionConfig::default(),
+        batch: 2,
+        seed: 0,
+    };
+    let sampler = Sampler::new(Arc::new(rooms), vec![0, 1], config).expect("two frames");
+    let Normalisation {
+        mean, deviation, ..
+    } = Normalisation::default();
+    let samples = sampler.batch(0).expect("rooms");
+    Batch::new(&samples, mean, deviation, device).expect("equal sizes")
+}
+
+fn step(criterion: &mut Criterion) {
+    let device = Device::flex().autodiff();
+    let batch = batch(&device);
+    let fit = FitConfig {
+        ridge: 1e-4,
+        ..FitConfig::default()
+    };
+    let mut group = criterion.benchmark_group("training step");
+    group.sample_size(10);
+    for (name, network) in [
+        ("medium", BasisNetConfig::medium()),
+        ("paper", BasisNetConfig::paper()),
+    ] {
+        let net = network.init(0, &device).expect("a preset");
+        let mut learner = Some(Learner::new(net, &fit, &TrainConfig::default()));
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| {
+                let before = learner.take().expect("put back below");
+                let (after, step) = before.step(&batch, 1e-4).expect("a finite loss");
+                learner = Some(after);
+                step
+            });
+        });
+    }
+}
+
+criterion_group!(benches, step);
+criterion_main!(benches);

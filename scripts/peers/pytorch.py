@@ -1,0 +1,170 @@
+"""The network of a weights file in PyTorch, channels last: image to base functions, and a step of
+training."""
+
+import json
+
+import numpy as np
+import torch
+from network import EPSILON, encode
+from safetensors import safe_open
+from torch import nn
+from torch.nn import functional
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+
+def tensor(value: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(value, np.float32))
+
+
+class Unit(nn.Module):
+    """Convolution, batch normalisation, ReLU."""
+
+    def __init__(self, weight: np.ndarray, norm: dict | None, stride=1, dilation=1, relu=False):
+        super().__init__()
+        outputs, inputs, taps, _ = weight.shape
+        pad = dilation * (taps // 2)
+        self.conv = nn.Conv2d(inputs, outputs, taps, stride, pad, dilation, bias=False)
+        self.norm = nn.BatchNorm2d(outputs, eps=EPSILON) if norm else None
+        self.relu = relu
+        with torch.no_grad():
+            self.conv.weight.copy_(tensor(weight))
+            if norm:
+                for own, name in [
+                    (self.norm.weight, "gain"),
+                    (self.norm.bias, "shift"),
+                    (self.norm.running_mean, "running_mean"),
+                    (self.norm.running_var, "running_variance"),
+                ]:
+                    own.copy_(tensor(norm[name]))
+
+    def fold(self) -> None:
+        if self.norm is not None:
+            self.conv, self.norm = fuse_conv_bn_eval(self.conv, self.norm), None
+
+    def forward(self, x):
+        x = self.conv(x)
+        if self.norm is not None:
+            x = self.norm(x)
+        return functional.relu(x, inplace=True) if self.relu else x
+
+
+class Network(nn.Module):
+    """Image `[batch, 3, height, width]` to base functions `[batch, N, height, width]`."""
+
+    def __init__(self, path: str):
+        super().__init__()
+        with safe_open(path, "np") as file:
+            config = json.loads(file.metadata()["network"])
+            tensors = {name: file.get_tensor(name) for name in file.keys()}
+        self.octaves = config["octaves"]
+        extractor = config["extractor"]
+        self.pools = extractor["pools"]
+
+        def unit(name: str, stride=1, dilation=1, relu=True) -> Unit:
+            return Unit(tensors[f"{name}.conv.weight"], norm(name), stride, dilation, relu)
+
+        def norm(name: str) -> dict:
+            keys = ("gain", "shift", "running_mean", "running_variance")
+            return {key: tensors[f"{name}.norm.Batch.{key}"] for key in keys}
+
+        self.stem = nn.Sequential(
+            *(unit(f"extractor.stem.{i}", 2 if i == 0 else 1) for i in range(3))
+        )
+        self.stages = nn.ModuleList()
+        for i, (name, stride, dilation) in enumerate(
+            [("half", 1, 1), ("quarter", 2, 1), ("wide", 1, 1), ("dilated", 1, 2)]
+        ):
+            stage = nn.ModuleList()
+            for block in range(extractor["stages"][i]["blocks"]):
+                at = f"extractor.{name}.{block}"
+                step = stride if block == 0 else 1
+                parts = {
+                    "first": unit(f"{at}.first", step, dilation),
+                    "second": unit(f"{at}.second", 1, dilation, relu=False),
+                }
+                if f"{at}.shortcut.conv.weight" in tensors:
+                    parts["shortcut"] = unit(f"{at}.shortcut", step, relu=False)
+                stage.append(nn.ModuleDict(parts))
+            self.stages.append(stage)
+        self.branches = nn.ModuleList(
+            unit(f"extractor.branches.{i}") for i in range(len(self.pools))
+        )
+        self.merge = unit("extractor.merge")
+        self.project = Unit(tensors["extractor.project.weight"], None)
+        pointwise = lambda matrix: matrix.T[:, :, None, None]
+        self.hidden = nn.Sequential(
+            *(
+                Unit(
+                    pointwise(tensors[f"head.hidden.{i}.linear.weight"]),
+                    norm(f"head.hidden.{i}"),
+                    relu=True,
+                )
+                for i in range(len(config["hidden"]))
+            )
+        )
+        self.last = Unit(pointwise(tensors["head.last.weight"]), None)
+        self.codes = {}
+
+    def fold(self) -> "Network":
+        """Folds normalisation into the weights."""
+        self.eval()
+        for module in self.modules():
+            if isinstance(module, Unit):
+                module.fold()
+        return self
+
+    def forward(self, image):
+        batch, _, height, width = image.shape
+        if (height, width) not in self.codes:
+            self.codes[height, width] = tensor(encode(height, width, self.octaves))
+        x = self.stem(image)
+        taps = []
+        for stage in self.stages:
+            for block in stage:
+                y = block["second"](block["first"](x))
+                x = y + (block["shortcut"](x) if "shortcut" in block else x)
+            taps.append(x)
+        raw, skip = taps[1], taps[3]
+        parts = [raw, skip]
+        for pool, branch in zip(self.pools, self.branches):
+            y = branch(
+                functional.avg_pool2d(skip, pool, ceil_mode=True, count_include_pad=False)
+            )
+            parts.append(functional.interpolate(y, raw.shape[2:], mode="bilinear"))
+        x = self.project(self.merge(torch.cat(parts, 1)))
+        x = functional.interpolate(x, (height, width), mode="bilinear")
+        x = torch.cat([x, self.codes[height, width].expand(batch, -1, -1, -1)], 1)
+        return self.last(self.hidden(x))
+
+
+def trainer(path: str, height: int, width: int, batch: int, points: int):
+    """A function that makes one step as `lsdc bench --training` does: all pixels in the three
+    losses, a fit in f64 with a ridge of 1e-4, Adam."""
+    net = Network(path).to(memory_format=torch.channels_last).train()
+    optimiser = torch.optim.Adam(net.parameters(), 1e-4, weight_decay=5e-4)
+    generator = torch.Generator().manual_seed(0)
+    image = torch.randn((batch, 3, height, width), generator=generator)
+    image = image.to(memory_format=torch.channels_last)
+    depth = 1 + torch.rand((batch, height * width, 1), generator=generator)
+    pixels = torch.randint(height * width, (batch, points), generator=generator)
+
+    def step() -> None:
+        bases = net(image).permute(0, 2, 3, 1).flatten(1, 2)
+        bases = torch.cat([torch.ones_like(bases[..., :1]), bases], 2)
+        at = lambda values: values.gather(1, pixels[..., None].expand(-1, -1, values.shape[2]))
+        rows, known = at(bases).double(), at(depth).double()
+        normal = rows.mT @ rows
+        share = 1e-4 * normal.diagonal(dim1=1, dim2=2).mean(1)
+        normal = normal + share[:, None, None] * torch.eye(normal.shape[1], dtype=normal.dtype)
+        weights = torch.cholesky_solve(rows.mT @ known, torch.linalg.cholesky(normal))
+        error = bases @ weights.float() - depth
+        map = error.view(batch, height, width)
+        slopes = [map.diff(dim=1).abs(), map.diff(dim=2).abs()]
+        gradient = sum(s.sum() for s in slopes) / sum(s.numel() for s in slopes)
+        loss = error.abs().mean() + error.square().mean() + gradient
+        loss = loss + 1e-3 * weights.float().abs().mean()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+
+    return step

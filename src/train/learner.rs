@@ -1,0 +1,83 @@
+//! One step of training.
+
+use super::{LossConfig, TrainConfig, losses};
+use crate::error::{Cause, Error, Result};
+use crate::fit::{FitConfig, Solver};
+use crate::model::BasisNet;
+use crate::sample::Batch;
+use burn::grad_clipping::GradientClippingConfig;
+use burn::optim::decay::WeightDecayConfig;
+use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::tensor::Tensor;
+
+/// A network with its optimiser.
+pub struct Learner {
+    pub(super) net: BasisNet,
+    pub(super) optimiser: ModuleOptimizer,
+    solver: Solver,
+    loss: LossConfig,
+}
+
+/// The losses of one batch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The weighted sum.
+    pub loss: f64,
+    /// Mean absolute error in metres.
+    pub l1: f64,
+    /// Mean squared error in square metres.
+    pub l2: f64,
+}
+
+impl Learner {
+    /// Starts with a network on an autodiff device, and Adam as `config` has it.
+    pub fn new(net: BasisNet, fit: &FitConfig, config: &TrainConfig) -> Self {
+        let decay = WeightDecayConfig::new(config.weight_decay);
+        let optimiser = AdamConfig::new()
+            .with_epsilon(1e-8)
+            .with_weight_decay(Some(decay))
+            .with_grad_clipping(config.clip.map(GradientClippingConfig::Norm))
+            .init();
+        Self {
+            net,
+            optimiser,
+            solver: fit.solver(),
+            loss: config.loss,
+        }
+    }
+
+    /// The network as it is now.
+    pub fn net(&self) -> &BasisNet {
+        &self.net
+    }
+
+    /// Lets batch normalisation use its running statistics from now on.
+    #[must_use]
+    pub fn freeze_statistics(mut self) -> Self {
+        self.net = self.net.freeze_statistics();
+        self
+    }
+
+    /// One step of Adam with a learning rate.
+    ///
+    /// # Errors
+    /// A loss that is not finite.
+    pub fn step(mut self, batch: &Batch, rate: f64) -> Result<(Self, Step)> {
+        let losses = losses(&self.net, batch, self.solver, &self.loss);
+        let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
+        let step = Step {
+            loss: value(&losses.total),
+            l1: value(&losses.l1),
+            l2: value(&losses.l2),
+        };
+        if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {
+            return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
+                "lower `train.learning_rate`, set `train.clip`, or give the fit a `ridge`; \
+                 training goes on from the last checkpoint",
+            ));
+        }
+        let gradients = GradientsParams::from_grads(losses.total.backward(), &self.net);
+        self.net = self.optimiser.step(rate, self.net, gradients);
+        Ok((self, step))
+    }
+}
