@@ -85,7 +85,10 @@ pub trait ConvBackend: Backend {
     /// `x [b, h, w, c]` with `weight [o, c, k, k]` to `[b, h', w', o]`.
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
         if spec.is_pointwise(&weight.shape()) {
-            let rows = Self::float_matmul(rows::<Self>(x.clone()), Self::float_swap_dims(matrix::<Self>(weight), 0, 1));
+            let rows = Self::float_matmul(
+                rows::<Self>(x.clone()),
+                Self::float_swap_dims(matrix::<Self>(weight), 0, 1),
+            );
             return images::<Self>(rows, &x.shape());
         }
         let output = Self::conv2d(channels_first::<Self>(x), weight, None, spec.options());

@@ -3,7 +3,9 @@
 //! Work is cut into the same pieces and summed in the same order whatever the number of threads.
 
 use super::shape::Shape;
-use crate::simd::{Kernel, Level, Packed, Rows, Scratch, Shared, Tail, Unset, Vector, product, written};
+use crate::simd::{
+    Kernel, Level, Packed, Rows, Scratch, Shared, Tail, Unset, Vector, product, written,
+};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -14,7 +16,11 @@ impl Shape {
     /// Image, row and column of output pixels from `first` on.
     fn pixels(&self, first: usize) -> impl Iterator<Item = [usize; 3]> + use<> {
         let (height, width) = self.out();
-        let start = [first / width / height, first / width % height, first % width];
+        let start = [
+            first / width / height,
+            first / width % height,
+            first % width,
+        ];
         std::iter::successors(Some(start), move |&[image, y, x]| {
             Some(if x + 1 < width {
                 [image, y, x + 1]

@@ -78,6 +78,12 @@ impl Fit {
     }
 }
 
+fn all_finite(values: &[f32]) -> bool {
+    // Whole chunks at once, which vector units can do.
+    let finite = |chunk: &[f32]| chunk.iter().fold(true, |all, v| all & v.is_finite());
+    values.chunks(256).all(finite)
+}
+
 /// Fits `bases` (`depths.len()` rows of N + 1 values) to `depths` in metres.
 ///
 /// # Errors
@@ -88,8 +94,7 @@ pub fn fit(bases: &[f32], depths: &[f32], config: &FitConfig) -> Result<Fit> {
             .hint("give at least one pixel a positive, finite depth"));
     }
     let columns = bases.len() / depths.len();
-    let all_finite = bases.iter().chain(depths).all(|v| v.is_finite());
-    if !all_finite || columns * depths.len() != bases.len() {
+    if !(all_finite(bases) && all_finite(depths)) || columns * depths.len() != bases.len() {
         return Err(Error::fit("base functions or depths are not finite")
             .hint("the weights of the network may be damaged"));
     }

@@ -11,16 +11,18 @@ pub(crate) struct Blend<'a> {
     pub(crate) terms: [&'a [f32]; 2],
 }
 
-/// Computes blends one after the other into `output [blends, columns]`.
+/// Computes blends one after the other into `output [blends, columns]`, whose rows may be longer.
 pub(crate) fn blend_rows<'a>(
     level: Level,
     blends: impl ExactSizeIterator<Item = Blend<'a>>,
     columns: usize,
     output: &mut [f32],
 ) {
-    assert_eq!(output.len(), blends.len() * columns);
+    let row = output.len() / blends.len().max(1);
+    assert!(row >= columns && output.len() == blends.len() * row);
     let kernel = BlendRows {
         blends,
+        row,
         columns,
         output,
     };
@@ -30,6 +32,7 @@ pub(crate) fn blend_rows<'a>(
 
 struct BlendRows<'a, I> {
     blends: I,
+    row: usize,
     columns: usize,
     output: &'a mut [f32],
 }
@@ -39,8 +42,9 @@ impl<'a, I: ExactSizeIterator<Item = Blend<'a>>> Kernel for BlendRows<'_, I> {
 
     #[inline(always)]
     unsafe fn run<V: Vector>(self) {
-        let outputs = self.output.chunks_exact_mut(self.columns.max(1));
+        let outputs = self.output.chunks_exact_mut(self.row.max(1));
         for (Blend { parts, terms }, output) in self.blends.zip(outputs) {
+            let output = &mut output[..self.columns];
             let lengths = parts.iter().map(|(row, _)| row.len());
             let mut lengths = lengths.chain(terms.iter().map(|row| row.len()));
             assert!(lengths.all(|length| length == output.len()));
@@ -62,7 +66,7 @@ impl<'a, I: ExactSizeIterator<Item = Blend<'a>>> Kernel for BlendRows<'_, I> {
     }
 }
 
-/// `output = rows [output, factors] * factors + constant`.
+/// `output = rows [output, factors] * factors + constant`; the rows may be longer.
 pub(crate) fn dot_rows(
     level: Level,
     rows: &[f32],
@@ -70,9 +74,11 @@ pub(crate) fn dot_rows(
     constant: f32,
     output: &mut [f32],
 ) {
-    assert_eq!(rows.len(), output.len() * factors.len());
+    let row = rows.len() / output.len().max(1);
+    assert!(row >= factors.len() && rows.len() == output.len() * row);
     let kernel = DotRows {
         rows,
+        row,
         factors,
         constant,
         output,
@@ -83,6 +89,7 @@ pub(crate) fn dot_rows(
 
 struct DotRows<'a> {
     rows: &'a [f32],
+    row: usize,
     factors: &'a [f32],
     constant: f32,
     output: &'a mut [f32],
@@ -97,7 +104,7 @@ impl Kernel for DotRows<'_> {
         for (r, output) in self.output.iter_mut().enumerate() {
             // SAFETY: there are as many rows as outputs, `width` floats each.
             unsafe {
-                let row = self.rows.as_ptr().add(r * width);
+                let row = self.rows.as_ptr().add(r * self.row);
                 let mut sum = V::splat(0.0);
                 for c in (0..width).step_by(V::LANES) {
                     let factor = V::load_some(self.factors.as_ptr().add(c), width - c);

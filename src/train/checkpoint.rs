@@ -90,7 +90,8 @@ impl Checkpoints {
         let record = ModuleRecord::from_bytes(read(NETWORK)?).map_err(|e| foreign(&e))?;
         learner.net = learner
             .net
-            .try_load_record(record).map_err(|e| foreign(&e))?;
+            .try_load_record(record)
+            .map_err(|e| foreign(&e))?;
         learner.optimiser = learner
             .optimiser
             .from_bytes(read(OPTIMISER)?)

@@ -69,9 +69,8 @@ impl Images<'_> {
         let place = |start: usize, i: usize| {
             (start + i * self.dilation).wrapping_sub(before * self.dilation)
         };
-        let inside = |start: usize, length: usize| {
-            place(start, 0) < length && place(start, N - 1) < length
-        };
+        let inside =
+            |start: usize, length: usize| place(start, 0) < length && place(start, N - 1) < length;
         if inside(y, height) && inside(x, width) {
             let right = self.dilation * self.channels;
             let down = right * width;

@@ -6,6 +6,7 @@ use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::{Accum, Mat, MatRef, Par, Side};
+use rayon::prelude::*;
 
 /// How a problem is solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +23,9 @@ pub enum Solver {
 pub struct Problem {
     rows: Vec<usize>,
     roots: Vec<f64>,
-    matrix: Mat<f64>,
+    /// Base functions, then the depth, of each row.
+    values: Vec<f64>,
+    columns: usize,
     pub(super) depths: Vec<f64>,
 }
 
@@ -48,20 +51,43 @@ impl Problem {
         let columns = bases.len() / depths.len().max(1);
         let rows: Vec<usize> = (0..depths.len()).filter(|&i| weights[i] > 0.0).collect();
         let roots: Vec<f64> = rows.iter().map(|&i| weights[i].sqrt()).collect();
-        let matrix = Mat::from_fn(rows.len(), columns, |i, j| {
-            roots[i] * bases[rows[i] * columns + j]
-        });
-        let depths = rows
-            .iter()
-            .zip(&roots)
-            .map(|(&i, w)| w * depths[i])
-            .collect();
+        let mut values = Vec::with_capacity(rows.len() * (columns + 1));
+        for (&i, root) in rows.iter().zip(&roots) {
+            let row = &bases[i * columns..][..columns];
+            values.extend(row.iter().chain([&depths[i]]).map(|v| root * v));
+        }
+        let depths = values.chunks_exact(columns + 1).map(|row| row[columns]);
         Self {
             rows,
             roots,
-            matrix,
-            depths,
+            depths: depths.collect(),
+            values,
+            columns,
         }
+    }
+
+    fn matrix(&self) -> MatRef<'_, f64> {
+        let (columns, row) = (self.columns, self.columns + 1);
+        MatRef::from_row_major_slice_with_stride(&self.values, self.rows.len(), columns, row)
+    }
+
+    fn scaled_rows(&self) -> impl Iterator<Item = &[f64]> {
+        let rows = self.values.chunks_exact(self.columns + 1);
+        rows.map(|row| &row[..self.columns])
+    }
+
+    /// `M x`.
+    fn times(&self, x: &[f64]) -> Vec<f64> {
+        self.scaled_rows().map(|row| dot(row, x)).collect()
+    }
+
+    /// `M^T x`.
+    fn transposed_times(&self, x: &[f64]) -> Vec<f64> {
+        let mut sum = vec![0.0; self.columns];
+        for (row, x) in self.scaled_rows().zip(x) {
+            sum.iter_mut().zip(row).for_each(|(s, v)| *s += v * x);
+        }
+        sum
     }
 
     /// Solves the problem.
@@ -69,7 +95,7 @@ impl Problem {
     /// # Errors
     /// Values that are not finite.
     pub fn solve(&self, solver: Solver) -> Result<Solution> {
-        let columns = self.matrix.ncols();
+        let columns = self.columns;
         if self.rows.is_empty() {
             return Ok(Solution {
                 weights: vec![0.0; columns],
@@ -88,13 +114,13 @@ impl Problem {
                     rank: kept.s.len(),
                 })
             }
-            Solver::Ridge(share) => Ok(Solution {
-                weights: self.ridge_inverse(share)?(&transposed_times(
-                    self.matrix.as_ref(),
-                    &self.depths,
-                )),
-                rank: columns,
-            }),
+            Solver::Ridge(share) => {
+                let (factor, right) = self.ridge(share)?;
+                Ok(Solution {
+                    weights: solve(&factor, &right),
+                    rank: columns,
+                })
+            }
         }
     }
 
@@ -104,11 +130,11 @@ impl Problem {
         /// Normal equations square the condition of the matrix, so that f64 leaves 7 digits; a
         /// step of refinement wins back the rest.
         const WORST: f64 = 3e4;
-        let columns = self.matrix.ncols();
+        let columns = self.columns;
         if self.rows.len() < columns {
             return None;
         }
-        let normal = self.normal();
+        let (normal, right) = self.normal();
         let largest = (0..columns).map(|i| normal[(i, i)]).sum::<f64>().sqrt();
         let factor = normal.llt(Side::Lower).ok()?;
         let mut inverse = Mat::<f64>::zeros(columns, columns);
@@ -118,11 +144,9 @@ impl Problem {
         if condition.is_nan() || condition >= WORST.min(1.0 / rcond) {
             return None;
         }
-        let matrix = self.matrix.as_ref();
-        let solve = |d: &[f64]| solve(&factor, &transposed_times(matrix, d));
-        let mut weights = solve(&self.depths);
-        let residual = subtract(&self.depths, &times(matrix, &weights));
-        let step = solve(&residual);
+        let mut weights = solve(&factor, &right);
+        let residual = subtract(&self.depths, &self.times(&weights));
+        let step = solve(&factor, &self.transposed_times(&residual));
         weights.iter_mut().zip(step).for_each(|(w, s)| *w += s);
         Some(Solution {
             weights,
@@ -130,22 +154,36 @@ impl Problem {
         })
     }
 
-    /// The lower half of `M^T M`.
-    fn normal(&self) -> Mat<f64> {
-        let columns = self.matrix.ncols();
-        let mut normal = Mat::<f64>::zeros(columns, columns);
-        matmul(
-            normal.as_mut(),
-            BlockStructure::TriangularLower,
-            Accum::Replace,
-            self.matrix.transpose(),
-            BlockStructure::Rectangular,
-            self.matrix.as_ref(),
-            BlockStructure::Rectangular,
-            1.0,
-            Par::Seq,
-        );
-        normal
+    /// The lower half of `M^T M`, and `M^T d`.
+    fn normal(&self) -> (Mat<f64>, Vec<f64>) {
+        /// Rows of one task. Not a matter of the number of threads, so that the sum is not either.
+        const ROWS: usize = 256;
+        let row = self.columns + 1;
+        let parts: Vec<Mat<f64>> = self
+            .values
+            .par_chunks(ROWS * row)
+            .map(|values| {
+                let rows = MatRef::from_row_major_slice(values, values.len() / row, row);
+                let mut product = Mat::zeros(row, row);
+                matmul(
+                    product.as_mut(),
+                    BlockStructure::TriangularLower,
+                    Accum::Replace,
+                    rows.transpose(),
+                    BlockStructure::Rectangular,
+                    rows,
+                    BlockStructure::Rectangular,
+                    1.0,
+                    Par::Seq,
+                );
+                product
+            })
+            .collect();
+        let total = parts.into_iter().reduce(|sum, part| sum + part);
+        let total = total.unwrap_or_else(|| Mat::zeros(row, row));
+        let right = (0..self.columns).map(|j| total[(self.columns, j)]);
+        let normal = total.submatrix(0, 0, self.columns, self.columns);
+        (normal.to_owned(), right.collect())
     }
 
     /// The gradients of `bases` (row by row) and `depths`, as given to `new` for `count` rows,
@@ -159,7 +197,7 @@ impl Problem {
         solver: Solver,
         count: usize,
     ) -> Result<(Vec<f64>, Vec<f64>)> {
-        let columns = self.matrix.ncols();
+        let columns = self.columns;
         let (mut bases, mut depths) = (vec![0.0; count * columns], vec![0.0; count]);
         if self.rows.is_empty() {
             return Ok((bases, depths));
@@ -224,12 +262,11 @@ impl Problem {
 
     /// The adjoint of `x = A^-1 M^T d` with `A = M^T M + share trace(M^T M) / k I`.
     fn ridge_adjoint(&self, grad: &[f64], share: f64) -> Result<Adjoint> {
-        let matrix = self.matrix.as_ref();
-        let inverse = self.ridge_inverse(share)?;
-        let x = inverse(&transposed_times(matrix, &self.depths));
-        let v = inverse(grad);
-        let depths = times(matrix, &v);
-        let residual = subtract(&self.depths, &times(matrix, &x));
+        let matrix = self.matrix();
+        let (factor, right) = self.ridge(share)?;
+        let (x, v) = (solve(&factor, &right), solve(&factor, grad));
+        let depths = self.times(&v);
+        let residual = subtract(&self.depths, &self.times(&x));
         let shrink = 2.0 * share / matrix.ncols() as f64 * dot(&v, &x);
         let bases = Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
             residual[i] * v[j] - depths[i] * x[j] - shrink * matrix[(i, j)]
@@ -237,10 +274,10 @@ impl Problem {
         Ok(Adjoint { bases, depths })
     }
 
-    /// The inverse of the regularised normal equations, by Cholesky.
-    fn ridge_inverse(&self, share: f64) -> Result<impl Fn(&[f64]) -> Vec<f64> + use<>> {
-        let columns = self.matrix.ncols();
-        let mut normal = self.normal();
+    /// The Cholesky factor of the regularised normal equations, and their right side.
+    fn ridge(&self, share: f64) -> Result<(Llt<f64>, Vec<f64>)> {
+        let columns = self.columns;
+        let (mut normal, right) = self.normal();
         let trace: f64 = (0..columns).map(|i| normal[(i, i)]).sum();
         for i in 0..columns {
             normal[(i, i)] += share * trace / columns as f64;
@@ -249,12 +286,12 @@ impl Problem {
             Error::fit("the normal equations are not positive definite")
                 .hint("raise `fit.ridge`, or set it to 0 for the truncated SVD")
         })?;
-        Ok(move |b: &[f64]| solve(&factor, b))
+        Ok((factor, right))
     }
 
     /// The singular directions with `s > rcond * s[0]`; a QR step first makes tall problems cheap.
     pub(super) fn decompose(&self, rcond: f64) -> Result<Kept> {
-        let matrix = self.matrix.as_ref();
+        let matrix = self.matrix();
         let failed = |_| {
             Error::fit("the singular value decomposition did not converge")
                 .hint("base functions or depths are not finite")

@@ -4,8 +4,10 @@ use super::map::Map;
 use crate::model::bases::BasisHead;
 use crate::model::encoding;
 use crate::model::grid::neighbours;
-use crate::simd::{Blend, Buffer, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
+use crate::simd::{Blend, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
 use rayon::prelude::*;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
 
 #[derive(Debug)]
 pub(super) struct HeadPlan {
@@ -21,10 +23,14 @@ pub(super) struct HeadPlan {
     last: Packed,
     /// The same as `[width, N]`.
     weights: Vec<f32>,
+    grids: Grids,
 }
 
 /// Pixels of one piece: whole register tiles of every level, and small enough for caches.
 const PIECE: usize = 84;
+/// Floats between rows of the first hidden layer: at distances of powers of two they would compete
+/// for the same lines of the cache (measured: 10 % of the dense evaluation).
+const APART: usize = 16;
 
 impl HeadPlan {
     pub(super) fn new(net: &BasisHead, level: Level) -> Option<Self> {
@@ -52,38 +58,52 @@ impl HeadPlan {
             hidden: hidden.collect::<Option<_>>()?,
             last: Packed::new(level, (width, functions), &[], last),
             weights,
+            grids: Grids::default(),
         })
     }
 
     /// What the features add to the first hidden layer.
     pub(super) fn enter(&self, features: &Map) -> Map {
-        let mut values = Buffer::zeros(features.pixels() * self.features.columns());
-        self.features
-            .apply_parallel(&features.values, Tail::default(), &mut values);
         Map {
-            values,
+            values: self.features.product(&features.values),
             ..*features
         }
     }
 
+    fn places<'a>(&self, inputs: &'a Map, size: (usize, usize)) -> Places<'a> {
+        let features = (inputs.height, inputs.width);
+        Places {
+            grid: self.grids.get(self, features, size),
+            inputs,
+        }
+    }
+
     /// Values `[pixels, N + 1]`, the constant first.
-    pub(super) fn rows(&self, inputs: &Map, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
-        let places = Places::new(self, inputs, size);
+    pub(super) fn rows(
+        &self,
+        inputs: &Map,
+        size: (usize, usize),
+        pixels: &[u32],
+        scratch: &Scratch,
+    ) -> Vec<f32> {
+        let places = self.places(inputs, size);
         let functions = self.last.columns();
         let mut rows = vec![1.0; pixels.len() * (functions + 1)];
         let pieces = rows.par_chunks_mut(PIECE * (functions + 1));
         pieces
             .zip(pixels.par_chunks(PIECE))
             .for_each(|(rows, pixels)| {
-                let mut memory = vec![0.0; self.memory(pixels.len())];
-                let pixels = pixels.iter().map(|&p| p as usize);
-                let activations = self.activations(&places, pixels, &mut memory);
-                let mut values = vec![0.0; rows.len() / (functions + 1) * functions];
-                self.last.apply(activations, Tail::default(), &mut values);
-                let targets = rows.chunks_exact_mut(functions + 1);
-                for (row, values) in targets.zip(values.chunks_exact(functions)) {
-                    row[1..].copy_from_slice(values);
-                }
+                let own = self.memory(pixels.len());
+                scratch.with(own + pixels.len() * functions, |memory| {
+                    let (memory, values) = memory.split_at_mut(own);
+                    let pixels = pixels.iter().map(|&p| p as usize);
+                    let activations = self.activations(&places, pixels, memory);
+                    self.last.apply(activations, Tail::default(), values);
+                    let targets = rows.chunks_exact_mut(functions + 1);
+                    for (row, values) in targets.zip(values.chunks_exact(functions)) {
+                        row[1..].copy_from_slice(values);
+                    }
+                });
             });
         rows
     }
@@ -97,7 +117,7 @@ impl HeadPlan {
         weights: &[f64],
         scratch: &Scratch,
     ) -> Vec<f32> {
-        let places = Places::new(self, inputs, size);
+        let places = self.places(inputs, size);
         let functions = self.last.columns().max(1);
         let (constant, weights) = weights.split_first().unwrap_or((&0.0, &[]));
         let folded: Vec<f32> = self
@@ -125,7 +145,10 @@ impl HeadPlan {
 
     /// Floats that `activations` needs for a number of pixels.
     fn memory(&self, pixels: usize) -> usize {
-        pixels * (self.features.columns() + self.hidden.iter().map(Packed::columns).sum::<usize>())
+        pixels
+            * (self.features.columns()
+                + APART
+                + self.hidden.iter().map(Packed::columns).sum::<usize>())
     }
 
     /// The last hidden layer `[pixels, width]`.
@@ -136,8 +159,8 @@ impl HeadPlan {
         memory: &'a mut [f32],
     ) -> &'a [f32] {
         let count = pixels.len();
-        let (mut x, mut rest) = memory.split_at_mut(count * self.features.columns());
         let columns = self.features.columns();
+        let (mut x, mut rest) = memory.split_at_mut(count * (columns + APART));
         let blends = pixels.map(|pixel| places.blend(pixel, columns));
         blend_rows(self.level, blends, columns, x);
         for layer in &self.hidden {
@@ -153,10 +176,12 @@ impl HeadPlan {
     }
 }
 
-/// Where the pixels of an output lie on the features, and what their position adds.
-struct Places<'a> {
-    inputs: &'a Map,
-    width: usize,
+/// Where the pixels of outputs of one size lie on features of one size, and what their position
+/// adds to the first hidden layer.
+#[derive(Debug)]
+struct Grid {
+    size: (usize, usize),
+    features: (usize, usize),
     /// Neighbours and weight along each axis.
     rows: Vec<(usize, usize, f32)>,
     columns: Vec<(usize, usize, f32)>,
@@ -164,8 +189,8 @@ struct Places<'a> {
     column_codes: Vec<f32>,
 }
 
-impl<'a> Places<'a> {
-    fn new(head: &HeadPlan, inputs: &'a Map, (height, width): (usize, usize)) -> Self {
+impl Grid {
+    fn new(head: &HeadPlan, features: (usize, usize), size: (usize, usize)) -> Self {
         let codes = |length: usize, layer: &Packed| {
             let mut values = vec![0.0; length * layer.columns()];
             let codes = match head.octaves {
@@ -177,19 +202,54 @@ impl<'a> Places<'a> {
         };
         let axis = |to: usize, from: usize| (0..to).map(|i| neighbours(i, to, from)).collect();
         Self {
-            inputs,
-            width,
-            rows: axis(height, inputs.height),
-            columns: axis(width, inputs.width),
-            row_codes: codes(height, &head.rows),
-            column_codes: codes(width, &head.columns),
+            size,
+            features,
+            rows: axis(size.0, features.0),
+            columns: axis(size.1, features.1),
+            row_codes: codes(size.0, &head.rows),
+            column_codes: codes(size.1, &head.columns),
         }
     }
+}
 
+/// The grids of the last few sizes: they depend on nothing else.
+#[derive(Debug, Default)]
+struct Grids(Mutex<VecDeque<Arc<Grid>>>);
+
+impl Grids {
+    const KEPT: usize = 2;
+
+    fn get(&self, head: &HeadPlan, features: (usize, usize), size: (usize, usize)) -> Arc<Grid> {
+        let new = || Arc::new(Grid::new(head, features, size));
+        // A poisoned lock costs time, nothing else.
+        let Ok(mut kept) = self.0.lock() else {
+            return new();
+        };
+        let found = kept
+            .iter()
+            .find(|g| (g.features, g.size) == (features, size));
+        if let Some(grid) = found {
+            return grid.clone();
+        }
+        let grid = new();
+        kept.push_front(grid.clone());
+        kept.truncate(Self::KEPT);
+        grid
+    }
+}
+
+/// A grid and the features on it.
+struct Places<'a> {
+    grid: Arc<Grid>,
+    inputs: &'a Map,
+}
+
+impl Places<'_> {
     /// The first hidden layer, of so many channels, at a pixel.
     fn blend(&self, pixel: usize, channels: usize) -> Blend<'_> {
-        let (y, x) = (pixel / self.width, pixel % self.width);
-        let ((top, bottom, v), (left, right, u)) = (self.rows[y], self.columns[x]);
+        let grid = &*self.grid;
+        let (y, x) = (pixel / grid.size.1, pixel % grid.size.1);
+        let ((top, bottom, v), (left, right, u)) = (grid.rows[y], grid.columns[x]);
         let input = |row: usize, column: usize| {
             &self.inputs.values[(row * self.inputs.width + column) * channels..][..channels]
         };
@@ -201,8 +261,8 @@ impl<'a> Places<'a> {
                 (input(bottom, right), v * u),
             ],
             terms: [
-                &self.row_codes[y * channels..][..channels],
-                &self.column_codes[x * channels..][..channels],
+                &grid.row_codes[y * channels..][..channels],
+                &grid.column_codes[x * channels..][..channels],
             ],
         }
     }

@@ -44,7 +44,10 @@ impl Pool {
     /// The shortest memory that suffices.
     fn find(&self, length: usize) -> Option<Buffer> {
         let mut free = self.0.lock().ok()?;
-        let fitting = free.iter().enumerate().filter(|(_, v)| v.capacity() >= length);
+        let fitting = free
+            .iter()
+            .enumerate()
+            .filter(|(_, v)| v.capacity() >= length);
         let (place, _) = fitting.min_by_key(|(_, v)| v.capacity())?;
         Some(free.swap_remove(place))
     }

@@ -56,10 +56,11 @@ impl Plan {
         } = &*self.0;
         let mut map = pool.take(size.0, size.1, 3);
         map.values.copy_from_slice(image);
-        let features = extractor.forward(map, scratch, pool);
+        // On a thread of the pool, or each of some sixty layers would wake and await it anew.
+        let inputs = rayon::scope(|_| head.enter(&extractor.forward(map, scratch, pool)));
         PlannedBases {
             plan: self.clone(),
-            inputs: head.enter(&features),
+            inputs,
         }
     }
 }
@@ -76,7 +77,8 @@ impl PlannedBases {
     /// Values `[pixels, N + 1]` at pixels `y * width + x` of an output of `size` (height, width),
     /// the first function being the constant 1.
     pub fn at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
-        self.plan.0.head.rows(&self.inputs, size, pixels)
+        let Inner { head, scratch, .. } = &*self.plan.0;
+        head.rows(&self.inputs, size, pixels, scratch)
     }
 
     /// Bases x weights at every pixel of an output of `size` (height, width).
