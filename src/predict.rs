@@ -1,7 +1,7 @@
 //! Image and sparse depths to dense depth: the only place where bases and fit meet.
 
 use crate::classic;
-use crate::data::{self, DepthMap};
+use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use crate::fit::{Fit, FitConfig, fit};
 use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
@@ -237,9 +237,12 @@ impl Completer {
         size: Option<Size>,
     ) -> Result<Completion> {
         let started = Instant::now();
-        let (rows, depths) = at_points(bases, sparse);
-        let reading = started.elapsed();
-        let fit = fit(&rows, &depths, &self.fit)?;
+        // On a thread of the pool, which need not be awaited for each step.
+        let (fit, reading) = rayon::scope(|_| {
+            let (rows, depths) = at_points(bases, sparse);
+            let reading = started.elapsed();
+            fit(&rows, &depths, &self.fit).map(|fit| (fit, reading))
+        })?;
         let fitting = started.elapsed();
 
         let started = Instant::now();
@@ -259,7 +262,7 @@ impl Completer {
             timings: Timings {
                 network: Duration::ZERO,
                 fit: fitting,
-                solve: fitting - reading,
+                solve: fitting.saturating_sub(reading),
                 dense: started.elapsed(),
             },
         })
@@ -313,10 +316,12 @@ pub fn complete_linear(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
 
 /// Base functions `[points, N + 1]` and depths at the points.
 fn at_points(bases: &ImageBases, sparse: &DepthMap) -> (Vec<f32>, Vec<f32>) {
-    let pixel = |p: data::Point| (p.y * sparse.width() + p.x) as u32;
-    let pixels: Vec<u32> = sparse.points().map(pixel).collect();
+    let (pixels, depths): (Vec<u32>, Vec<f32>) = sparse
+        .points()
+        .map(|p| ((p.y * sparse.width() + p.x) as u32, p.depth))
+        .unzip();
     let rows = bases.at((sparse.height(), sparse.width()), &pixels);
-    (rows, sparse.points().map(|p| p.depth).collect())
+    (rows, depths)
 }
 
 fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {

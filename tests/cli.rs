@@ -106,6 +106,37 @@ fn complete_writes_depth_as_npy_and_two_pictures() {
 }
 
 #[test]
+fn every_instruction_set_gives_the_same_depths() {
+    let folder = room();
+    let mut results = Vec::new();
+    for level in lsdc::simd::Level::ALL {
+        if !level.is_available() {
+            continue;
+        }
+        let run = lsdc(folder.path())
+            .env("LSDC_SIMD", level.name())
+            .args(["bench", "--json", "--runs", "1", "--size", "64x48"])
+            .assert()
+            .success();
+        let text = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+        let bench: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(bench["instructions"], level.name());
+        lsdc(folder.path())
+            .env("LSDC_SIMD", level.name())
+            .args(["complete", "rgb.png", "sparse.npy", "-o", level.name()])
+            .assert()
+            .success();
+        let path = folder.path().join(level.name()).join("rgb_depth.npy");
+        results.push(read_npy(&path, 1.0).unwrap());
+    }
+    for other in &results[1..] {
+        for (a, b) in results[0].values().iter().zip(other.values()) {
+            assert!((a - b).abs() < 1e-4 * a, "{a} {b}");
+        }
+    }
+}
+
+#[test]
 fn any_output_size_works() {
     let folder = room();
     let args = [

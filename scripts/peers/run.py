@@ -12,13 +12,14 @@ peer.
 completion  image to base functions for the peers, image to dense depth for lsdc, the fit included;
             first checks that all compute the same depth map
 training    a step of batch 2 with every pixel in the loss: forward, fit, backward, Adam
-solve       500 and 1000 points, 129 base functions, f64, one thread: lsdc (rows to weights) against
+solve       500 and 1000 points, 129 base functions, f64: lsdc (cargo bench --bench solve) against
             MKL's Cholesky on the normal equations and MKL's gelsd, as PyTorch calls them
 """
 
 import argparse
 import json
 import os
+import re
 import statistics
 import subprocess
 import sys
@@ -213,7 +214,8 @@ def training(args: argparse.Namespace) -> None:
 def solve(args: argparse.Namespace) -> None:
     import torch
 
-    torch.set_num_threads(1)
+    torch.set_num_threads(args.threads)
+    environment = {**os.environ, "RAYON_NUM_THREADS": str(args.threads)}
     for points in [500, 1000]:
         generator = torch.Generator().manual_seed(0)
         draw = lambda *shape: torch.randn(shape, generator=generator, dtype=torch.float64)
@@ -227,19 +229,23 @@ def solve(args: argparse.Namespace) -> None:
         def gelsd():
             return torch.linalg.lstsq(rows, depths, driver="gelsd").solution
 
-        words = [args.lsdc, "bench", "--json", "--points", str(points), "--runs", "50"]
-        environment = {**os.environ, "RAYON_NUM_THREADS": "1"}
+        words = ["cargo", "bench", "-q", "--bench", "solve", "--", f"{points} points/ridge"]
+        words += ["--warm-up-time", "0.5", "--measurement-time", "1"]
 
         def ours():
-            output = subprocess.run(words, check=True, capture_output=True, env=environment)
-            return json.loads(output.stdout)["solve_ms"]
+            output = subprocess.run(
+                words, check=True, capture_output=True, env=environment, cwd=ROOT, text=True
+            ).stdout
+            value, unit = re.search(r"time:\s+\[\S+ \S+ (\S+) (\S+)", output).groups()
+            return float(value) * {"ns": 1e-6, "µs": 1e-3, "ms": 1.0}[unit]
 
         programs = {
             "lsdc": ours,
             "MKL Cholesky": lambda: seconds(cholesky, 50) * 1e3,
             "MKL gelsd": lambda: seconds(gelsd, 10) * 1e3,
         }
-        race(f"{points} points, 129 base functions", args.rounds, programs)
+        title = f"{points} points, 129 base functions, {args.threads} threads"
+        race(title, args.rounds, programs)
 
 
 def main() -> None:

@@ -6,6 +6,7 @@ use super::{ConvSpec, Layer, conv2d, layer};
 use crate::rng::Rng;
 use crate::simd::{Level, Scratch, Tail};
 use burn::tensor::{Device, Tensor, TensorData};
+use proptest::prelude::*;
 
 /// Every kind of convolution on sizes around those of tiles, vectors and panels.
 fn cases() -> Vec<Shape> {
@@ -99,40 +100,73 @@ fn agree(fast: &[f32], slow: &[f64], context: &dyn std::fmt::Debug) {
 fn kernels_agree_with_plain_loops_on_every_level() {
     let scratch = Scratch::new();
     for shape in cases() {
-        let inputs = shape.size().iter().product::<usize>() * shape.channels;
-        let outputs = shape.out_pixels() * shape.outputs;
-        let (x, grad) = (random(inputs, "x"), random(outputs, "grad"));
-        let (skip, bias) = (random(outputs, "skip"), random(shape.outputs, "bias"));
-        let weights = random(shape.outputs * shape.depth(), "weights");
+        kernels_agree(&shape, &scratch);
+    }
+}
 
-        let mut plain: Vec<f64> = (0..outputs)
-            .map(|i| f64::from(skip[i]) + f64::from(bias[i % shape.outputs]))
-            .collect();
-        let (mut plain_x, mut plain_weights) = (vec![0.0; x.len()], vec![0.0; weights.len()]);
-        products(&shape, |o, i, w| {
-            let [x, weight, grad] = [x[i], weights[w], grad[o]].map(f64::from);
-            plain[o] += x * weight;
-            plain_x[i] += grad * weight;
-            plain_weights[w] += grad * x;
-        });
-        let plain: Vec<f64> = plain.into_iter().map(|v| v.max(0.0)).collect();
+prop_compose! {
+    fn any_shape()(
+        batch in 1..3_usize,
+        height in 1..28_usize,
+        width in 1..28_usize,
+        channels in 1..50_usize,
+        outputs in 1..50_usize,
+        (taps, spec) in prop::sample::select(vec![
+            (3, ConvSpec::same(1)),
+            (3, ConvSpec::same(2)),
+            (3, ConvSpec::same(3)),
+            (3, ConvSpec::halving()),
+            (1, ConvSpec::pointwise()),
+            (1, ConvSpec { stride: 2, ..ConvSpec::pointwise() }),
+        ]),
+    ) -> Shape {
+        Shape { batch, height, width, channels, outputs, taps, spec }
+    }
+}
 
-        for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
-            let context = (level, shape);
-            let sizes = [shape.outputs, shape.channels, shape.taps];
-            let prepared = Layer::new(level, &weights, sizes, &bias, shape.spec);
-            let mut output = vec![f32::NAN; outputs];
-            let tail = Tail {
-                skip: Some(&skip),
-                relu: true,
-            };
-            prepared.apply(&x, shape.size(), tail, &scratch, &mut output);
-            agree(&output, &plain, &context);
-            let gradient = layer::input_gradient(level, &weights, &grad, &shape, &scratch);
-            agree(&gradient, &plain_x, &context);
-            let gradient = layer::weight_gradient(level, &x, &grad, &shape, &scratch);
-            agree(&gradient, &plain_weights, &context);
-        }
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 60, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn kernels_agree_with_plain_loops_for_any_shape(shape in any_shape()) {
+        kernels_agree(&shape, &Scratch::new());
+    }
+}
+
+fn kernels_agree(shape: &Shape, scratch: &Scratch) {
+    let inputs = shape.size().iter().product::<usize>() * shape.channels;
+    let outputs = shape.out_pixels() * shape.outputs;
+    let (x, grad) = (random(inputs, "x"), random(outputs, "grad"));
+    let (skip, bias) = (random(outputs, "skip"), random(shape.outputs, "bias"));
+    let weights = random(shape.outputs * shape.depth(), "weights");
+
+    let mut plain: Vec<f64> = (0..outputs)
+        .map(|i| f64::from(skip[i]) + f64::from(bias[i % shape.outputs]))
+        .collect();
+    let (mut plain_x, mut plain_weights) = (vec![0.0; x.len()], vec![0.0; weights.len()]);
+    products(shape, |o, i, w| {
+        let [x, weight, grad] = [x[i], weights[w], grad[o]].map(f64::from);
+        plain[o] += x * weight;
+        plain_x[i] += grad * weight;
+        plain_weights[w] += grad * x;
+    });
+    let plain: Vec<f64> = plain.into_iter().map(|v| v.max(0.0)).collect();
+
+    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+        let context = (level, shape);
+        let sizes = [shape.outputs, shape.channels, shape.taps];
+        let prepared = Layer::new(level, &weights, sizes, &bias, shape.spec);
+        let mut output = vec![f32::NAN; outputs];
+        let tail = Tail {
+            skip: Some(&skip),
+            relu: true,
+        };
+        prepared.apply(&x, shape.size(), tail, scratch, &mut output);
+        agree(&output, &plain, &context);
+        let gradient = layer::input_gradient(level, &weights, &grad, shape, scratch);
+        agree(&gradient, &plain_x, &context);
+        let gradient = layer::weight_gradient(level, &x, &grad, shape, scratch);
+        agree(&gradient, &plain_weights, &context);
     }
 }
 
@@ -187,6 +221,52 @@ fn the_op_agrees_with_burn_and_its_gradients_are_adjoint() {
                 (product - total).abs() < 1e-5 * size,
                 "{shape:?} {product} {total}"
             );
+        }
+    }
+}
+
+#[test]
+fn gradients_of_the_op_match_central_differences() {
+    let device = Device::flex().autodiff();
+    for shape in cases().into_iter().filter(|s| s.channels <= 17) {
+        let dims = [shape.batch, shape.height, shape.width, shape.channels];
+        let kernel = [shape.outputs, shape.channels, shape.taps, shape.taps];
+        let tensor = |v: &[f32], dims: [usize; 4]| {
+            Tensor::<4>::from_data(TensorData::new(v.to_vec(), dims), &device)
+        };
+        let (x, weights) = (
+            random(dims.iter().product(), "x"),
+            random(kernel.iter().product(), "w"),
+        );
+        // Quadratic in either argument: central differences of any step are exact.
+        let loss = |x: Tensor<4>, w: Tensor<4>| conv2d(x, w, shape.spec).square().sum();
+        let value = |x: &[f32], w: &[f32]| {
+            let loss = loss(tensor(x, dims), tensor(w, kernel));
+            f64::from(loss.into_scalar::<f32>())
+        };
+        let (a, b) = (
+            tensor(&x, dims).require_grad(),
+            tensor(&weights, kernel).require_grad(),
+        );
+        let gradients = loss(a.clone(), b.clone()).backward();
+        let read = |t: Tensor<4>| t.into_data().iter::<f32>().collect::<Vec<f32>>();
+        let gradients = [
+            read(a.grad(&gradients).unwrap()),
+            read(b.grad(&gradients).unwrap()),
+        ];
+        let scale = value(&x, &weights).abs().max(1.0);
+        for (which, gradient) in gradients.iter().enumerate() {
+            for i in (0..gradient.len()).step_by(gradient.len().div_ceil(5)) {
+                let step = 0.5;
+                let moved = |by: f32| {
+                    let (mut x, mut weights) = (x.clone(), weights.clone());
+                    [&mut x, &mut weights][which][i] += by;
+                    value(&x, &weights)
+                };
+                let difference = (moved(step) - moved(-step)) / (2.0 * f64::from(step));
+                let error = (difference - f64::from(gradient[i])).abs();
+                assert!(error < 1e-5 * scale, "{shape:?} {which} {i}: {difference}");
+            }
         }
     }
 }

@@ -98,14 +98,13 @@ pub fn fit(bases: &[f32], depths: &[f32], config: &FitConfig) -> Result<Fit> {
         return Err(Error::fit("base functions or depths are not finite")
             .hint("the weights of the network may be damaged"));
     }
-    let bases: Vec<f64> = bases.iter().map(|&v| f64::from(v)).collect();
     let depths: Vec<f64> = depths.iter().map(|&v| f64::from(v)).collect();
     let mut point_weights = vec![1.0; depths.len()];
-    let mut solution = Problem::new(&bases, &depths, &point_weights).solve(config.solver())?;
+    let mut solution = Problem::new(bases, &depths, &point_weights).solve(config.solver())?;
     if let Some(settings) = config.irls {
-        (solution, point_weights) = irls(&bases, &depths, solution, config.solver(), settings)?;
+        (solution, point_weights) = irls(bases, &depths, solution, config.solver(), settings)?;
     }
-    let residuals = lstsq::residuals(&bases, &depths, &solution.weights);
+    let residuals = lstsq::residuals(bases, &depths, &solution.weights);
     Ok(Fit {
         weights: solution.weights,
         residuals,

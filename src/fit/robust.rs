@@ -46,8 +46,8 @@ impl Irls {
 ///
 /// # Errors
 /// A decomposition that does not converge.
-pub fn irls(
-    bases: &[f64],
+pub fn irls<T: Copy + Into<f64>>(
+    bases: &[T],
     depths: &[f64],
     start: Solution,
     solver: Solver,

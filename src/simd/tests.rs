@@ -1,6 +1,6 @@
 //! Products and vectors of every level against plain loops.
 
-use super::{Kernel, Level, Packed, Tail, Vector};
+use super::{Kernel, Level, Packed, Tail, Vector, unset};
 use crate::rng::Rng;
 
 fn random(count: usize, name: &str) -> Vec<f32> {
@@ -29,7 +29,15 @@ fn products_agree_with_plain_loops() {
                 let mut alone = vec![f32::NAN; rows * columns];
                 packed.apply(&x, tail, &mut alone);
                 let mut together = vec![f32::NAN; rows * columns];
-                packed.apply_parallel(&x, tail, &mut together);
+                // SAFETY: `write_parallel` writes floats.
+                packed.write_parallel(&x, tail, unsafe { unset(&mut together) });
+                assert_eq!(alone, together);
+                // Rows that lie further apart.
+                let mut apart = vec![f32::NAN; rows * (depth + 3)];
+                for (to, from) in apart.chunks_exact_mut(depth + 3).zip(x.chunks_exact(depth)) {
+                    to[..depth].copy_from_slice(from);
+                }
+                packed.apply(&apart, tail, &mut together);
                 assert_eq!(alone, together);
                 for (i, value) in alone.into_iter().enumerate() {
                     let (row, column) = (i / columns, i % columns);

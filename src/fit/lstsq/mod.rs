@@ -68,18 +68,18 @@ pub fn lstsq(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: So
 }
 
 /// `depths - bases * x`.
-pub(super) fn residuals(bases: &[f64], depths: &[f64], x: &[f64]) -> Vec<f64> {
+pub(super) fn residuals<T: Copy + Into<f64>>(bases: &[T], depths: &[f64], x: &[f64]) -> Vec<f64> {
     let fitted = bases.chunks_exact(x.len().max(1)).map(|row| dot(row, x));
     depths.iter().zip(fitted).map(|(d, f)| d - f).collect()
 }
 
 /// Summed in eight lanes, which vector units can do.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+fn dot<T: Copy + Into<f64>>(a: &[T], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (a, b) = (a.chunks(8), b.chunks(8));
     for (a, b) in a.zip(b) {
-        for ((lane, x), y) in lanes.iter_mut().zip(a).zip(b) {
-            *lane += x * y;
+        for ((lane, &x), y) in lanes.iter_mut().zip(a).zip(b) {
+            *lane += x.into() * y;
         }
     }
     lanes.iter().sum()

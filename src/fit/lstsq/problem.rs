@@ -47,14 +47,15 @@ pub(super) struct Kept {
 
 impl Problem {
     /// `bases` holds one row per depth; all lengths must agree.
-    pub fn new(bases: &[f64], depths: &[f64], weights: &[f64]) -> Self {
+    pub fn new<T: Copy + Into<f64>>(bases: &[T], depths: &[f64], weights: &[f64]) -> Self {
         let columns = bases.len() / depths.len().max(1);
         let rows: Vec<usize> = (0..depths.len()).filter(|&i| weights[i] > 0.0).collect();
         let roots: Vec<f64> = rows.iter().map(|&i| weights[i].sqrt()).collect();
         let mut values = Vec::with_capacity(rows.len() * (columns + 1));
         for (&i, root) in rows.iter().zip(&roots) {
             let row = &bases[i * columns..][..columns];
-            values.extend(row.iter().chain([&depths[i]]).map(|v| root * v));
+            values.extend(row.iter().map(|&v| root * v.into()));
+            values.push(root * depths[i]);
         }
         let depths = values.chunks_exact(columns + 1).map(|row| row[columns]);
         Self {

@@ -6,6 +6,7 @@ use crate::rng::Rng;
 use crate::simd::Level;
 use burn::module::Module as _;
 use burn::tensor::{Device, Tensor, TensorData};
+use proptest::prelude::*;
 
 fn image(height: usize, width: usize) -> Vec<f32> {
     let mut rng = Rng::stream(0, &["image"]);
@@ -81,6 +82,23 @@ fn the_plan_agrees_with_the_network_at_every_size() {
             agree(&net, level, size, size);
         }
         agree(&net, level, (48, 64), (100, 77));
+    }
+    for size in [(228, 304), (229, 303), (479, 641), (480, 640)] {
+        agree(&net, Level::here(), size, size);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn the_plan_agrees_at_any_size(
+        height in 32..200_usize,
+        width in 32..260_usize,
+        level in prop::sample::select(Level::ALL.to_vec()),
+    ) {
+        prop_assume!(level.is_available());
+        agree(&net(&tiny()), level, (height, width), (height, width));
     }
 }
 
