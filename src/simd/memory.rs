@@ -25,24 +25,6 @@ impl Buffer {
         }
     }
 
-    /// `length` floats that `write` sets.
-    ///
-    /// # Safety
-    /// `write` must set every float.
-    pub(crate) unsafe fn written(length: usize, write: impl FnOnce(&mut Unset)) -> Self {
-        let mut lines = Vec::<Line>::with_capacity(length.div_ceil(16));
-        let first = lines.as_mut_ptr().cast::<MaybeUninit<f32>>();
-        // SAFETY: the lines hold `length` floats; those beyond are set here, the others by `write`.
-        unsafe {
-            let all = std::slice::from_raw_parts_mut(first, 16 * length.div_ceil(16));
-            let (floats, rest) = all.split_at_mut(length);
-            rest.fill(MaybeUninit::new(0.0));
-            write(floats);
-            lines.set_len(length.div_ceil(16));
-        }
-        Self { lines, length }
-    }
-
     /// Floats that fit without new memory.
     pub(crate) fn capacity(&self) -> usize {
         16 * self.lines.len()

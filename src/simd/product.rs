@@ -205,15 +205,10 @@ impl Packed {
         unsafe { self.level.run(kernel) }
     }
 
-    /// `x [rows, depth] * self + bias`, with all threads.
-    pub(crate) fn product(&self, x: &[f32]) -> Buffer {
-        let rows = x.len() / self.depth.max(1);
-        // SAFETY: `write_parallel` sets every float.
-        unsafe {
-            Buffer::written(rows * self.columns, |output| {
-                self.write_parallel(x, Tail::default(), output);
-            })
-        }
+    /// `apply` with all threads.
+    pub(crate) fn apply_parallel(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
+        // SAFETY: `write_parallel` writes floats.
+        self.write_parallel(x, tail, unsafe { unset(output) });
     }
 
     /// `write` with all threads.

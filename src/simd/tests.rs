@@ -1,6 +1,6 @@
 //! Products and vectors of every level against plain loops.
 
-use super::{Kernel, Level, Packed, Tail, Vector, unset};
+use super::{Kernel, Level, Packed, Tail, Vector};
 use crate::rng::Rng;
 
 fn random(count: usize, name: &str) -> Vec<f32> {
@@ -29,8 +29,7 @@ fn products_agree_with_plain_loops() {
                 let mut alone = vec![f32::NAN; rows * columns];
                 packed.apply(&x, tail, &mut alone);
                 let mut together = vec![f32::NAN; rows * columns];
-                // SAFETY: `write_parallel` writes floats.
-                packed.write_parallel(&x, tail, unsafe { unset(&mut together) });
+                packed.apply_parallel(&x, tail, &mut together);
                 assert_eq!(alone, together);
                 // Rows that lie further apart.
                 let mut apart = vec![f32::NAN; rows * (depth + 3)];

@@ -4,7 +4,7 @@ use super::map::{Map, Pool};
 use crate::conv::Layer;
 use crate::model::extractor::{Block, Extractor};
 use crate::model::grid::neighbours;
-use crate::simd::{Buffer, Level, Scratch, Tail};
+use crate::simd::{Level, Scratch, Tail};
 use rayon::prelude::*;
 
 #[derive(Debug)]
@@ -116,8 +116,10 @@ impl ExtractorPlan {
             .branches
             .iter()
             .map(|(size, layer)| {
-                let pooled = averages(&skip, *size);
-                run.layer(layer, &pooled, None, true)
+                let pooled = averages(&skip, *size, pool);
+                let output = run.layer(layer, &pooled, None, true);
+                pool.give(pooled);
+                output
             })
             .collect();
         let all = gather(&raw, &skip, &branches, pool);
@@ -171,32 +173,32 @@ fn enlarge(map: &Map, (y, height): (usize, usize), (x, width): (usize, usize), o
     }
 }
 
-/// Means over windows of `pool` pixels, cut off at the end.
-fn averages(map: &Map, pool: usize) -> Map {
-    let (height, width) = (map.height.div_ceil(pool), map.width.div_ceil(pool));
+/// Means over windows of `size` pixels, cut off at the end.
+fn averages(map: &Map, size: usize, pool: &Pool) -> Map {
+    let (height, width) = (map.height.div_ceil(size), map.width.div_ceil(size));
     let channels = map.channels();
-    let mut values = Buffer::zeros(height * width * channels);
-    let rows = values.par_chunks_exact_mut(width * channels).enumerate();
+    let mut output = pool.take(height, width, channels);
+    output.values.fill(0.0);
+    let rows = output
+        .values
+        .par_chunks_exact_mut(width * channels)
+        .enumerate();
     rows.for_each(|(window_row, sums)| {
-        let rows = window_row * pool..((window_row + 1) * pool).min(map.height);
+        let rows = window_row * size..((window_row + 1) * size).min(map.height);
         for y in rows.clone() {
             let row = &map.values[y * map.width * channels..][..map.width * channels];
             for (x, pixel) in row.chunks_exact(channels).enumerate() {
-                let sum = &mut sums[x / pool * channels..][..channels];
+                let sum = &mut sums[x / size * channels..][..channels];
                 sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += v);
             }
         }
         for (window, sum) in sums.chunks_exact_mut(channels).enumerate() {
-            let columns = pool.min(map.width - window * pool);
+            let columns = size.min(map.width - window * size);
             let scale = 1.0 / (rows.len() * columns) as f32;
             for value in sum {
                 *value *= scale;
             }
         }
     });
-    Map {
-        values,
-        height,
-        width,
-    }
+    output
 }

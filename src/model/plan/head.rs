@@ -1,6 +1,6 @@
 //! The MLP at full resolution, in small pieces.
 
-use super::map::Map;
+use super::map::{Map, Pool};
 use crate::model::bases::BasisHead;
 use crate::model::encoding;
 use crate::model::grid::neighbours;
@@ -63,11 +63,13 @@ impl HeadPlan {
     }
 
     /// What the features add to the first hidden layer.
-    pub(super) fn enter(&self, features: &Map) -> Map {
-        Map {
-            values: self.features.product(&features.values),
-            ..*features
-        }
+    pub(super) fn enter(&self, features: &Map, pool: &Pool) -> Map {
+        let columns = self.features.columns();
+        let mut map = pool.take(features.height, features.width, columns);
+        let tail = Tail::default();
+        self.features
+            .apply_parallel(&features.values, tail, &mut map.values);
+        map
     }
 
     fn places<'a>(&self, inputs: &'a Map, size: (usize, usize)) -> Places<'a> {

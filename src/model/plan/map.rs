@@ -4,7 +4,7 @@ use crate::simd::Buffer;
 use std::sync::Mutex;
 
 /// Values `[height, width, channels]`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Map {
     pub(super) values: Buffer,
     pub(super) height: usize,
@@ -25,7 +25,7 @@ impl Map {
 #[derive(Debug, Default)]
 pub(super) struct Pool(Mutex<Vec<Buffer>>);
 
-/// More maps than are ever alive at once.
+/// As many as are alive at once.
 const KEPT: usize = 8;
 
 impl Pool {
@@ -52,11 +52,14 @@ impl Pool {
         Some(free.swap_remove(place))
     }
 
+    /// Takes a map back; if there are too many, the smallest is let go.
     pub(super) fn give(&self, map: Map) {
-        if let Ok(mut free) = self.0.lock()
-            && free.len() < KEPT
-        {
+        if let Ok(mut free) = self.0.lock() {
             free.push(map.values);
+            if free.len() > KEPT {
+                let smallest = (0..free.len()).min_by_key(|&i| free[i].capacity());
+                smallest.map(|i| free.swap_remove(i));
+            }
         }
     }
 }

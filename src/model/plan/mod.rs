@@ -57,7 +57,12 @@ impl Plan {
         let mut map = pool.take(size.0, size.1, 3);
         map.values.copy_from_slice(image);
         // On a thread of the pool, or each of some sixty layers would wake and await it anew.
-        let inputs = rayon::scope(|_| head.enter(&extractor.forward(map, scratch, pool)));
+        let inputs = rayon::scope(|_| {
+            let features = extractor.forward(map, scratch, pool);
+            let inputs = head.enter(&features, pool);
+            pool.give(features);
+            inputs
+        });
         PlannedBases {
             plan: self.clone(),
             inputs,
@@ -71,6 +76,12 @@ pub struct PlannedBases {
     plan: Plan,
     /// What the features add to the first hidden layer, at their resolution.
     inputs: Map,
+}
+
+impl Drop for PlannedBases {
+    fn drop(&mut self) {
+        self.plan.0.pool.give(std::mem::take(&mut self.inputs));
+    }
 }
 
 impl PlannedBases {
