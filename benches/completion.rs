@@ -34,7 +34,7 @@ fn completer(network: BasisNetConfig) -> Completer {
 fn completion(criterion: &mut Criterion) {
     let rooms = Rooms::new(Split::Val, &RoomsConfig::default()).expect("the default");
     let frame = rooms.load(0).expect("a room");
-    let sparse = Pattern::Exactly(500).draw(&frame.depth, 0, &frame.id);
+    let sparse = Pattern::Exactly(500).draw(&frame, 0).expect("a pattern");
     for (name, network) in [
         ("medium", BasisNetConfig::medium()),
         ("paper", BasisNetConfig::paper()),

@@ -1,11 +1,12 @@
 //! Image and sparse depths to dense depth: the only place where bases and fit meet.
 
-use crate::classic;
+use crate::classic::Classic;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use crate::fit::{Fit, FitConfig, fit};
 use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
-use crate::sample::{Size, image_tensor, image_values, resize_rgb};
+use crate::rng::hash;
+use crate::sample::{Interpolation, Size, image_tensor, image_values, resize_rgb};
 use crate::simd::Level;
 use burn::tensor::Device;
 use image::RgbImage;
@@ -25,20 +26,25 @@ pub const RANGE: f32 = 10.0;
 
 /// A way to complete depth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(try_from = "String", into = "String")]
 pub enum Method {
     /// Base functions fitted to the points.
     Lsdc,
-    /// Linear interpolation over the Delaunay triangulation, nearest outside its hull.
-    Linear,
+    /// A method without training.
+    Classic(Classic),
 }
 
 impl Method {
+    /// All methods.
+    pub fn all() -> impl Iterator<Item = Self> {
+        std::iter::once(Self::Lsdc).chain(Classic::ALL.map(Self::Classic))
+    }
+
     /// The name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Lsdc => "lsdc",
-            Self::Linear => "linear",
+            Self::Classic(classic) => classic.name(),
         }
     }
 }
@@ -47,12 +53,25 @@ impl std::str::FromStr for Method {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        [Self::Lsdc, Self::Linear]
-            .into_iter()
-            .find(|m| m.name() == name)
-            .ok_or_else(|| {
-                Error::config(format!("unknown method `{name}`")).hint("methods: lsdc, linear")
-            })
+        Self::all().find(|m| m.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = Self::all().map(Self::name).collect();
+            Error::config(format!("unknown method `{name}`"))
+                .hint(format!("methods: {}", names.join(", ")))
+        })
+    }
+}
+
+impl TryFrom<String> for Method {
+    type Error = Error;
+
+    fn try_from(name: String) -> Result<Self> {
+        name.parse()
+    }
+}
+
+impl From<Method> for String {
+    fn from(method: Method) -> Self {
+        method.name().to_owned()
     }
 }
 
@@ -287,7 +306,11 @@ impl Completer {
         let (w, h) = (rgb.width() as f64, rgb.height() as f64);
         let scale = ((height * width) as f64 / (w * h)).sqrt().min(1.0);
         let reduced = |length: f64| ((length * scale).round() as usize).max(1);
-        let working = resize_rgb(rgb, reduced(w), reduced(h))?;
+        let size = Size {
+            height: reduced(h),
+            width: reduced(w),
+        };
+        let working = resize_rgb(rgb, size, Interpolation::PilBilinear)?;
         let Normalisation {
             mean, deviation, ..
         } = self.normalisation;
@@ -309,9 +332,9 @@ impl Completer {
 ///
 /// # Errors
 /// Image and sparse depths of different sizes, or no point.
-pub fn complete_linear(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+pub fn complete_classic(method: Classic, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
     check_sizes(rgb, sparse)?;
-    classic::linear(sparse)
+    method.complete(rgb, sparse)
 }
 
 /// Base functions `[points, N + 1]` and depths at the points.
@@ -338,6 +361,18 @@ fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
     .hint(
         "both must show the same pixels; move the points to the image's size, do not interpolate",
     ))
+}
+
+/// A short name of the weights that [`open_weights`] would read: changes with every bit of them.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn weights_name(path: Option<&Path>) -> Result<String> {
+    let Some(path) = path else {
+        return Ok(format!("of the program, {:016x}", hash(&[EMBEDDED])));
+    };
+    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    Ok(format!("`{}`, {:016x}", path.display(), hash(&[&bytes])))
 }
 
 /// Weights from a file, or those that come with the program.

@@ -61,10 +61,10 @@ impl Rng {
 }
 
 /// FNV-1a, 64 bits, over the keys with a separator.
-pub fn hash(keys: &[&str]) -> u64 {
+pub fn hash(keys: &[impl AsRef<[u8]>]) -> u64 {
     let mut state = 0xcbf2_9ce4_8422_2325_u64;
     for key in keys {
-        for byte in key.bytes().chain([0xff]) {
+        for &byte in key.as_ref().iter().chain(&[0xff]) {
             state = (state ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
         }
     }

@@ -20,13 +20,17 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("classic", &["data", "error", "rng"]),
     (
         "predict",
-        &["model", "fit", "classic", "sample", "data", "simd", "error"],
+        &[
+            "model", "fit", "classic", "sample", "data", "simd", "error", "rng",
+        ],
     ),
     ("metrics", &["data", "error"]),
-    ("report", &["metrics", "data", "error"]),
+    ("report", &["metrics", "data", "error", "rng"]),
     (
         "eval",
-        &["report", "predict", "metrics", "sample", "data", "error"],
+        &[
+            "report", "predict", "classic", "metrics", "sample", "data", "error", "rng",
+        ],
     ),
     (
         "train",

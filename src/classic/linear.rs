@@ -1,20 +1,14 @@
 //! Linear interpolation over the Delaunay triangulation of the points; nearest point outside
 //! their hull. The honest baseline of the field.
 
+use super::neighbours::Neighbours;
 use crate::data::{DepthMap, Point};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use delaunator::triangulate;
 
-/// Fills every pixel of the map.
-///
-/// # Errors
-/// No point.
-pub fn linear(sparse: &DepthMap) -> Result<DepthMap> {
-    let points: Vec<Point> = sparse.points().collect();
-    if points.is_empty() {
-        return Err(Error::fit("there is no sparse depth to interpolate")
-            .hint("give at least one pixel a positive, finite depth"));
-    }
+pub(super) fn linear(sparse: &DepthMap) -> Result<DepthMap> {
+    let neighbours = Neighbours::new(sparse);
+    let points = &neighbours.points;
     let (width, height) = (sparse.width(), sparse.height());
     let mut values = vec![f32::NAN; width * height];
     let corners: Vec<_> = points
@@ -31,10 +25,10 @@ pub fn linear(sparse: &DepthMap) -> Result<DepthMap> {
             std::array::from_fn(|i| points[triangle[i]]),
         );
     }
-    let nearest = Nearest::new(&points, width, height);
     for (i, value) in values.iter_mut().enumerate() {
         if value.is_nan() {
-            *value = nearest.depth(i % width, i / width);
+            let (_, nearest) = neighbours.nearest(i % width, i / width, 1)[0];
+            *value = points[nearest].depth;
         }
     }
     DepthMap::new(width, height, values)
@@ -66,63 +60,9 @@ fn fill(values: &mut [f32], width: usize, [a, b, c]: [Point; 3]) {
     }
 }
 
-/// Points in square cells, for nearest-point queries.
-struct Nearest<'a> {
-    points: &'a [Point],
-    cells: Vec<Vec<usize>>,
-    side: usize,
-    columns: usize,
-    rows: usize,
-}
-
-impl<'a> Nearest<'a> {
-    fn new(points: &'a [Point], width: usize, height: usize) -> Self {
-        let side = (((width * height) as f64 / points.len() as f64).sqrt() as usize).max(1);
-        let (columns, rows) = (width.div_ceil(side), height.div_ceil(side));
-        let mut cells = vec![Vec::new(); columns * rows];
-        for (i, p) in points.iter().enumerate() {
-            cells[p.y / side * columns + p.x / side].push(i);
-        }
-        Self {
-            points,
-            cells,
-            side,
-            columns,
-            rows,
-        }
-    }
-
-    /// The depth of the nearest point; the first in row order among equals.
-    fn depth(&self, x: usize, y: usize) -> f32 {
-        let (column, row) = (x / self.side, y / self.side);
-        let mut best: Option<(usize, usize)> = None;
-        for ring in 0..self.columns.max(self.rows) {
-            // Every point of a later ring is at least this far away.
-            let closest = ring.saturating_sub(1) * self.side;
-            if best.is_some_and(|(distance, _)| distance < closest * closest) {
-                break;
-            }
-            for r in row.saturating_sub(ring)..(row + ring + 1).min(self.rows) {
-                for c in column.saturating_sub(ring)..(column + ring + 1).min(self.columns) {
-                    if r.abs_diff(row).max(c.abs_diff(column)) != ring {
-                        continue;
-                    }
-                    for &i in &self.cells[r * self.columns + c] {
-                        let p = &self.points[i];
-                        let distance = p.x.abs_diff(x).pow(2) + p.y.abs_diff(y).pow(2);
-                        best = Some(best.map_or((distance, i), |b| b.min((distance, i))));
-                    }
-                }
-            }
-        }
-        best.map_or(0.0, |(_, i)| self.points[i].depth)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
 
     #[test]
     fn a_plane_is_reproduced_inside_the_hull() {
@@ -149,42 +89,5 @@ mod tests {
                 assert!((dense.at(x, y) - plane(x, y)).abs() < 1e-5, "{x} {y}");
             }
         }
-    }
-
-    #[test]
-    fn outside_the_hull_the_nearest_point_counts() {
-        let mut rng = Rng::stream(1, &["nearest"]);
-        let points: Vec<Point> = (0..20)
-            .map(|i| Point {
-                x: rng.below(60) as usize,
-                y: rng.below(40) as usize,
-                depth: 1.0 + i as f32,
-            })
-            .collect();
-        let map = DepthMap::from_points(60, 40, &points);
-        let points: Vec<Point> = map.points().collect();
-        let nearest = Nearest::new(&points, 60, 40);
-        for y in 0..40 {
-            for x in 0..60 {
-                let distance = |p: &&Point| p.x.abs_diff(x).pow(2) + p.y.abs_diff(y).pow(2);
-                let expected = points.iter().min_by_key(distance).unwrap();
-                assert_eq!(nearest.depth(x, y), expected.depth);
-            }
-        }
-    }
-
-    #[test]
-    fn one_point_fills_the_map() {
-        let map = DepthMap::from_points(
-            5,
-            4,
-            &[Point {
-                x: 2,
-                y: 1,
-                depth: 3.0,
-            }],
-        );
-        assert!(linear(&map).unwrap().values().iter().all(|v| *v == 3.0));
-        assert!(linear(&DepthMap::empty(5, 4)).is_err());
     }
 }

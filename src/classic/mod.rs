@@ -1,5 +1,166 @@
-//! Completion without training.
+//! Completion without training: the baselines of the field.
 
+mod colorisation;
+mod distance;
+mod equations;
+mod inverse_distance;
 mod linear;
+mod morphology;
+mod neighbours;
+mod smooth;
+mod spline;
+mod steering;
 
-pub use linear::linear;
+pub use distance::distances;
+
+use crate::data::DepthMap;
+use crate::error::{Error, Result};
+use image::RgbImage;
+
+/// A method without training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Classic {
+    /// The nearest point.
+    Nearest,
+    /// Linear interpolation over the Delaunay triangulation, nearest outside its hull.
+    Linear,
+    /// Weighted mean of the eight nearest points, by the inverse square of their distance (Shepard
+    /// 1968).
+    InverseDistance,
+    /// Thin-plate spline (Duchon 1977).
+    Spline,
+    /// Weighted least squares: neighbours alike in colour have alike depths (Farbman et al. 2008).
+    Smooth,
+    /// Colorisation (Levin, Lischinski, Weiss 2004), which filled NYU's depths.
+    Colorisation,
+    /// Steering kernel regression (Takeda, Farsiu, Milanfar 2007).
+    Steering,
+    /// IP-Basic: morphology alone, made for laser scanners (Ku, Harakeh, Waslander 2018).
+    Morphology,
+}
+
+impl Classic {
+    /// All methods.
+    pub const ALL: [Self; 8] = [
+        Self::Nearest,
+        Self::Linear,
+        Self::InverseDistance,
+        Self::Spline,
+        Self::Smooth,
+        Self::Colorisation,
+        Self::Steering,
+        Self::Morphology,
+    ];
+
+    /// The name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nearest => "nearest",
+            Self::Linear => "linear",
+            Self::InverseDistance => "idw",
+            Self::Spline => "tps",
+            Self::Smooth => "wls",
+            Self::Colorisation => "levin",
+            Self::Steering => "steering",
+            Self::Morphology => "ip-basic",
+        }
+    }
+
+    /// Fills every pixel of `sparse`, some methods under the guidance of `rgb`, which must be as
+    /// large.
+    ///
+    /// # Errors
+    /// No point, or a system of equations without an answer.
+    pub fn complete(self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+        if sparse.count() == 0 {
+            return Err(Error::fit("there is no sparse depth to interpolate")
+                .hint("give at least one pixel a positive, finite depth"));
+        }
+        match self {
+            Self::Nearest => neighbours::nearest(sparse),
+            Self::Linear => linear::linear(sparse),
+            Self::InverseDistance => inverse_distance::inverse_distance(sparse),
+            Self::Spline => spline::spline(sparse),
+            Self::Smooth => smooth::smooth(rgb, sparse),
+            Self::Colorisation => colorisation::colorisation(rgb, sparse),
+            Self::Steering => steering::steering(rgb, sparse),
+            Self::Morphology => morphology::morphology(sparse),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Point;
+    use crate::rng::Rng;
+
+    fn points(width: usize, height: usize, depth: impl Fn(usize, usize) -> f32) -> DepthMap {
+        let mut rng = Rng::stream(0, &["classic"]);
+        let points: Vec<Point> = (0..60)
+            .map(|_| {
+                (
+                    rng.below(width as u32) as usize,
+                    rng.below(height as u32) as usize,
+                )
+            })
+            .map(|(x, y)| Point {
+                x,
+                y,
+                depth: depth(x, y),
+            })
+            .collect();
+        DepthMap::from_points(width, height, &points)
+    }
+
+    #[test]
+    fn every_method_keeps_a_constant_and_fills_every_pixel() {
+        let sparse = points(48, 36, |_, _| 2.5);
+        let rgb = RgbImage::from_fn(48, 36, |x, y| image::Rgb([(x * 5) as u8, (y * 7) as u8, 9]));
+        for method in Classic::ALL {
+            let dense = method.complete(&rgb, &sparse).unwrap();
+            for value in dense.values() {
+                assert!((value - 2.5).abs() < 1e-3, "{}: {value}", method.name());
+            }
+        }
+    }
+
+    #[test]
+    fn every_method_fills_the_map_from_one_point() {
+        let mut values = vec![0.0; 30 * 20];
+        values[7 * 30 + 11] = 3.0;
+        let sparse = DepthMap::new(30, 20, values).unwrap();
+        for method in Classic::ALL {
+            let dense = method.complete(&RgbImage::new(30, 20), &sparse).unwrap();
+            for value in dense.values() {
+                assert!((value - 3.0).abs() < 1e-3, "{}: {value}", method.name());
+            }
+            let nothing = DepthMap::empty(30, 20);
+            assert!(method.complete(&RgbImage::new(30, 20), &nothing).is_err());
+        }
+    }
+
+    #[test]
+    fn methods_that_scale_do() {
+        let depth = |x: usize, y: usize| 1.0 + 0.03 * x as f32 + 0.2 * (y % 7) as f32;
+        let (near, far) = (
+            points(40, 30, depth),
+            points(40, 30, |x, y| 4.0 * depth(x, y)),
+        );
+        let rgb = RgbImage::from_fn(40, 30, |x, y| image::Rgb([(x * 6) as u8, (y * 8) as u8, 0]));
+        for method in Classic::ALL
+            .into_iter()
+            .filter(|m| *m != Classic::Morphology)
+        {
+            let near = method.complete(&rgb, &near).unwrap();
+            let far = method.complete(&rgb, &far).unwrap();
+            for (a, b) in near.values().iter().zip(far.values()) {
+                assert!(
+                    (4.0 * a - b).abs() < 1e-3 * b.max(1.0),
+                    "{} {a} {b}",
+                    method.name()
+                );
+            }
+        }
+    }
+}

@@ -2,8 +2,9 @@
 
 use crate::data::{DatasetKind, Split};
 use crate::error::{Error, Result};
+use crate::eval::{EvalConfig, Shard};
 use crate::predict::Method;
-use crate::sample::{Interpolation, Size};
+use crate::sample::{Interpolation, Noise, Pattern, Size};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -24,9 +25,12 @@ pub(super) enum Command {
     Complete(Complete),
     /// Measure methods on a dataset.
     Eval(Eval),
+    /// Join and show reports.
+    #[command(subcommand)]
+    Report(ReportCommand),
     /// Train a network.
     Train(Train),
-    /// Write a frame of a dataset, with sparse points, as files for `complete`.
+    /// Write frames of a dataset at the protocol's size, with the points of `eval`, as files.
     Export(Export),
     /// Measure how fast this machine completes depth.
     Bench(Bench),
@@ -46,12 +50,12 @@ pub(super) struct Complete {
     pub(super) output: Option<PathBuf>,
     /// Metres per stored unit of the sparse depths [default: 1 for npy, 0.001 for PNG].
     #[arg(long, value_name = "M")]
-    pub(super) depth_scale: Option<f32>,
+    pub(super) depth_scale: Option<f64>,
     /// Size of the result, as WIDTHxHEIGHT [default: that of the image].
     #[arg(long, value_parser = size)]
     pub(super) size: Option<Size>,
-    /// How to complete.
-    #[arg(long, default_value = "lsdc", value_name = "lsdc|linear")]
+    /// How to complete: lsdc, nearest, linear, idw, tps, wls, levin, steering, ip-basic.
+    #[arg(long, default_value = "lsdc", value_name = "NAME")]
     pub(super) method: Method,
     /// Fit by iteratively reweighted least squares, against outliers.
     #[arg(long)]
@@ -107,29 +111,95 @@ pub(super) struct Eval {
     /// Split of the dataset.
     #[arg(long, value_enum, default_value = "val")]
     pub(super) split: Split,
-    /// Sparse points per frame [default: 500].
-    #[arg(long)]
-    pub(super) points: Option<usize>,
-    /// Names the masks; the same for every method [default: 0].
-    #[arg(long)]
+    /// Published protocol: full, nyu, nyu-s2d, nyu-cspn, nyu-conti, diode-paper, diode-masked,
+    /// diode-robustdc, kitti, void, marigold [default: that of the dataset].
+    #[arg(long, value_name = "NAME", help_heading = "Protocol")]
+    pub(super) protocol: Option<String>,
+    /// Sparse points: N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N,
+    /// given, files:DIR [default: those of the protocol].
+    #[arg(long, value_name = "POINTS", help_heading = "Protocol")]
+    pub(super) points: Option<Pattern>,
+    /// Spoil points: added:SHARE:METRES or outliers:SHARE.
+    #[arg(long, value_name = "NOISE", help_heading = "Protocol")]
+    pub(super) noise: Option<Noise>,
+    /// Names the first draw of points; the same for every method [default: 0].
+    #[arg(long, help_heading = "Protocol")]
     pub(super) seed: Option<u64>,
-    /// Methods, side by side on the same points [default: lsdc,linear].
-    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
-    pub(super) method: Vec<Method>,
-    /// How true depths are resized [default: bilinear].
-    #[arg(long, value_enum)]
+    /// Draws of points, with consecutive seeds [default: 1].
+    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    pub(super) seeds: Option<usize>,
+    /// How true depths are resized [default: that of the protocol].
+    #[arg(long, value_enum, help_heading = "Protocol")]
     pub(super) depth_resize: Option<Interpolation>,
     /// Measure only the first frames.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = "Protocol")]
     pub(super) limit: Option<usize>,
+    /// Methods, side by side on the same points: lsdc, nearest, linear, idw, tps, wls, levin,
+    /// steering, ip-basic [default: lsdc,linear].
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    pub(super) method: Vec<Method>,
+    /// Score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
+    /// named as `lsdc export` names frames; may be repeated.
+    #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
+    pub(super) predictions: Vec<(String, PathBuf)>,
+    /// Measure only part I of N (I from 0); `lsdc report merge` joins the parts.
+    #[arg(long, default_value = "0/1", value_name = "I/N")]
+    pub(super) shard: Shard,
+    /// Folder for the report in every form, and for a journal: begun again, an evaluation goes on
+    /// where it stopped.
+    #[arg(short, long, value_name = "DIR", help_heading = "Output")]
+    pub(super) output: Option<PathBuf>,
+    /// Begin anew in a folder that holds another evaluation.
+    #[arg(long, requires = "output", help_heading = "Output")]
+    pub(super) force: bool,
     /// Write the whole report here.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub(super) json: Option<PathBuf>,
     /// Write the scores of each frame here.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub(super) csv: Option<PathBuf>,
+    /// Write a page with charts and pictures here.
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub(super) html: Option<PathBuf>,
+    /// Write every prediction here, as METHOD/seedN/FRAME.npy.
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    pub(super) save: Option<PathBuf>,
     #[command(flatten)]
     pub(super) model: Model,
+}
+
+impl Eval {
+    /// Lays the flags over the configuration.
+    pub(super) fn apply(&self, eval: &mut EvalConfig) {
+        eval.preset = self.protocol.clone().or(eval.preset.take());
+        eval.points = self.points.clone().or(eval.points.take());
+        eval.noise = self.noise.or(eval.noise);
+        eval.seed = self.seed.unwrap_or(eval.seed);
+        eval.seeds = self.seeds.unwrap_or(eval.seeds);
+        eval.limit = self.limit.or(eval.limit);
+        if !self.method.is_empty() {
+            eval.methods.clone_from(&self.method);
+        }
+    }
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum ReportCommand {
+    /// Join the reports of shards, exactly, and print the whole.
+    Merge(Merge),
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct Merge {
+    /// Reports of `lsdc eval --json` on different frames: the parts of --shard.
+    #[arg(required = true)]
+    pub(super) files: Vec<PathBuf>,
+    /// Folder for the joined report in every form [default: only print it].
+    #[arg(short, long, value_name = "DIR")]
+    pub(super) output: Option<PathBuf>,
+    /// Replace existing files.
+    #[arg(long)]
+    pub(super) force: bool,
 }
 
 #[derive(Debug, ClapArgs)]
@@ -185,21 +255,46 @@ pub(super) struct Export {
     /// Split of the dataset.
     #[arg(long, value_enum, default_value = "val")]
     pub(super) split: Split,
-    /// Which frame, counted from 0.
-    #[arg(long, default_value_t = 0)]
-    pub(super) index: usize,
-    /// Sparse points to draw.
-    #[arg(long, default_value_t = 500)]
-    pub(super) points: usize,
+    /// Published protocol [default: that of the dataset].
+    #[arg(long, value_name = "NAME")]
+    pub(super) protocol: Option<String>,
+    /// Only this frame, counted from 0 [default: all].
+    #[arg(long, conflicts_with = "limit")]
+    pub(super) index: Option<usize>,
+    /// Only the first frames.
+    #[arg(long, value_name = "N")]
+    pub(super) limit: Option<usize>,
+    /// Sparse points, as for `eval` [default: those of the protocol].
+    #[arg(long, value_name = "POINTS")]
+    pub(super) points: Option<Pattern>,
+    /// Spoil points, as for `eval`.
+    #[arg(long, value_name = "NOISE")]
+    pub(super) noise: Option<Noise>,
     /// Names the draw.
     #[arg(long, default_value_t = 0)]
     pub(super) seed: u64,
-    /// Folder for rgb.png, depth.npy and sparse.npy.
+    /// Folder for rgb/FRAME.png, sparse/FRAME.npy and gt/FRAME.npy.
     #[arg(short, long, value_name = "DIR")]
     pub(super) output: PathBuf,
     /// Replace existing files.
     #[arg(long)]
     pub(super) force: bool,
+}
+
+/// `NAME=DIR`, or `DIR`, named by its last part.
+fn named_folder(text: &str) -> Result<(String, PathBuf)> {
+    let (name, folder) = match text.split_once('=') {
+        Some((name, folder)) => (name.to_owned(), PathBuf::from(folder)),
+        None => {
+            let folder = PathBuf::from(text);
+            let name = folder.file_name().unwrap_or_default().to_string_lossy();
+            (name.into_owned(), folder)
+        }
+    };
+    if name.is_empty() {
+        return Err(Error::config(format!("`{text}` has no name")).hint("as in mine=results/depth"));
+    }
+    Ok((name, folder))
 }
 
 fn size(text: &str) -> Result<Size> {
@@ -218,21 +313,19 @@ fn size(text: &str) -> Result<Size> {
 }
 
 macro_rules! by_name {
-    ($kind:ty, $($variant:ident = $name:literal),+) => {
+    ($kind:ty, $variants:expr) => {
         impl ValueEnum for $kind {
             fn value_variants<'a>() -> &'a [Self] {
-                &[$(Self::$variant),+]
+                &$variants
             }
 
             fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
-                Some(clap::builder::PossibleValue::new(match self {
-                    $(Self::$variant => $name),+
-                }))
+                Some(clap::builder::PossibleValue::new(self.name()))
             }
         }
     };
 }
 
-by_name!(Split, Train = "train", Val = "val");
-by_name!(DatasetKind, Rooms = "rooms", Nyu = "nyu", Folder = "folder");
-by_name!(Interpolation, Bilinear = "bilinear", Nearest = "nearest");
+by_name!(Split, [Self::Train, Self::Val]);
+by_name!(DatasetKind, Self::ALL);
+by_name!(Interpolation, Self::ALL);

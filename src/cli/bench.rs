@@ -115,7 +115,7 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
         completer = completer.with_input([size.height, size.width]);
     }
     let frame = rooms(Split::Val, size)?.load(0)?;
-    let sparse = Pattern::Exactly(args.points).draw(&frame.depth, 0, &frame.id);
+    let sparse = Pattern::Exactly(args.points).draw(&frame, 0)?;
 
     let mut times: Vec<(Timings, Duration)> = Vec::with_capacity(args.runs);
     for run in 0..=args.runs {

@@ -6,12 +6,12 @@ use crate::data::{self, DepthMap};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::fit::{FitConfig, Irls};
-use crate::predict::{Completer, Completion, Method, complete_linear};
-use image::{Rgb, RgbImage};
+use crate::predict::{Completer, Completion, Method, complete_classic};
+use crate::report::coloured;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-const MILLIMETRE: f32 = 0.001;
+const MILLIMETRE: f64 = 0.001;
 
 pub(super) fn run(args: &Complete) -> Result<Exit> {
     let started = Instant::now();
@@ -21,10 +21,10 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     let read = started.elapsed();
 
     let (depth, completion) = match args.method {
-        Method::Linear if args.size.is_some() => {
+        Method::Classic(_) if args.size.is_some() => {
             return Err(Error::config("`--size` needs method `lsdc`"));
         }
-        Method::Linear => (complete_linear(&rgb, &sparse)?, None),
+        Method::Classic(method) => (complete_classic(method, &rgb, &sparse)?, None),
         Method::Lsdc => {
             let completer =
                 Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
@@ -88,7 +88,7 @@ fn print_fit(completion: &Completion) {
     ));
 }
 
-fn read_sparse(path: &Path, scale: Option<f32>) -> Result<DepthMap> {
+fn read_sparse(path: &Path, scale: Option<f64>) -> Result<DepthMap> {
     if scale.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
         return Err(Error::config("`--depth-scale` must be above 0"));
     }
@@ -137,19 +137,8 @@ impl Outputs {
             }
         }
         data::write_depth_png(&self.png, depth, MILLIMETRE)?;
-        data::write_rgb(&self.colour, &coloured(depth))?;
+        let (low, high) = depth.range().unwrap_or((0.0, 1.0));
+        data::write_rgb(&self.colour, &coloured(depth, low, high))?;
         data::write_npy(&self.npy, depth)
     }
-}
-
-/// The turbo colour map from the nearest (blue) to the farthest (red) depth.
-fn coloured(depth: &DepthMap) -> RgbImage {
-    let (low, high) = depth.range().unwrap_or((0.0, 1.0));
-    let span = (high - low).max(f32::EPSILON);
-    RgbImage::from_fn(depth.width() as u32, depth.height() as u32, |x, y| {
-        let share = (depth.at(x as usize, y as usize) - low) / span;
-        Rgb(colorous::TURBO
-            .eval_continuous(f64::from(share.clamp(0.0, 1.0)))
-            .into_array())
-    })
 }

@@ -2,74 +2,220 @@
 
 use super::args::Eval;
 use super::{Exit, settings, ui};
+use crate::data::{write_atomically, write_npy};
 use crate::device::device;
-use crate::error::Result;
-use crate::eval::evaluate;
-use crate::predict::Completer;
+use crate::error::{Error, Result};
+use crate::eval::{Candidate, Evaluation, Journal};
+use crate::predict::{Completer, Method, weights_name};
+use crate::report::{Exhibit, Report};
+use crate::sample::{Pattern, Preset};
 use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
+
+const JOURNAL: &str = "journal.jsonl";
 
 pub(super) fn run(args: &Eval) -> Result<Exit> {
     let mut config = args.settings.load()?;
     args.source.apply(&mut config.data);
-    let eval = &mut config.eval;
-    eval.points = args.points.unwrap_or(eval.points);
-    eval.seed = args.seed.unwrap_or(eval.seed);
-    eval.limit = args.limit.or(eval.limit);
-    if !args.method.is_empty() {
-        eval.methods.clone_from(&args.method);
-    }
-    eval.check()?;
-    let mut protocol = eval
-        .protocol
-        .unwrap_or(settings::protocol_of(config.data.dataset));
+    args.apply(&mut config.eval);
+    config.eval.check()?;
+    let eval = &config.eval;
+    let preset = settings::preset_of(eval.preset.as_deref(), config.data.dataset)?;
+    let mut protocol = eval.protocol.unwrap_or(preset.protocol);
     if let Some(depth_resize) = args.depth_resize {
         protocol.depth_resize = depth_resize;
     }
     let frames = settings::open(&config.data, args.split)?;
-    let completer = Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
-    let completer = match config.fit {
-        Some(fit) => completer.with_fit(fit),
-        None => completer,
+    let candidates = candidates(args, &eval.methods)?;
+    let learned = candidates
+        .iter()
+        .any(|(_, c)| *c == Candidate::Method(Method::Lsdc));
+    let weights = args.model.weights.as_deref();
+    let completer = if learned {
+        let completer = Completer::open(weights, &device(&args.model.device)?)?;
+        Some(match config.fit {
+            Some(fit) => completer.with_fit(fit),
+            None => completer,
+        })
+    } else {
+        None
+    };
+    let evaluation = Evaluation {
+        frames: &*frames,
+        candidates,
+        completer: completer.as_ref(),
+        protocol,
+        points: points(args, eval.points.as_ref(), &preset),
+        noise: eval.noise,
+        seeds: eval.draws(),
+        rules: eval.rules,
+        limit: eval.limit,
+    };
+    let name = format!("{} {}", config.data.dataset.name(), args.split.name());
+    let followed = if eval.protocol.is_some() {
+        "of the configuration".to_owned()
+    } else {
+        format!("{}: {}", preset.name, preset.source)
+    };
+    let weights = learned.then(|| weights_name(weights)).transpose()?;
+    let heading = evaluation.heading(&name, &followed, weights);
+    let journal = match &args.output {
+        None => Journal::none(),
+        Some(folder) => {
+            std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+            let path = folder.join(JOURNAL);
+            if args.force && path.exists() {
+                std::fs::remove_file(&path).map_err(|e| Error::write(&path, e))?;
+            }
+            Journal::open(&path, &heading)?
+        }
     };
 
-    let name = format!("{} {}", config.data.dataset.name(), args.split.name());
     let stop = ui::stop_flag();
     let bar = ui::bar(frames.len(), "frames");
-    let report = evaluate(
-        &*frames,
-        &name,
-        &protocol,
-        eval,
-        &completer,
-        |done, total| {
-            bar.set_length(total as u64);
-            bar.set_position(done as u64);
-            if stop.load(Ordering::Relaxed) {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
-        },
-    )?;
+    let report = evaluation.run(heading, args.shard, journal, |done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+        if stop.load(Ordering::Relaxed) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })?;
     bar.finish_and_clear();
 
     ui::print(&report.to_string());
-    if let Some(path) = &args.json {
-        report.write_json(path)?;
-    }
-    if let Some(path) = &args.csv {
-        report.write_csv(path)?;
-    }
-    for (frame, error) in report.failures() {
-        ui::say(&format!("frame `{frame}` failed: {error}"));
+    for failure in report.failures() {
+        ui::say(&format!(
+            "frame `{}` failed: {}",
+            failure.frame, failure.error
+        ));
     }
     if stop.load(Ordering::Relaxed) {
         return Ok(Exit::Interrupted);
+    }
+    let outputs = Outputs::of(args);
+    let exhibits = match &outputs.html {
+        None => Vec::new(),
+        Some(_) => exhibits(&evaluation, &report)?,
+    };
+    outputs.write(&report, &exhibits)?;
+    if let Some(folder) = &args.save {
+        save(&evaluation, &report, folder)?;
     }
     Ok(if report.failures().is_empty() {
         Exit::Done
     } else {
         Exit::Partial
     })
+}
+
+/// The points that are asked for, else those of the preset; a dataset with points of its own may
+/// be measured with its own.
+fn points(args: &Eval, configured: Option<&Pattern>, preset: &Preset) -> Pattern {
+    let asked = args.points.as_ref().or(configured);
+    asked.unwrap_or(&preset.points).clone()
+}
+
+/// The methods that are asked for, and the predictions of others; with predictions alone, only
+/// those.
+fn candidates(args: &Eval, methods: &[Method]) -> Result<Vec<(String, Candidate)>> {
+    let others = args.predictions.iter().map(|(name, folder)| {
+        if folder.is_dir() {
+            Ok((name.clone(), Candidate::Files(folder.clone())))
+        } else {
+            Err(Error::config(format!(
+                "there is no folder `{}`",
+                folder.display()
+            )))
+        }
+    });
+    let ours = methods
+        .iter()
+        .filter(|_| args.predictions.is_empty() || !args.method.is_empty())
+        .map(|m| Ok((m.name().to_owned(), Candidate::Method(*m))));
+    let all: Vec<(String, Candidate)> = ours.chain(others).collect::<Result<_>>()?;
+    let mut names: Vec<&str> = all.iter().map(|(name, _)| name.as_str()).collect();
+    names.sort_unstable();
+    if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        return Err(Error::config(format!("`{}` is there twice", pair[0]))
+            .hint("give each a name of its own: --predictions NAME=DIR"));
+    }
+    if all.is_empty() {
+        return Err(Error::config("there is nothing to measure").hint("give --method"));
+    }
+    Ok(all)
+}
+
+fn exhibits(evaluation: &Evaluation, report: &Report) -> Result<Vec<Exhibit>> {
+    report
+        .remarkable()
+        .into_iter()
+        .map(|(role, frame, seed)| evaluation.exhibit(role, frame, seed))
+        .collect()
+}
+
+/// Writes every prediction as `METHOD/seedN/FRAME.npy`, as `--predictions` reads them.
+fn save(evaluation: &Evaluation, report: &Report, folder: &Path) -> Result<()> {
+    for (frame, seed) in report.frames().keys() {
+        let exhibit = evaluation.exhibit("saved", frame, *seed)?;
+        for (method, _, depth) in &exhibit.predictions {
+            let path = folder.join(method).join(format!("seed{seed}/{frame}.npy"));
+            if let Some(parent) = path.parent() {
+                std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
+            }
+            write_npy(&path, depth)?;
+        }
+    }
+    Ok(())
+}
+
+/// The files of a report.
+#[derive(Default)]
+pub(super) struct Outputs {
+    text: Option<PathBuf>,
+    json: Option<PathBuf>,
+    csv: Option<PathBuf>,
+    html: Option<PathBuf>,
+}
+
+impl Outputs {
+    fn of(args: &Eval) -> Self {
+        let all = args.output.as_deref().map(Self::folder).unwrap_or_default();
+        Self {
+            text: all.text,
+            json: args.json.clone().or(all.json),
+            csv: args.csv.clone().or(all.csv),
+            html: args.html.clone().or(all.html),
+        }
+    }
+
+    /// All of them in one folder.
+    pub(super) fn folder(folder: &Path) -> Self {
+        let path = |name: &str| Some(folder.join(name));
+        Self {
+            text: path("report.txt"),
+            json: path("report.json"),
+            csv: path("frames.csv"),
+            html: path("report.html"),
+        }
+    }
+
+    pub(super) fn write(&self, report: &Report, exhibits: &[Exhibit]) -> Result<()> {
+        if let Some(path) = &self.text {
+            let text = report.to_string();
+            write_atomically(path, |out| out.write_all(text.as_bytes()))?;
+        }
+        if let Some(path) = &self.csv {
+            report.write_csv(path)?;
+        }
+        if let Some(path) = &self.html {
+            report.write_html(path, exhibits)?;
+        }
+        if let Some(path) = &self.json {
+            report.write_json(path)?;
+        }
+        Ok(())
+    }
 }

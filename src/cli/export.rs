@@ -1,39 +1,98 @@
-//! `lsdc export`: a frame of a dataset as files.
+//! `lsdc export`: frames of a dataset as files, for other programs.
 
 use super::args::Export;
 use super::{Exit, settings, ui};
-use crate::data;
+use crate::data::{DepthMap, Frame, write_npy, write_rgb};
 use crate::error::{Error, Result};
-use crate::sample::Pattern;
+use crate::eval::Evaluation;
+use crate::metrics::Rules;
+use std::path::{Path, PathBuf};
 
 pub(super) fn run(args: &Export) -> Result<Exit> {
     let mut config = args.settings.load()?;
     args.source.apply(&mut config.data);
+    let eval = &config.eval;
+    let name = args.protocol.as_deref().or(eval.preset.as_deref());
+    let preset = settings::preset_of(name, config.data.dataset)?;
     let frames = settings::open(&config.data, args.split)?;
-    if args.index >= frames.len() {
-        return Err(Error::config(format!(
-            "there is no frame {}: the split has {}",
-            args.index,
-            frames.len()
-        )));
+    let points = args.points.as_ref().or(eval.points.as_ref());
+    let evaluation = Evaluation {
+        frames: &*frames,
+        candidates: Vec::new(),
+        completer: None,
+        protocol: eval.protocol.unwrap_or(preset.protocol),
+        points: points.unwrap_or(&preset.points).clone(),
+        noise: args.noise.or(eval.noise),
+        seeds: vec![args.seed],
+        rules: Rules::default(),
+        limit: args.limit,
+    };
+    let indices = match args.index {
+        None => 0..evaluation.total(),
+        Some(index) if index < frames.len() => index..index + 1,
+        Some(index) => {
+            return Err(Error::config(format!(
+                "there is no frame {index}: the split has {}",
+                frames.len()
+            )));
+        }
+    };
+    let count = indices.len();
+    let bar = ui::bar(count, "frames");
+    for index in indices {
+        let files = Files::of(&args.output, &frames.id(index));
+        files.check(args.force)?;
+        let frame = evaluation.frame(index)?;
+        files.write(&frame, &evaluation.points(&frame, args.seed)?)?;
+        bar.inc(1);
     }
-    let frame = frames.load(args.index)?;
-    let sparse = Pattern::Exactly(args.points).draw(&frame.depth, args.seed, &frame.id);
-    let path = |name: &str| args.output.join(name);
-    let names = ["rgb.png", "depth.npy", "sparse.npy"];
-    if let Some(name) = names.iter().find(|name| !args.force && path(name).exists()) {
-        return Err(Error::config(format!("`{}` exists", path(name).display()))
-            .hint("give --force to replace it, or another folder"));
-    }
-    std::fs::create_dir_all(&args.output).map_err(|e| Error::write(&args.output, e))?;
-    data::write_rgb(&path("rgb.png"), &frame.rgb)?;
-    data::write_npy(&path("depth.npy"), &frame.depth)?;
-    data::write_npy(&path("sparse.npy"), &sparse)?;
+    bar.finish_and_clear();
+    ui::print(&format!("frames    {count} of {}", frames.about()));
+    ui::print(&format!("steps     {}", evaluation.protocol));
     ui::print(&format!(
-        "frame     {}, {} sparse points",
-        frame.id,
-        sparse.count()
+        "points    {}, seed {}",
+        evaluation.points, args.seed
     ));
     ui::print(&format!("written   {}", args.output.display()));
     Ok(Exit::Done)
+}
+
+/// The files of a frame, as `--dataset marigold` reads them.
+struct Files {
+    rgb: PathBuf,
+    sparse: PathBuf,
+    truth: PathBuf,
+}
+
+impl Files {
+    fn of(folder: &Path, frame: &str) -> Self {
+        Self {
+            rgb: folder.join("rgb").join(format!("{frame}.png")),
+            sparse: folder.join("sparse").join(format!("{frame}.npy")),
+            truth: folder.join("gt").join(format!("{frame}.npy")),
+        }
+    }
+
+    fn all(&self) -> [&PathBuf; 3] {
+        [&self.rgb, &self.sparse, &self.truth]
+    }
+
+    fn check(&self, force: bool) -> Result<()> {
+        match self.all().into_iter().find(|path| !force && path.exists()) {
+            None => Ok(()),
+            Some(path) => Err(Error::config(format!("`{}` exists", path.display()))
+                .hint("give --force to replace it, or another folder")),
+        }
+    }
+
+    fn write(&self, frame: &Frame, sparse: &DepthMap) -> Result<()> {
+        for path in self.all() {
+            if let Some(parent) = path.parent() {
+                std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
+            }
+        }
+        write_rgb(&self.rgb, &frame.rgb)?;
+        write_npy(&self.truth, &frame.depth)?;
+        write_npy(&self.sparse, sparse)
+    }
 }

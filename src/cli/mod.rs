@@ -5,12 +5,13 @@ mod bench;
 mod complete;
 mod eval;
 mod export;
+mod report;
 mod settings;
 mod train;
 mod ui;
 
 use crate::error::{Cause, Error, Result};
-use args::{Args, Command};
+use args::{Args, Command, ReportCommand};
 use clap::Parser as _;
 use std::process::ExitCode;
 
@@ -53,6 +54,7 @@ fn run(args: Args) -> Result<Exit> {
     match args.command {
         Command::Complete(args) => complete::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Report(ReportCommand::Merge(args)) => report::merge(&args),
         Command::Train(args) => train::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Bench(args) => bench::run(&args),

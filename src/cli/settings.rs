@@ -4,7 +4,7 @@ use super::args::{Settings, Source};
 use crate::config::Config;
 use crate::data::{DataConfig, Dataset, DatasetKind, Split};
 use crate::error::Result;
-use crate::sample::Protocol;
+use crate::sample::Preset;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -33,10 +33,14 @@ pub(super) fn open(data: &DataConfig, split: Split) -> Result<Arc<dyn Dataset>> 
     data.open(split, fallback.as_deref())
 }
 
-/// The size at which a dataset is measured by convention.
-pub(super) fn protocol_of(dataset: DatasetKind) -> Protocol {
-    match dataset {
-        DatasetKind::Nyu => Protocol::nyu(),
-        DatasetKind::Rooms | DatasetKind::Folder => Protocol::default(),
-    }
+/// The protocol of this name, or that by which a dataset is measured by convention.
+pub(super) fn preset_of(name: Option<&str>, dataset: DatasetKind) -> Result<Preset> {
+    Preset::named(name.unwrap_or(match dataset {
+        DatasetKind::Rooms | DatasetKind::Folder | DatasetKind::Tum => "full",
+        DatasetKind::Nyu => "nyu",
+        DatasetKind::Diode => "diode-masked",
+        DatasetKind::Kitti => "kitti",
+        DatasetKind::Void => "void",
+        DatasetKind::Marigold => "marigold",
+    }))
 }

@@ -6,6 +6,7 @@ use crate::config::Config;
 use crate::data::{Split, write_atomically};
 use crate::device::device;
 use crate::error::{Cause, Error, Result};
+use crate::metrics::Metric;
 use crate::train::{Event, Outcome, Trainer};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -114,7 +115,8 @@ fn show(bar: &ProgressBar, event: &Event) {
         Event::Measured { step, held_out } => bar.suspend(|| {
             ui::say(&format!(
                 "step {step}: held-out frames RMSE {:.4} m, REL {:.4}",
-                held_out.rmse, held_out.rel
+                held_out[Metric::Rmse],
+                held_out[Metric::Rel]
             ));
         }),
     }

@@ -1,26 +1,21 @@
 //! Files to frames: what a dataset is, and the readers that make one.
 
 mod depth;
-mod folder;
-mod npy;
-mod nyu;
-mod picture;
-mod rooms;
-mod save;
+mod files;
+mod frame;
+mod sets;
 mod source;
-mod template;
 
 pub use depth::{DepthMap, Point};
-pub use folder::{Folder, FolderConfig};
-pub use npy::{read_npy, write_npy};
-pub use nyu::nyu;
-pub use picture::{read_depth_png, read_rgb, write_depth_png, write_rgb};
-pub use rooms::{Rooms, RoomsConfig};
-pub use save::write_atomically;
+pub use files::{
+    read_depth, read_depth_png, read_mask, read_npy, read_rgb, write_atomically, write_depth_png,
+    write_npy, write_rgb,
+};
+pub use frame::{Frame, FrameId, Place};
+pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
 pub use source::{DataConfig, DatasetKind};
 
 use crate::error::Result;
-use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
 /// Which part of a dataset.
@@ -42,24 +37,21 @@ impl Split {
             Self::Val => "val",
         }
     }
-}
 
-/// The name of a frame: unique in its dataset, stable between machines.
-pub type FrameId = String;
-
-/// A colour image and the depth of the same pixels.
-#[derive(Clone, Debug)]
-pub struct Frame {
-    /// The frame's name.
-    pub id: FrameId,
-    /// 8-bit sRGB.
-    pub rgb: RgbImage,
-    /// Metres along the optical axis, as large as `rgb`.
-    pub depth: DepthMap,
+    /// Whether a folder of this name holds the split.
+    fn is_called(self, folder: &str) -> bool {
+        match self {
+            Self::Train => folder == "train",
+            Self::Val => matches!(folder, "val" | "test"),
+        }
+    }
 }
 
 /// A list of frames, loaded one at a time.
 pub trait Dataset: Send + Sync {
+    /// What was found: the dataset's name, how it is stored, which depths these are.
+    fn about(&self) -> String;
+
     /// The number of frames.
     fn len(&self) -> usize;
 

@@ -1,6 +1,7 @@
 //! Which dataset, and where it lies.
 
-use super::{Dataset, Folder, FolderConfig, Rooms, RoomsConfig, Split, nyu};
+use super::sets::{self, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
+use super::{Dataset, Split};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -15,16 +16,43 @@ pub enum DatasetKind {
     Rooms,
     /// NYU Depth v2.
     Nyu,
+    /// DIODE.
+    Diode,
+    /// KITTI depth completion.
+    Kitti,
+    /// VOID.
+    Void,
+    /// A TUM RGB-D sequence.
+    Tum,
+    /// Marigold-DC's folder of images, points and truth.
+    Marigold,
     /// Any tree described by path templates.
     Folder,
 }
 
 impl DatasetKind {
+    /// All kinds.
+    pub const ALL: [Self; 8] = [
+        Self::Rooms,
+        Self::Nyu,
+        Self::Diode,
+        Self::Kitti,
+        Self::Void,
+        Self::Tum,
+        Self::Marigold,
+        Self::Folder,
+    ];
+
     /// The name in configs and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Rooms => "rooms",
             Self::Nyu => "nyu",
+            Self::Diode => "diode",
+            Self::Kitti => "kitti",
+            Self::Void => "void",
+            Self::Tum => "tum",
+            Self::Marigold => "marigold",
             Self::Folder => "folder",
         }
     }
@@ -36,8 +64,12 @@ impl DatasetKind {
 pub struct DataConfig {
     /// The kind of dataset.
     pub dataset: DatasetKind,
-    /// Its folder; `LSDC_DATA/<dataset>` or `LSDC_DATA` if absent.
+    /// Its folder, or the file that holds it; `LSDC_DATA/<dataset>` or `LSDC_DATA` if absent.
     pub root: Option<PathBuf>,
+    /// Settings of `dataset = "nyu"`.
+    pub nyu: NyuConfig,
+    /// Settings of `dataset = "diode"`.
+    pub diode: DiodeConfig,
     /// Templates of `dataset = "folder"`.
     pub folder: FolderConfig,
     /// Settings of `dataset = "rooms"`.
@@ -50,14 +82,16 @@ impl DataConfig {
     /// # Errors
     /// An unknown or unreadable folder, or no frame in it.
     pub fn open(&self, split: Split, fallback: Option<&Path>) -> Result<Arc<dyn Dataset>> {
+        let root = || self.folder_of(fallback);
         Ok(match self.dataset {
             DatasetKind::Rooms => Arc::new(Rooms::new(split, &self.rooms)?),
-            DatasetKind::Nyu => Arc::new(nyu(&self.folder_of(fallback)?, split)?),
-            DatasetKind::Folder => Arc::new(Folder::open(
-                &self.folder_of(fallback)?,
-                split,
-                &self.folder,
-            )?),
+            DatasetKind::Nyu => sets::nyu(&root()?, split, self.nyu)?,
+            DatasetKind::Diode => Arc::new(sets::diode(&root()?, split, self.diode)?),
+            DatasetKind::Kitti => Arc::new(sets::kitti(&root()?, split)?),
+            DatasetKind::Void => Arc::new(sets::void(&root()?, split)?),
+            DatasetKind::Tum => Arc::new(sets::tum(&root()?)?),
+            DatasetKind::Marigold => Arc::new(sets::marigold(&root()?)?),
+            DatasetKind::Folder => Arc::new(Folder::open(&root()?, split, &self.folder)?),
         })
     }
 
@@ -72,7 +106,7 @@ impl DataConfig {
             )
         })?;
         let named = base.join(name);
-        Ok(if named.is_dir() {
+        Ok(if named.exists() {
             named
         } else {
             base.to_owned()

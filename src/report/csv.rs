@@ -1,35 +1,31 @@
-//! One line per frame and method.
+//! One line per frame, seed and method.
 
 use super::Report;
 use crate::data::write_atomically;
 use crate::error::Result;
+use crate::metrics::Metric;
 use std::path::Path;
 
 impl Report {
-    /// Writes `frame,method,points,rmse_m,mae_m,rel,delta1,delta2,delta3`.
+    /// Writes `frame,seed,method,points` and every measure; an empty field means none.
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn write_csv(&self, path: &Path) -> Result<()> {
         write_atomically(path, |out| {
-            writeln!(
-                out,
-                "frame,method,points,rmse_m,mae_m,rel,delta1,delta2,delta3"
-            )?;
-            for frame in &self.frames {
-                for (method, s) in self.methods.iter().zip(&frame.scores) {
-                    writeln!(
-                        out,
-                        "{},{method},{},{},{},{},{},{},{}",
-                        quoted(&frame.frame),
-                        frame.points,
-                        s.rmse,
-                        s.mae,
-                        s.rel,
-                        s.delta1,
-                        s.delta2,
-                        s.delta3
-                    )?;
+            let names = Metric::ALL.map(Metric::key).join(",");
+            writeln!(out, "frame,seed,method,points,{names}")?;
+            for ((frame, seed), scores) in &self.frames {
+                for (method, s) in self.heading.methods.iter().zip(&scores.scores) {
+                    let (frame, method) = (quoted(frame), quoted(method));
+                    write!(out, "{frame},{seed},{method},{}", scores.points)?;
+                    for metric in Metric::ALL {
+                        match s[metric] {
+                            value if value.is_finite() => write!(out, ",{value}")?,
+                            _ => write!(out, ",")?,
+                        }
+                    }
+                    writeln!(out)?;
                 }
             }
             Ok(())

@@ -1,44 +1,107 @@
 //! The machine-readable report: everything, without rounding.
 
-use super::Report;
-use crate::data::write_atomically;
-use crate::error::Result;
+use super::{Failure, FrameScores, Heading, Report};
+use crate::data::{Place, write_atomically};
+use crate::error::{Error, Result};
+use crate::metrics::{Metric, Profile, Scores};
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
+
+/// The part of the file that a report is read back from; all else follows from it.
+#[derive(Deserialize)]
+struct File {
+    heading: Heading,
+    profiles: BTreeMap<String, Profile>,
+    frames: Vec<Line>,
+    failures: Vec<Failure>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Line {
+    frame: String,
+    seed: u64,
+    points: usize,
+    place: Place,
+    scores: BTreeMap<String, Scores>,
+}
 
 impl Report {
     /// The report as one JSON object.
     pub fn to_json(&self) -> Value {
-        let by_method = |scores: &mut dyn Iterator<Item = Value>| -> Value {
-            let names = self.methods.iter().cloned();
-            Value::Object(names.zip(scores).collect::<Map<_, _>>())
-        };
-        let frames: Vec<Value> = self
+        let methods = || self.heading.methods.iter().cloned();
+        let frames: Vec<Line> = self
             .frames
             .iter()
-            .map(|frame| {
-                json!({
-                    "frame": frame.frame,
-                    "points": frame.points,
-                    "scores": by_method(&mut frame.scores.iter().map(|s| json!(s))),
-                })
+            .map(|((frame, seed), scores)| Line {
+                frame: frame.clone(),
+                seed: *seed,
+                points: scores.points,
+                place: scores.place,
+                scores: methods().zip(scores.scores.iter().copied()).collect(),
             })
             .collect();
-        let failures: Vec<Value> = self
-            .failures
+        let profiles: BTreeMap<String, &Profile> = methods().zip(&self.profiles).collect();
+        let units: Map<String, Value> = Metric::ALL
             .iter()
-            .map(|(frame, error)| json!({ "frame": frame, "error": error.to_string() }))
+            .map(|m| {
+                (
+                    m.key().to_owned(),
+                    json!(if m.is_share() { "fraction" } else { m.unit() }),
+                )
+            })
+            .collect();
+        let places: Map<String, Value> = self
+            .places()
+            .into_iter()
+            .map(|place| {
+                (
+                    json!(place).as_str().unwrap_or_default().to_owned(),
+                    self.averages(Some(place)),
+                )
+            })
             .collect();
         json!({
             "lsdc": env!("CARGO_PKG_VERSION"),
-            "dataset": self.heading.dataset,
-            "protocol": self.heading.protocol,
-            "points": self.heading.points,
-            "units": "rmse and mae in metres; rel and delta as fractions",
-            "means": by_method(&mut self.means().into_iter().map(|(_, s)| json!(s))),
+            "heading": self.heading,
+            "averaged": self.heading.rules.to_string(),
+            "units": units,
+            "means": self.averages(None),
+            "places": places,
+            "differences": self.all_differences(),
+            "profiles": profiles,
             "frames": frames,
-            "failures": failures,
+            "failures": self.failures,
         })
+    }
+
+    /// Reads a report back.
+    ///
+    /// # Errors
+    /// Text that is no report, or one that contradicts itself.
+    pub fn from_json(text: &str) -> Result<Self> {
+        let file: File = serde_json::from_str(text)
+            .map_err(|e| Error::config("this is no report of `lsdc eval --json`").because(e))?;
+        let missing = |method: &String| Error::config(format!("no scores of `{method}`"));
+        let mut report = Self::new(file.heading);
+        for (sum, method) in report.profiles.iter_mut().zip(&report.heading.methods) {
+            *sum = file.profiles.get(method).cloned().unwrap_or_default();
+        }
+        for line in file.frames {
+            let methods = report.heading.methods.iter();
+            let scores = methods
+                .map(|m| line.scores.get(m).copied().ok_or_else(|| missing(m)))
+                .collect::<Result<_>>()?;
+            let scores = FrameScores {
+                points: line.points,
+                place: line.place,
+                scores,
+            };
+            report.insert((line.frame, line.seed), scores)?;
+        }
+        file.failures.into_iter().for_each(|f| report.fail(f));
+        Ok(report)
     }
 
     /// Writes the JSON object to a file.
@@ -51,5 +114,36 @@ impl Report {
             serde_json::to_writer_pretty(&mut *out, &value)?;
             writeln!(out)
         })
+    }
+
+    /// Reads a file that [`write_json`](Self::write_json) wrote.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no report.
+    pub fn read_json(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        Self::from_json(&text).map_err(|e| Error::format(path, "is not a report").because(e))
+    }
+
+    fn averages(&self, place: Option<Place>) -> Value {
+        let means = self.means(place);
+        let value = |m: &super::Mean| json!({ "mean": m.mean, "deviation": m.deviation });
+        let by_method: Map<String, Value> = means
+            .iter()
+            .map(|m| (m.method.to_owned(), value(m)))
+            .collect();
+        Value::Object(by_method)
+    }
+
+    /// Second minus first, by method and measure.
+    fn all_differences(&self) -> Value {
+        let mut by_method = BTreeMap::<&str, Map<String, Value>>::new();
+        for metric in Metric::ALL {
+            for (method, difference) in self.differences(metric) {
+                let values = by_method.entry(method).or_default();
+                values.insert(metric.key().to_owned(), json!(difference));
+            }
+        }
+        json!({ "from": self.heading.methods.first(), "to": by_method })
     }
 }

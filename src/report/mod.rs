@@ -1,89 +1,317 @@
-//! The outcome of an evaluation, as text, JSON and CSV.
+//! The outcome of an evaluation: text, JSON, CSV and a page with pictures.
 
+mod chart;
+mod colour;
 mod csv;
+mod html;
 mod json;
 mod text;
 
-use crate::error::Error;
-use crate::metrics::{Scores, Tally};
+pub use colour::coloured;
+pub use html::{Exhibit, Role};
 
-/// The scores of one frame, one per method.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FrameScores {
+use crate::data::Place;
+use crate::error::{Error, Result};
+use crate::metrics::{Difference, Metric, Profile, Rules, Scores, Tally, deviation};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What was measured, in words and numbers: printed above every table and kept in every file. Two
+/// reports with the same heading may be joined.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Heading {
+    /// The dataset and split.
+    pub dataset: String,
+    /// What was found where the dataset lies.
+    pub found: String,
+    /// The protocol's name and source.
+    pub protocol: String,
+    /// Its steps.
+    pub steps: String,
+    /// The law of the sparse points.
+    pub points: String,
+    /// What was done to them.
+    pub noise: Option<String>,
+    /// The seeds of the points.
+    pub seeds: Vec<u64>,
+    /// What is compared, in order.
+    pub methods: Vec<String>,
+    /// The weights of the network.
+    pub weights: Option<String>,
+    /// Limits of the predictions.
+    pub limits: String,
+    /// What the measures leave open.
+    pub rules: Rules,
+    /// Frames in all, whichever shard measured them.
+    pub frames: usize,
+}
+
+/// How one method did on one frame with one draw of points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Outcome {
+    /// The measures.
+    pub scores: Scores,
+    /// Where the errors are.
+    pub profile: Profile,
+}
+
+/// One frame with one draw of points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
     /// The frame's name.
     pub frame: String,
+    /// Names the draw.
+    pub seed: u64,
     /// Sparse points that were given.
     pub points: usize,
-    /// In the order of the report's methods.
+    /// Where the frame was taken.
+    pub place: Place,
+    /// One for each method, in the order of the heading.
+    pub outcomes: Vec<Outcome>,
+}
+
+/// A frame that could not be measured.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Failure {
+    /// The frame's name.
+    pub frame: String,
+    /// What was wrong.
+    pub error: String,
+}
+
+/// Scores of a frame under one seed: what a report keeps of a [`Record`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameScores {
+    /// Sparse points that were given.
+    pub points: usize,
+    /// Where the frame was taken.
+    pub place: Place,
+    /// One for each method, in the order of the heading.
     pub scores: Vec<Scores>,
 }
 
 /// Scores of several methods on the same frames.
-#[derive(Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Report {
     heading: Heading,
-    methods: Vec<String>,
-    frames: Vec<FrameScores>,
-    failures: Vec<(String, Error)>,
+    /// By frame and seed; every sum runs in this order, whatever the order of measuring.
+    frames: BTreeMap<(String, u64), FrameScores>,
+    profiles: Vec<Profile>,
+    failures: Vec<Failure>,
 }
 
-/// What was measured, in words: printed above every table and kept in every file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Heading {
-    /// The dataset and split.
-    pub dataset: String,
-    /// Size and cropping.
-    pub protocol: String,
-    /// The law of the sparse points and its seed.
-    pub points: String,
+/// A method's average over all frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mean<'a> {
+    /// Its name.
+    pub method: &'a str,
+    /// The mean over seeds of the mean over frames.
+    pub mean: Scores,
+    /// Its standard deviation over seeds; NaN for a single seed.
+    pub deviation: Scores,
 }
 
 impl Report {
-    /// An empty report on these methods.
-    pub fn new(heading: Heading, methods: Vec<String>) -> Self {
+    /// An empty report.
+    pub fn new(heading: Heading) -> Self {
         Self {
+            profiles: vec![Profile::default(); heading.methods.len()],
             heading,
-            methods,
-            frames: Vec::new(),
+            frames: BTreeMap::new(),
             failures: Vec::new(),
         }
     }
 
-    /// Adds a frame.
-    pub fn add(&mut self, frame: FrameScores) {
-        self.frames.push(frame);
+    /// What was measured.
+    pub fn heading(&self) -> &Heading {
+        &self.heading
+    }
+
+    /// Adds a frame with one draw of points.
+    ///
+    /// # Errors
+    /// It is there already, or has outcomes of other methods.
+    pub fn add(&mut self, record: Record) -> Result<()> {
+        if record.outcomes.len() != self.heading.methods.len() {
+            return Err(Error::config(format!(
+                "frame `{}` has outcomes of {} methods, expected {}",
+                record.frame,
+                record.outcomes.len(),
+                self.heading.methods.len()
+            )));
+        }
+        for (sum, outcome) in self.profiles.iter_mut().zip(&record.outcomes) {
+            sum.add(&outcome.profile);
+        }
+        let scores = FrameScores {
+            points: record.points,
+            place: record.place,
+            scores: record.outcomes.iter().map(|o| o.scores).collect(),
+        };
+        self.insert((record.frame, record.seed), scores)
     }
 
     /// Notes a frame that could not be measured.
-    pub fn fail(&mut self, frame: String, error: Error) {
-        self.failures.push((frame, error));
+    pub fn fail(&mut self, failure: Failure) {
+        self.failures.push(failure);
+        self.failures.sort_by(|a, b| a.frame.cmp(&b.frame));
     }
 
-    /// The frames measured, in the order of the dataset.
-    pub fn frames(&self) -> &[FrameScores] {
+    /// Joins a report on other frames. The result is the same, to the last bit, as if all frames
+    /// had been measured at once.
+    ///
+    /// # Errors
+    /// Another heading, or a frame that both have.
+    pub fn join(&mut self, other: Self) -> Result<()> {
+        if self.heading != other.heading {
+            return Err(Error::config("the reports do not measure the same thing")
+                .hint("dataset, protocol, points, seeds, methods and weights must be equal"));
+        }
+        for (key, scores) in other.frames {
+            self.insert(key, scores)?;
+        }
+        for (sum, profile) in self.profiles.iter_mut().zip(&other.profiles) {
+            sum.add(profile);
+        }
+        other.failures.into_iter().for_each(|f| self.fail(f));
+        Ok(())
+    }
+
+    fn insert(&mut self, key: (String, u64), scores: FrameScores) -> Result<()> {
+        if self.frames.contains_key(&key) {
+            return Err(Error::config(format!(
+                "frame `{}` with seed {} is there twice",
+                key.0, key.1
+            ))
+            .hint("join each shard once"));
+        }
+        self.frames.insert(key, scores);
+        Ok(())
+    }
+
+    /// The frames measured, by name and seed.
+    pub fn frames(&self) -> &BTreeMap<(String, u64), FrameScores> {
         &self.frames
     }
 
     /// The frames that could not be measured, and why.
-    pub fn failures(&self) -> &[(String, Error)] {
+    pub fn failures(&self) -> &[Failure] {
         &self.failures
     }
 
-    /// The first failure, for a report without frames.
-    pub fn into_first_failure(self) -> Option<Error> {
-        self.failures.into_iter().next().map(|(_, error)| error)
+    /// Where the errors of each method are.
+    pub fn profiles(&self) -> &[Profile] {
+        &self.profiles
     }
 
-    /// Each method's name and mean scores over all frames.
-    pub fn means(&self) -> Vec<(&str, Scores)> {
-        self.methods
-            .iter()
-            .enumerate()
+    /// The number of frames measured, each counted once.
+    pub fn count(&self) -> usize {
+        let names: BTreeSet<&str> = self
+            .frames
+            .keys()
+            .map(|(frame, _)| frame.as_str())
+            .collect();
+        names.len()
+    }
+
+    /// The places of the frames.
+    pub fn places(&self) -> Vec<Place> {
+        [Place::Indoor, Place::Outdoor]
+            .into_iter()
+            .filter(|place| self.frames.values().any(|f| f.place == *place))
+            .collect()
+    }
+
+    /// Each method's average, over all frames or those of one place.
+    pub fn means(&self, place: Option<Place>) -> Vec<Mean<'_>> {
+        let of = |method: usize| -> Vec<Scores> {
+            let mut by_seed = BTreeMap::<u64, Tally>::new();
+            for ((_, seed), frame) in &self.frames {
+                if place.is_none_or(|place| place == frame.place) {
+                    by_seed.entry(*seed).or_default().add(&frame.scores[method]);
+                }
+            }
+            by_seed.values().filter_map(Tally::mean).collect()
+        };
+        let methods = self.heading.methods.iter().enumerate();
+        methods
             .map(|(i, method)| {
-                let mut tally = Tally::default();
-                self.frames.iter().for_each(|f| tally.add(&f.scores[i]));
-                (method.as_str(), tally.mean().unwrap_or_default())
+                let (mean, deviation) = deviation(&of(i));
+                Mean {
+                    method,
+                    mean,
+                    deviation,
+                }
             })
             .collect()
     }
+
+    /// The scores of a method on each frame, averaged over seeds.
+    fn by_frame(&self, method: usize) -> BTreeMap<&str, Scores> {
+        let mut tallies = BTreeMap::<&str, Tally>::new();
+        for ((frame, _), scores) in &self.frames {
+            tallies
+                .entry(frame)
+                .or_default()
+                .add(&scores.scores[method]);
+        }
+        let mean = |tally: &Tally| tally.mean().unwrap_or_default();
+        tallies
+            .iter()
+            .map(|(frame, tally)| (*frame, mean(tally)))
+            .collect()
+    }
+
+    /// Every later method against the first: second minus first, paired by frame, each frame
+    /// averaged over seeds. `None` with fewer than two frames.
+    pub fn differences(&self, metric: Metric) -> Vec<(&str, Option<Difference>)> {
+        if self.heading.methods.is_empty() {
+            return Vec::new();
+        }
+        let first = self.by_frame(0);
+        let others = self.heading.methods.iter().enumerate().skip(1);
+        others
+            .map(|(i, method)| {
+                let second = self.by_frame(i);
+                let pairs = first
+                    .iter()
+                    .map(|(frame, a)| (a[metric], second[frame][metric]));
+                (method.as_str(), Difference::of(pairs))
+            })
+            .collect()
+    }
+
+    /// The frames in which the first method has its smallest, median and largest RMSE, by the
+    /// first seed: the best, an ordinary and the worst.
+    pub fn remarkable(&self) -> Vec<(&'static str, &str, u64)> {
+        let Some(&seed) = self.heading.seeds.first() else {
+            return Vec::new();
+        };
+        let mut order: Vec<(&str, f64)> = self
+            .frames
+            .iter()
+            .filter(|((_, s), _)| *s == seed)
+            .filter_map(|((frame, _), f)| Some((frame.as_str(), f.scores.first()?[Metric::Rmse])))
+            .collect();
+        order.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let pick = |name, i: usize| order.get(i).map(|(frame, _)| (name, *frame, seed));
+        let last = order.len().saturating_sub(1);
+        let mut picks: Vec<_> = [
+            pick("worst", last),
+            pick("median", last / 2),
+            pick("best", 0),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        picks.dedup_by_key(|(_, frame, _)| *frame);
+        picks
+    }
 }
+
+#[cfg(test)]
+mod tests;

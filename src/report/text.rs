@@ -1,32 +1,165 @@
-//! The table for people.
+//! The tables for people.
 
-use super::Report;
+use super::{Mean, Report};
+use crate::data::Place;
+use crate::metrics::Metric;
 use std::fmt::{Display, Formatter, Result};
+
+/// The measures of each table.
+const TABLES: [&[Metric]; 2] = [
+    &[
+        Metric::Rmse,
+        Metric::Mae,
+        Metric::Irmse,
+        Metric::Imae,
+        Metric::Rel,
+        Metric::Log10,
+        Metric::RmseLog,
+        Metric::See,
+    ],
+    &[
+        Metric::Delta102,
+        Metric::Delta105,
+        Metric::Delta110,
+        Metric::Delta1,
+        Metric::Delta2,
+        Metric::Delta3,
+    ],
+];
+
+impl Report {
+    /// The lines above the tables: names and texts.
+    pub(super) fn preface(&self) -> Vec<(&'static str, String)> {
+        let heading = &self.heading;
+        let count = self.count();
+        let frames = match heading.frames {
+            all if all == count => format!("{count} frames"),
+            all => format!("{count} of {all} frames"),
+        };
+        let seeds: Vec<String> = heading.seeds.iter().map(u64::to_string).collect();
+        let noise = heading.noise.as_ref().map(|n| format!(", {n}"));
+        let mut lines = vec![
+            (
+                "dataset",
+                format!("{}, {frames}: {}", heading.dataset, heading.found),
+            ),
+            ("protocol", heading.protocol.clone()),
+            ("steps", heading.steps.clone()),
+            (
+                "points",
+                format!(
+                    "{}{}, seed {}",
+                    heading.points,
+                    noise.unwrap_or_default(),
+                    seeds.join(", ")
+                ),
+            ),
+            ("limits", heading.limits.clone()),
+            ("averaged", heading.rules.to_string()),
+        ];
+        if let Some(weights) = &heading.weights {
+            lines.insert(4, ("weights", weights.clone()));
+        }
+        if heading.seeds.len() > 1 {
+            let spread = "mean over seeds; +- is the standard deviation over them".to_owned();
+            lines.push(("", spread));
+        }
+        lines
+    }
+
+    /// The differences to the first method in words.
+    pub(super) fn comparisons(&self) -> Vec<String> {
+        let first = self.heading.methods.first().map_or("", String::as_str);
+        self.differences(Metric::Rmse)
+            .into_iter()
+            .filter_map(|(method, difference)| {
+                let d = difference?;
+                Some(format!(
+                    "{method} - {first}: RMSE {:+.4} m (95 % from {:+.4} to {:+.4}), {method} is \
+                     better on {:.0} % of {} frames",
+                    d.mean,
+                    d.low,
+                    d.high,
+                    100.0 * d.smaller,
+                    d.pairs
+                ))
+            })
+            .collect()
+    }
+}
 
 impl Display for Report {
     fn fmt(&self, f: &mut Formatter<'_>) -> Result {
-        let count = self.frames.len();
-        writeln!(f, "dataset   {}, {count} frames", self.heading.dataset)?;
-        writeln!(f, "protocol  {}", self.heading.protocol)?;
-        writeln!(f, "points    {}", self.heading.points)?;
-        writeln!(
-            f,
-            "averaged  per frame over pixels with a true depth, then over frames"
-        )?;
-        writeln!(f)?;
-        writeln!(
-            f,
-            "{:<10} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8}",
-            "method", "RMSE m", "MAE m", "REL", "d1.25 %", "^2 %", "^3 %"
-        )?;
-        for (method, s) in self.means() {
-            let [d1, d2, d3] = [s.delta1, s.delta2, s.delta3].map(|d| 100.0 * d);
-            writeln!(
-                f,
-                "{method:<10} {:>8.4} {:>8.4} {:>8.4} {d1:>8.2} {d2:>8.2} {d3:>8.2}",
-                s.rmse, s.mae, s.rel
-            )?;
+        for (name, text) in self.preface() {
+            writeln!(f, "{name:<9} {text}")?;
         }
-        Ok(())
+        tables(f, &self.means(None))?;
+        let places = self.places();
+        if places.len() > 1 {
+            for place in places {
+                let name = match place {
+                    Place::Indoor => "indoor",
+                    Place::Outdoor => "outdoor",
+                };
+                write!(f, "\n{name}:")?;
+                tables(f, &self.means(Some(place)))?;
+            }
+        }
+        let comparisons = self.comparisons();
+        if !comparisons.is_empty() {
+            writeln!(f)?;
+        }
+        comparisons
+            .iter()
+            .try_for_each(|line| writeln!(f, "{line}"))
+    }
+}
+
+fn tables(f: &mut Formatter<'_>, means: &[Mean]) -> Result {
+    let width = means
+        .iter()
+        .map(|m| m.method.len())
+        .max()
+        .unwrap_or(0)
+        .max(8);
+    let repeated = means.iter().any(|m| m.deviation[Metric::Rmse].is_finite());
+    for metrics in TABLES {
+        write!(f, "\n{:<width$}", "method")?;
+        for metric in metrics {
+            let unit = metric.unit();
+            let name = match unit {
+                "" => metric.label().to_owned(),
+                _ => format!("{} {unit}", metric.label()),
+            };
+            write!(f, " {name:>10}")?;
+            if repeated && *metric == Metric::Rmse {
+                write!(f, " {:>8}", "+-")?;
+            }
+        }
+        writeln!(f)?;
+        for mean in means {
+            write!(f, "{:<width$}", mean.method)?;
+            for metric in metrics {
+                write!(f, " {:>10}", shown(*metric, mean.mean[*metric]))?;
+                if repeated && *metric == Metric::Rmse {
+                    write!(f, " {:>8}", shown(*metric, mean.deviation[*metric]))?;
+                }
+            }
+            writeln!(f)?;
+        }
+    }
+    Ok(())
+}
+
+/// A value with the digits that mean something.
+pub(super) fn shown(metric: Metric, value: f64) -> String {
+    if !value.is_finite() {
+        "-".to_owned()
+    } else if metric.is_share() {
+        format!("{:.2}", 100.0 * value)
+    } else if metric.unit() == "1/km" {
+        format!("{value:.2}")
+    } else {
+        format!("{value:.4}")
     }
 }

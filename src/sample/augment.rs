@@ -98,11 +98,11 @@ impl AugmentConfig {
             }
         }
         self.recolour(&mut rgb, rng);
-        Ok(Frame {
-            id: frame.id,
+        Frame::new(
+            frame.id,
             rgb,
-            depth: DepthMap::new(size.width, size.height, depths)?,
-        })
+            DepthMap::new(size.width, size.height, depths)?,
+        )
     }
 
     fn recolour(&self, rgb: &mut RgbImage, rng: &mut Rng) {
@@ -154,11 +154,7 @@ mod tests {
     fn frame() -> Frame {
         let rgb = RgbImage::from_fn(32, 24, |x, y| Rgb([(x * 7) as u8, (y * 9) as u8, 30]));
         let depths = (0..32 * 24).map(|i| 1.0 + (i % 32) as f32 * 0.1).collect();
-        Frame {
-            id: "f".into(),
-            rgb,
-            depth: DepthMap::new(32, 24, depths).unwrap(),
-        }
+        Frame::new("f".into(), rgb, DepthMap::new(32, 24, depths).unwrap()).unwrap()
     }
 
     #[test]

@@ -2,16 +2,21 @@
 
 mod augment;
 mod batch;
+mod corners;
 mod loader;
+mod noise;
 mod patches;
 mod pattern;
+mod preset;
 mod protocol;
 mod resize;
 
 pub use augment::AugmentConfig;
 pub use batch::{Batch, image_tensor, image_values};
 pub use loader::{Loader, Sampler, SamplerConfig};
+pub use noise::Noise;
 pub use patches::{Sample, SupervisionConfig};
 pub use pattern::Pattern;
-pub use protocol::{Interpolation, Protocol, Size};
-pub use resize::{resize_depth_bilinear, resize_depth_nearest, resize_rgb};
+pub use preset::Preset;
+pub use protocol::{Anchor, Jumps, Protocol, Size};
+pub use resize::{Interpolation, move_points, resize_depth, resize_rgb};

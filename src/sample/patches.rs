@@ -135,11 +135,8 @@ mod tests {
     #[test]
     fn draws_read_only_valid_points() {
         let depths = (0..40 * 30).map(|i| if i % 5 == 0 { 0.0 } else { 2.0 });
-        let frame = Frame {
-            id: "f".into(),
-            rgb: RgbImage::new(40, 30),
-            depth: DepthMap::new(40, 30, depths.collect()).unwrap(),
-        };
+        let depth = DepthMap::new(40, 30, depths.collect()).unwrap();
+        let frame = Frame::new("f".into(), RgbImage::new(40, 30), depth).unwrap();
         let config = SupervisionConfig {
             points: 1100,
             fewest: 100,

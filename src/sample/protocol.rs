@@ -1,9 +1,10 @@
-//! How a frame is brought to the size at which it is measured.
+//! How a frame is brought to the size at which it is measured, and which depths count.
 
-use super::resize::{resize_depth_bilinear, resize_depth_nearest, resize_rgb};
-use crate::data::{DepthMap, Frame};
+use super::resize::{Interpolation, move_points, resize_depth, resize_rgb};
+use crate::data::{DepthMap, Frame, Place};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
 
 /// Rows and columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -14,33 +15,56 @@ pub struct Size {
     pub width: usize,
 }
 
-impl std::fmt::Display for Size {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl Display for Size {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}x{}", self.height, self.width)
     }
 }
 
-/// How depths are resized; colours are always bilinear with antialiasing.
+/// Which part of a frame a crop keeps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Interpolation {
-    /// As NLSPN, CSPN and later: mixes depths at edges.
+pub enum Anchor {
+    /// The centre.
     #[default]
-    Bilinear,
-    /// As sparse-to-dense: keeps measured values.
-    Nearest,
+    Centre,
+    /// The centre of the lowest rows: a laser scanner does not see the sky.
+    Bottom,
 }
 
-/// Resize, then centre crop.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// A true depth does not count where a neighbour of its 3x3 pixels differs by more than this share
+/// of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Jumps {
+    /// In rooms.
+    pub indoor: f32,
+    /// Under the sky.
+    pub outdoor: f32,
+}
+
+/// The steps, in their order. A step that is not named is not taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Protocol {
-    /// Resize to this first.
+    /// Leave out the depths that the dataset declares invalid.
+    pub mask: bool,
+    /// Leave out depths outside this range, in metres.
+    pub range: Option<[f32; 2]>,
+    /// Leave out depths beside a jump.
+    pub jumps: Option<Jumps>,
+    /// Cut this out of the centre.
+    pub cut: Option<Size>,
+    /// Resize to this.
     pub resize: Option<Size>,
-    /// Then cut this out of the centre.
-    pub crop: Option<Size>,
+    /// How colours are resized.
+    pub rgb_resize: Interpolation,
     /// How depths are resized.
     pub depth_resize: Interpolation,
+    /// Cut this out of what was resized.
+    pub crop: Option<Size>,
+    /// Which part `crop` keeps.
+    pub anchor: Anchor,
 }
 
 impl Protocol {
@@ -56,83 +80,248 @@ impl Protocol {
                 height: 228,
                 width: 304,
             }),
-            depth_resize: Interpolation::default(),
+            ..Self::default()
         }
     }
 
     /// Brings a frame to the protocol's size.
     ///
     /// # Errors
-    /// The crop is larger than the frame.
+    /// A crop is larger than the frame.
     pub fn apply(&self, frame: &Frame) -> Result<Frame> {
-        self.cut(self.scale(frame)?)
-    }
-
-    /// The resizing step alone.
-    pub(super) fn scale(&self, frame: &Frame) -> Result<Frame> {
-        let Some(size) = self.resize else {
-            return Ok(frame.clone());
-        };
-        let resize_depth = match self.depth_resize {
-            Interpolation::Bilinear => resize_depth_bilinear,
-            Interpolation::Nearest => resize_depth_nearest,
-        };
-        Ok(Frame {
-            id: frame.id.clone(),
-            rgb: resize_rgb(&frame.rgb, size.width, size.height)?,
-            depth: resize_depth(&frame.depth, size.width, size.height)?,
-        })
-    }
-
-    fn cut(&self, frame: Frame) -> Result<Frame> {
-        let Some(size) = self.crop else {
-            return Ok(frame);
-        };
-        let (x, y) = self.corner(&frame)?;
-        let values = (y..y + size.height)
-            .flat_map(|row| (x..x + size.width).map(move |column| (column, row)))
-            .map(|(column, row)| frame.depth.at(column, row))
-            .collect();
-        let (left, top) = (x as u32, y as u32);
-        let (width, height) = (size.width as u32, size.height as u32);
-        Ok(Frame {
-            rgb: image::imageops::crop_imm(&frame.rgb, left, top, width, height).to_image(),
-            depth: DepthMap::new(size.width, size.height, values)?,
-            id: frame.id,
-        })
-    }
-
-    /// The crop's upper left pixel in a frame.
-    pub(super) fn corner(&self, frame: &Frame) -> Result<(usize, usize)> {
-        let (width, height) = (frame.depth.width(), frame.depth.height());
-        let size = self.crop.unwrap_or(Size { height, width });
-        if size.height > height || size.width > width {
-            return Err(Error::shape(format!(
-                "frame `{}` of {height}x{width} is smaller than the crop of {size}",
-                frame.id
-            )));
+        let frame = self.scale(frame)?;
+        match self.crop {
+            None => Ok(frame),
+            Some(size) => {
+                let corner = self.corner(&frame)?;
+                cut_out(&frame, corner, size)
+            }
         }
-        // Rounded half to even, as torchvision's CenterCrop.
-        let half = |room: usize| (room as f64 / 2.0).round_ties_even() as usize;
-        Ok((half(width - size.width), half(height - size.height)))
+    }
+
+    /// All steps but the last crop.
+    pub(super) fn scale(&self, frame: &Frame) -> Result<Frame> {
+        let mut frame = Frame {
+            depth: self.valid(frame)?,
+            ..frame.clone()
+        };
+        if let Some(size) = self.cut {
+            let corner = corner(&frame, size, Anchor::Centre)?;
+            frame = cut_out(&frame, corner, size)?;
+        }
+        if let Some(size) = self.resize {
+            frame.rgb = resize_rgb(&frame.rgb, size, self.rgb_resize)?;
+            frame.depth = resize_depth(&frame.depth, size, self.depth_resize)?;
+            frame.sparse = match &frame.sparse {
+                Some(sparse) => Some(move_points(sparse, size)?),
+                None => None,
+            };
+        }
+        Ok(frame)
+    }
+
+    /// The last crop's upper left pixel in a frame.
+    pub(super) fn corner(&self, frame: &Frame) -> Result<(usize, usize)> {
+        let whole = Size {
+            height: frame.depth.height(),
+            width: frame.depth.width(),
+        };
+        corner(frame, self.crop.unwrap_or(whole), self.anchor)
+    }
+
+    /// The true depths that count.
+    fn valid(&self, frame: &Frame) -> Result<DepthMap> {
+        let mut values = frame.depth.values().to_vec();
+        if let (true, Some(mask)) = (self.mask, &frame.mask) {
+            for (value, valid) in values.iter_mut().zip(mask) {
+                *value *= f32::from(*valid);
+            }
+        }
+        if let Some([low, high]) = self.range {
+            for value in &mut values {
+                if !(low..=high).contains(value) {
+                    *value = 0.0;
+                }
+            }
+        }
+        let depth = DepthMap::new(frame.depth.width(), frame.depth.height(), values)?;
+        match self.jumps {
+            None => Ok(depth),
+            Some(jumps) => without_jumps(
+                &depth,
+                match frame.place {
+                    Place::Indoor => jumps.indoor,
+                    Place::Outdoor => jumps.outdoor,
+                },
+            ),
+        }
     }
 }
 
-impl std::fmt::Display for Protocol {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.resize {
-            Some(size) => {
-                let depth = match self.depth_resize {
-                    Interpolation::Bilinear => "bilinear",
-                    Interpolation::Nearest => "nearest",
-                };
-                write!(f, "resized to {size} (colour bilinear, depth {depth})")?;
-            }
-            None => write!(f, "full size")?,
+fn without_jumps(depth: &DepthMap, most: f32) -> Result<DepthMap> {
+    let (width, height) = (depth.width(), depth.height());
+    let smooth = |x: usize, y: usize| {
+        let here = depth.at(x, y);
+        (y.saturating_sub(1)..(y + 2).min(height)).all(|v| {
+            (x.saturating_sub(1)..(x + 2).min(width)).all(|u| {
+                let there = depth.at(u, v);
+                there == 0.0 || (there - here).abs() <= most * here
+            })
+        })
+    };
+    let values = (0..width * height)
+        .map(|i| (i % width, i / width))
+        .map(|(x, y)| f32::from(smooth(x, y)) * depth.at(x, y))
+        .collect();
+    DepthMap::new(width, height, values)
+}
+
+/// The upper left pixel of a crop.
+fn corner(frame: &Frame, size: Size, anchor: Anchor) -> Result<(usize, usize)> {
+    let (width, height) = (frame.depth.width(), frame.depth.height());
+    if size.height > height || size.width > width {
+        return Err(Error::shape(format!(
+            "frame `{}` of {height}x{width} is smaller than the crop of {size}",
+            frame.id
+        )));
+    }
+    // Rounded half to even, as torchvision's CenterCrop.
+    let half = |room: usize| (room as f64 / 2.0).round_ties_even() as usize;
+    let top = match anchor {
+        Anchor::Centre => half(height - size.height),
+        Anchor::Bottom => height - size.height,
+    };
+    Ok((half(width - size.width), top))
+}
+
+fn cut_out(frame: &Frame, (left, top): (usize, usize), size: Size) -> Result<Frame> {
+    let part = |map: &DepthMap| {
+        let values = (top..top + size.height)
+            .flat_map(|y| (left..left + size.width).map(move |x| map.at(x, y)))
+            .collect();
+        DepthMap::new(size.width, size.height, values)
+    };
+    let [x, y, width, height] = [left, top, size.width, size.height].map(|n| n as u32);
+    Ok(Frame {
+        id: frame.id.clone(),
+        rgb: image::imageops::crop_imm(&frame.rgb, x, y, width, height).to_image(),
+        depth: part(&frame.depth)?,
+        sparse: frame.sparse.as_ref().map(part).transpose()?,
+        // Applied already.
+        mask: None,
+        place: frame.place,
+    })
+}
+
+impl Display for Protocol {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        let mut steps = Vec::new();
+        if self.mask {
+            steps.push("the dataset's validity mask".to_owned());
+        }
+        if let Some([low, high]) = self.range {
+            steps.push(format!("true depths of {low} to {high} m"));
+        }
+        if let Some(Jumps { indoor, outdoor }) = self.jumps {
+            steps.push(format!(
+                "no depths beside jumps of {} % (outdoor {} %)",
+                100.0 * indoor,
+                100.0 * outdoor
+            ));
+        }
+        if let Some(size) = self.cut {
+            steps.push(format!("centre crop {size}"));
+        }
+        if let Some(size) = self.resize {
+            steps.push(format!(
+                "resized to {size} (colour {}, depth {})",
+                self.rgb_resize.name(),
+                self.depth_resize.name()
+            ));
         }
         if let Some(size) = self.crop {
-            write!(f, ", centre crop {size}")?;
+            let anchor = match self.anchor {
+                Anchor::Centre => "centre",
+                Anchor::Bottom => "bottom",
+            };
+            steps.push(format!("{anchor} crop {size}"));
         }
-        Ok(())
+        if steps.is_empty() {
+            steps.push("full size, every true depth".to_owned());
+        }
+        f.write_str(&steps.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::RgbImage;
+
+    fn frame(width: usize, height: usize, values: Vec<f32>) -> Frame {
+        let rgb = RgbImage::new(width as u32, height as u32);
+        Frame::new(
+            "f".into(),
+            rgb,
+            DepthMap::new(width, height, values).unwrap(),
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn what_does_not_count_is_left_out() {
+        let frame = frame(4, 1, vec![0.05, 1.0, 1.04, 2.0])
+            .with_mask(4, 1, vec![true, true, true, true])
+            .unwrap();
+        let range = Protocol {
+            range: Some([0.1, 1.5]),
+            ..Protocol::default()
+        };
+        assert_eq!(
+            range.apply(&frame).unwrap().depth.values(),
+            [0.0, 1.0, 1.04, 0.0]
+        );
+        let jumps = Protocol {
+            jumps: Some(Jumps {
+                indoor: 0.05,
+                outdoor: 0.5,
+            }),
+            range: Some([0.1, 3.0]),
+            ..Protocol::default()
+        };
+        assert_eq!(
+            jumps.apply(&frame).unwrap().depth.values(),
+            [0.0, 1.0, 0.0, 0.0]
+        );
+        let masked = Frame {
+            mask: Some(vec![true, false, true, false]),
+            ..frame.clone()
+        };
+        let mask = Protocol {
+            mask: true,
+            ..Protocol::default()
+        };
+        assert_eq!(
+            mask.apply(&masked).unwrap().depth.values(),
+            [0.05, 0.0, 1.04, 0.0]
+        );
+        assert_eq!(mask.apply(&frame).unwrap().depth, frame.depth);
+    }
+
+    #[test]
+    fn crops_keep_the_asked_part() {
+        let frame = frame(5, 4, (1..=20).map(|v| v as f32).collect());
+        let crop = |anchor| Protocol {
+            crop: Some(Size {
+                height: 2,
+                width: 3,
+            }),
+            anchor,
+            ..Protocol::default()
+        };
+        let centre = crop(Anchor::Centre).apply(&frame).unwrap();
+        assert_eq!(centre.depth.values(), [7.0, 8.0, 9.0, 12.0, 13.0, 14.0]);
+        let bottom = crop(Anchor::Bottom).apply(&frame).unwrap();
+        assert_eq!(bottom.depth.values(), [12.0, 13.0, 14.0, 17.0, 18.0, 19.0]);
     }
 }

@@ -1,39 +1,145 @@
 //! Resizing as named libraries do it.
 
+use super::Size;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use fast_image_resize::images::{Image, ImageRef};
 use fast_image_resize::{FilterType, PixelType, ResizeAlg, ResizeOptions, Resizer};
 use image::RgbImage;
+use serde::{Deserialize, Serialize};
 
-/// Bilinear with antialiasing, as PIL's `BILINEAR`.
-///
-/// # Errors
-/// A size of 0.
-pub fn resize_rgb(rgb: &RgbImage, width: usize, height: usize) -> Result<RgbImage> {
-    if (rgb.width() as usize, rgb.height() as usize) == (width, height) {
-        return Ok(rgb.clone());
-    }
-    let bytes = convolve(
-        rgb.as_raw(),
-        (rgb.width() as usize, rgb.height() as usize),
-        (width, height),
-        PixelType::U8x3,
-    )?;
-    RgbImage::from_raw(width as u32, height as u32, bytes)
-        .ok_or_else(|| Error::shape("resized image has the wrong size"))
+/// A way to resize, by the library that does it so.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interpolation {
+    /// PIL's `BILINEAR`, which takes in every pixel when it shrinks (antialiased): torchvision's
+    /// `Resize` on images. Mixes depths at edges.
+    #[default]
+    #[serde(alias = "bilinear")]
+    PilBilinear,
+    /// PIL's `NEAREST`: the source pixel under the centre. Keeps measured values.
+    PilNearest,
+    /// OpenCV's `INTER_LINEAR`, which looks at four pixels only.
+    CvBilinear,
+    /// OpenCV's `INTER_NEAREST`: the source pixel at floor(i x scale). Keeps measured values.
+    #[serde(alias = "nearest")]
+    CvNearest,
 }
 
-/// Bilinear with antialiasing, as PIL's `BILINEAR` on mode `F`. Where any input pixel under the
-/// filter has no measurement the output has none, so that no depth is mixed with a hole.
+impl Interpolation {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::PilBilinear,
+        Self::PilNearest,
+        Self::CvBilinear,
+        Self::CvNearest,
+    ];
+
+    /// The name in configs and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PilBilinear => "pil-bilinear",
+            Self::PilNearest => "pil-nearest",
+            Self::CvBilinear => "cv-bilinear",
+            Self::CvNearest => "cv-nearest",
+        }
+    }
+
+    fn algorithm(self) -> Algorithm {
+        match self {
+            Self::PilBilinear => Algorithm::Weighted(ResizeAlg::Convolution(FilterType::Bilinear)),
+            Self::CvBilinear => Algorithm::Weighted(ResizeAlg::Interpolation(FilterType::Bilinear)),
+            Self::PilNearest => Algorithm::Picked(pil_sources),
+            Self::CvNearest => Algorithm::Picked(cv_sources),
+        }
+    }
+}
+
+/// Weighted means of pixels, or the choice of one.
+enum Algorithm {
+    Weighted(ResizeAlg),
+    /// From the lengths of source and result to the source index of every result pixel.
+    Picked(fn(usize, usize) -> Vec<usize>),
+}
+
+/// PIL steps from half a source pixel on by repeated addition, and rounds down.
+fn pil_sources(from: usize, to: usize) -> Vec<usize> {
+    let step = from as f64 / to as f64;
+    std::iter::successors(Some(step * 0.5), |x| Some(x + step))
+        .take(to)
+        .map(|x| (x as usize).min(from - 1))
+        .collect()
+}
+
+fn cv_sources(from: usize, to: usize) -> Vec<usize> {
+    let step = from as f64 / to as f64;
+    (0..to)
+        .map(|i| ((i as f64 * step) as usize).min(from - 1))
+        .collect()
+}
+
+/// Resizes colours.
 ///
 /// # Errors
 /// A size of 0.
-pub fn resize_depth_bilinear(depth: &DepthMap, width: usize, height: usize) -> Result<DepthMap> {
-    let from = (depth.width(), depth.height());
-    let filter = |values: Vec<f32>| -> Result<Vec<f32>> {
+pub fn resize_rgb(rgb: &RgbImage, size: Size, law: Interpolation) -> Result<RgbImage> {
+    let from = Size {
+        height: rgb.height() as usize,
+        width: rgb.width() as usize,
+    };
+    if from == size {
+        return Ok(rgb.clone());
+    }
+    check(from, size)?;
+    match law.algorithm() {
+        Algorithm::Weighted(algorithm) => {
+            let bytes = convolve(rgb.as_raw(), from, size, PixelType::U8x3, algorithm)?;
+            RgbImage::from_raw(size.width as u32, size.height as u32, bytes)
+                .ok_or_else(|| Error::shape("resized image has the wrong size"))
+        }
+        Algorithm::Picked(sources) => {
+            let columns = sources(from.width, size.width);
+            let rows = sources(from.height, size.height);
+            Ok(RgbImage::from_fn(
+                size.width as u32,
+                size.height as u32,
+                |x, y| *rgb.get_pixel(columns[x as usize] as u32, rows[y as usize] as u32),
+            ))
+        }
+    }
+}
+
+/// Resizes depths. Where a pixel that takes part in a weighted mean has no measurement the result
+/// has none, so that no depth is mixed with a hole.
+///
+/// # Errors
+/// A size of 0.
+pub fn resize_depth(depth: &DepthMap, size: Size, law: Interpolation) -> Result<DepthMap> {
+    let from = Size {
+        height: depth.height(),
+        width: depth.width(),
+    };
+    if from == size {
+        return Ok(depth.clone());
+    }
+    check(from, size)?;
+    let values = match law.algorithm() {
+        Algorithm::Weighted(algorithm) => weigh(depth, from, size, algorithm)?,
+        Algorithm::Picked(sources) => {
+            let columns = sources(from.width, size.width);
+            let rows = sources(from.height, size.height);
+            rows.iter()
+                .flat_map(|&y| columns.iter().map(move |&x| depth.at(x, y)))
+                .collect()
+        }
+    };
+    DepthMap::new(size.width, size.height, values)
+}
+
+fn weigh(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) -> Result<Vec<f32>> {
+    let filter = |values: &[f32]| -> Result<Vec<f32>> {
         let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_ne_bytes()).collect();
-        let resized = convolve(&bytes, from, (width, height), PixelType::F32)?;
+        let resized = convolve(&bytes, from, to, PixelType::F32, algorithm)?;
         Ok(resized
             .as_chunks::<4>()
             .0
@@ -41,55 +147,66 @@ pub fn resize_depth_bilinear(depth: &DepthMap, width: usize, height: usize) -> R
             .map(|b| f32::from_ne_bytes(*b))
             .collect())
     };
-    let mut values = filter(depth.values().to_vec())?;
+    let mut values = filter(depth.values())?;
     if depth.count() < depth.values().len() {
-        let holes = depth.values().iter().map(|&v| f32::from(v == 0.0));
-        let touched = filter(holes.collect())?;
-        for (value, hole) in values.iter_mut().zip(touched) {
+        let holes: Vec<f32> = depth
+            .values()
+            .iter()
+            .map(|&v| f32::from(v == 0.0))
+            .collect();
+        for (value, hole) in values.iter_mut().zip(filter(&holes)?) {
             if hole > 1e-6 {
                 *value = 0.0;
             }
         }
     }
-    DepthMap::new(width, height, values)
+    Ok(values)
 }
 
-/// Nearest, as OpenCV's `INTER_NEAREST`: source index = floor(i x scale).
+/// Moves sparse depths to another size: each point to the pixel that holds its centre, where the
+/// nearer one wins.
 ///
 /// # Errors
 /// A size of 0.
-pub fn resize_depth_nearest(depth: &DepthMap, width: usize, height: usize) -> Result<DepthMap> {
-    let source = |i: usize, from: usize, to: usize| {
-        ((i as f64 * (from as f64 / to as f64)) as usize).min(from - 1)
+pub fn move_points(sparse: &DepthMap, size: Size) -> Result<DepthMap> {
+    let from = Size {
+        height: sparse.height(),
+        width: sparse.width(),
     };
-    let values = (0..height)
-        .flat_map(|y| (0..width).map(move |x| (x, y)))
-        .map(|(x, y)| {
-            depth.at(
-                source(x, depth.width(), width),
-                source(y, depth.height(), height),
-            )
-        })
-        .collect();
-    DepthMap::new(width, height, values)
+    check(from, size)?;
+    let moved = |i: usize, from: usize, to: usize| (2 * i + 1) * to / (2 * from);
+    let mut values = vec![0.0_f32; size.width * size.height];
+    for point in sparse.points() {
+        let x = moved(point.x, from.width, size.width);
+        let y = moved(point.y, from.height, size.height);
+        let value = &mut values[y * size.width + x];
+        if *value == 0.0 || point.depth < *value {
+            *value = point.depth;
+        }
+    }
+    DepthMap::new(size.width, size.height, values)
+}
+
+fn check(from: Size, to: Size) -> Result<()> {
+    if [from.width, from.height, to.width, to.height].contains(&0) {
+        return Err(Error::shape(format!("cannot resize {from} to {to}")));
+    }
+    Ok(())
 }
 
 fn convolve(
     bytes: &[u8],
-    from: (usize, usize),
-    to: (usize, usize),
+    from: Size,
+    to: Size,
     pixel: PixelType,
+    algorithm: ResizeAlg,
 ) -> Result<Vec<u8>> {
-    let wrong = |e: &dyn std::fmt::Display| {
-        Error::shape(format!(
-            "cannot resize {}x{} to {}x{}: {e}",
-            from.0, from.1, to.0, to.1
-        ))
-    };
-    let source =
-        ImageRef::new(from.0 as u32, from.1 as u32, bytes, pixel).map_err(|e| wrong(&e))?;
-    let mut target = Image::new(to.0 as u32, to.1 as u32, pixel);
-    let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));
+    let wrong =
+        |e: &dyn std::fmt::Display| Error::shape(format!("cannot resize {from} to {to}: {e}"));
+    let source = ImageRef::new(from.width as u32, from.height as u32, bytes, pixel)
+        .map_err(|e| wrong(&e))?;
+    let mut target = Image::new(to.width as u32, to.height as u32, pixel);
+    let options = ResizeOptions::new().resize_alg(algorithm);
     Resizer::new()
         .resize(&source, &mut target, &options)
         .map_err(|e| wrong(&e))?;
@@ -100,11 +217,15 @@ fn convolve(
 mod tests {
     use super::*;
 
+    fn size(height: usize, width: usize) -> Size {
+        Size { height, width }
+    }
+
     #[test]
     fn halving_is_the_triangle_filter() {
         // PIL halves with the weights 1, 3, 3, 1 over 8 (a triangle of half-width 2 output-scaled).
         let depth = DepthMap::new(8, 1, vec![1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]).unwrap();
-        let half = resize_depth_bilinear(&depth, 4, 1).unwrap();
+        let half = resize_depth(&depth, size(1, 4), Interpolation::PilBilinear).unwrap();
         let expected = (2.0 + 3.0 * 4.0 + 3.0 * 8.0 + 16.0) / 8.0;
         assert!((half.at(1, 0) - expected).abs() < 1e-5, "{}", half.at(1, 0));
     }
@@ -114,19 +235,40 @@ mod tests {
         let mut values = vec![2.0; 64];
         values[27] = 0.0;
         let depth = DepthMap::new(8, 8, values).unwrap();
-        let half = resize_depth_bilinear(&depth, 4, 4).unwrap();
-        assert!(
-            half.values()
-                .iter()
-                .all(|&v| v == 0.0 || (v - 2.0).abs() < 1e-5)
-        );
-        assert!(half.count() < 16 && half.count() >= 7);
+        for law in [Interpolation::PilBilinear, Interpolation::CvBilinear] {
+            let half = resize_depth(&depth, size(4, 4), law).unwrap();
+            let sound = |v: &f32| *v == 0.0 || (*v - 2.0).abs() < 1e-5;
+            assert!(half.values().iter().all(sound));
+            assert!(half.count() < 16 && half.count() >= 7);
+        }
     }
 
     #[test]
-    fn nearest_takes_the_upper_left_pixel() {
+    fn the_two_nearests_differ_where_they_should() {
         let depth = DepthMap::new(4, 4, (1..=16).map(|v| v as f32).collect()).unwrap();
-        let half = resize_depth_nearest(&depth, 2, 2).unwrap();
-        assert_eq!(half.values(), [1.0, 3.0, 9.0, 11.0]);
+        let half = |law| resize_depth(&depth, size(2, 2), law).unwrap();
+        assert_eq!(
+            half(Interpolation::CvNearest).values(),
+            [1.0, 3.0, 9.0, 11.0]
+        );
+        assert_eq!(
+            half(Interpolation::PilNearest).values(),
+            [6.0, 8.0, 14.0, 16.0]
+        );
+    }
+
+    #[test]
+    fn points_move_to_the_pixel_that_holds_them() {
+        let mut values = vec![0.0; 16];
+        (values[5], values[0], values[15]) = (2.0, 3.0, 7.0);
+        let sparse = DepthMap::new(4, 4, values).unwrap();
+        let half = move_points(&sparse, size(2, 2)).unwrap();
+        assert_eq!(half.values(), [2.0, 0.0, 0.0, 7.0]);
+        let double = move_points(&sparse, size(8, 8)).unwrap();
+        assert_eq!(
+            (double.at(1, 1), double.at(3, 3), double.at(7, 7)),
+            (3.0, 2.0, 7.0)
+        );
+        assert_eq!(double.count(), 3);
     }
 }

@@ -6,7 +6,7 @@ use super::{Learner, TrainConfig};
 use crate::data::{Dataset, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::fit::FitConfig;
-use crate::metrics::{Scores, Tally};
+use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{BasisNet, BasisNetConfig, Normalisation, Weights, WeightsRecord};
 use crate::predict::{Completer, FIT_NOTE, open_weights};
 use crate::rng;
@@ -206,9 +206,13 @@ impl Trainer {
         let mut tally = Tally::default();
         for &index in frames {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
-            let sparse = Pattern::Exactly(500).draw(&frame.depth, 0, &frame.id);
+            let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
             let completion = completer.complete(&frame.rgb, &sparse, None)?;
-            tally.add(&Scores::of(&completion.depth, &frame.depth)?);
+            tally.add(&Scores::of(
+                &completion.depth,
+                &frame.depth,
+                &Rules::default(),
+            )?);
         }
         Ok(tally.mean().unwrap_or_default())
     }

@@ -5,7 +5,7 @@ mod geometry;
 mod paint;
 mod render;
 
-use super::{Dataset, Frame, FrameId, Split};
+use crate::data::{Dataset, Frame, FrameId, Split};
 use crate::error::{Error, Result};
 use crate::rng::Rng;
 use serde::{Deserialize, Serialize};
@@ -69,6 +69,10 @@ impl Rooms {
 }
 
 impl Dataset for Rooms {
+    fn about(&self) -> String {
+        format!("procedural rooms, seed {}", self.config.seed)
+    }
+
     fn len(&self) -> usize {
         match self.split {
             Split::Train => self.config.train,
@@ -85,6 +89,6 @@ impl Dataset for Rooms {
         let mut rng = Rng::stream(self.config.seed, &["room", &id]);
         let scene = furnish::furnish(&mut rng);
         let (rgb, depth) = render::render(&scene, self.config.width, self.config.height, &mut rng)?;
-        Ok(Frame { id, rgb, depth })
+        Frame::new(id, rgb, depth)
     }
 }

@@ -1,20 +1,22 @@
 //! NumPy `.npy` arrays of depths.
 
-use super::{DepthMap, write_atomically};
+use super::write_atomically;
+use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// Reads a depth map of shape `[height, width]` or `[height, width, 1]`, in metres times `scale`.
+/// Reads a depth map of shape `[height, width]` or `[height, width, 1]`, as metres = value x
+/// `scale`.
 ///
-/// Element types: float16, float32, float64, uint8 to uint64, int8 to int64. NaN, infinite and
+/// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, bool. NaN, infinite and
 /// negative values mean no measurement.
 ///
 /// # Errors
 /// Not an `.npy` file, another shape or element type, or fewer bytes than the header declares.
-pub fn read_npy(path: &Path, scale: f32) -> Result<DepthMap> {
+pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
     let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
     let npy = NpyFile::new(BufReader::new(file)).map_err(|e| {
@@ -62,7 +64,9 @@ pub fn read_npy(path: &Path, scale: f32) -> Result<DepthMap> {
             values[i]
         }
     };
-    let scaled = (0..values.len()).map(|i| row_major(i) * scale).collect();
+    let scaled = (0..values.len())
+        .map(|i| (f64::from(row_major(i)) * scale) as f32)
+        .collect();
     DepthMap::new(width, height, scaled)
 }
 
@@ -93,6 +97,7 @@ fn decode(npy: NpyFile<BufReader<File>>, element: &str) -> std::io::Result<Optio
         "i2" => as_f32!(i16),
         "i4" => as_f32!(i32),
         "i8" => as_f32!(i64),
+        "b1" => npy.into_vec::<bool>()?.into_iter().map(f32::from).collect(),
         _ => return Ok(None),
     }))
 }

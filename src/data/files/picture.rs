@@ -1,12 +1,19 @@
 //! Colour images and 16-bit depth images.
 
-use super::{DepthMap, write_atomically};
+use super::write_atomically;
+use crate::data::DepthMap;
 use crate::error::{Cause, Error, Result};
 use image::{
-    DynamicImage, ImageBuffer, ImageDecoder as _, ImageFormat, ImageReader, Luma, RgbImage,
+    DynamicImage, ImageBuffer, ImageDecoder as _, ImageFormat, ImageReader, Limits, Luma, RgbImage,
 };
 use std::io::Cursor;
 use std::path::Path;
+
+/// Images that fill less than this many bytes are read whatever their files look like.
+const SMALL: u64 = 64 << 20;
+
+/// The most bytes that one byte of deflated data can stand for, with some room (zlib: 1032).
+const DENSEST: u64 = 1100;
 
 /// Reads a JPEG or PNG as 8-bit RGB, turned upright as its EXIF record asks.
 ///
@@ -20,7 +27,7 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage> {
 ///
 /// # Errors
 /// A missing or damaged file, or a colour image.
-pub fn read_depth_png(path: &Path, scale: f32) -> Result<DepthMap> {
+pub fn read_depth_png(path: &Path, scale: f64) -> Result<DepthMap> {
     let image = open(path)?;
     if image.color().has_color() {
         return Err(
@@ -29,13 +36,10 @@ pub fn read_depth_png(path: &Path, scale: f32) -> Result<DepthMap> {
         );
     }
     let (width, height) = (image.width() as usize, image.height() as usize);
+    let metres = |value: u16| (f64::from(value) * scale) as f32;
     let values = match image {
-        DynamicImage::ImageLuma8(grey) => grey.iter().map(|&v| f32::from(v) * scale).collect(),
-        other => other
-            .into_luma16()
-            .iter()
-            .map(|&v| f32::from(v) * scale)
-            .collect(),
+        DynamicImage::ImageLuma8(grey) => grey.iter().map(|&v| metres(u16::from(v))).collect(),
+        other => other.into_luma16().iter().map(|&v| metres(v)).collect(),
     };
     DepthMap::new(width, height, values)
 }
@@ -44,13 +48,13 @@ pub fn read_depth_png(path: &Path, scale: f32) -> Result<DepthMap> {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f32) -> Result<()> {
+pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> {
     let values = depth
         .values()
         .iter()
-        .map(|v| (v / scale).round())
+        .map(|&v| (f64::from(v) / scale).round())
         .map(|v| {
-            if v <= f32::from(u16::MAX) {
+            if v <= f64::from(u16::MAX) {
                 v as u16
             } else {
                 0
@@ -85,11 +89,25 @@ fn open(path: &Path) -> Result<DynamicImage> {
             .because(e)
             .hint("JPEG and PNG are read; check that the file is complete")
     };
-    let mut decoder = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
+    let size = std::fs::metadata(path)
         .map_err(|e| Error::read(path, e))?
-        .into_decoder()
-        .map_err(damaged)?;
+        .len();
+    let mut reader = ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .map_err(|e| Error::read(path, e))?;
+    let most = SMALL.max(size.saturating_mul(DENSEST));
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(most);
+    reader.limits(limits);
+    let mut decoder = reader.into_decoder().map_err(damaged)?;
+    let (width, height) = decoder.dimensions();
+    if decoder.total_bytes() > most {
+        return Err(Error::format(
+            path,
+            format!("declares {width}x{height} pixels but is only {size} bytes long"),
+        )
+        .hint("the file is damaged; write it again"));
+    }
     let orientation = decoder.orientation().map_err(damaged)?;
     let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     image.apply_orientation(orientation);

@@ -1,0 +1,93 @@
+//! Colorisation with depths for colours (Levin, Lischinski, Weiss 2004): each pixel without a point
+//! is the mean of its eight neighbours, weighted by how alike their grey values are; pixels with a
+//! point keep it.
+
+use super::equations::Equations;
+use crate::data::DepthMap;
+use crate::error::Result;
+use image::RgbImage;
+
+/// Share of the window's variance that is the scale of likeness, and its least value, for grey
+/// values of 0 to 1 (the constants of the authors' program).
+const SHARE: f64 = 0.6;
+const LEAST: f64 = 2e-6;
+
+pub(super) fn colorisation(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+    let (width, height) = (sparse.width(), sparse.height());
+    let grey: Vec<f64> = rgb
+        .pixels()
+        .map(|p| {
+            (0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2])) / 255.0
+        })
+        .collect();
+    let mut equations = Equations::new(width * height);
+    let mut around = Vec::with_capacity(8);
+    for y in 0..height {
+        for x in 0..width {
+            let i = y * width + x;
+            equations.add(i, i, 1.0);
+            let depth = sparse.at(x, y);
+            if depth > 0.0 {
+                equations.add_right(i, f64::from(depth));
+                continue;
+            }
+            around.clear();
+            for v in y.saturating_sub(1)..(y + 2).min(height) {
+                for u in x.saturating_sub(1)..(x + 2).min(width) {
+                    if (u, v) != (x, y) {
+                        around.push(v * width + u);
+                    }
+                }
+            }
+            let weights = likenesses(&grey, i, &around);
+            for (&j, weight) in around.iter().zip(weights) {
+                equations.add(i, j, -weight);
+            }
+        }
+    }
+    let values = equations.solve()?;
+    DepthMap::new(
+        width,
+        height,
+        values.into_iter().map(|v| v as f32).collect(),
+    )
+}
+
+/// The weights of the neighbours, which sum to 1.
+fn likenesses(grey: &[f64], here: usize, around: &[usize]) -> Vec<f64> {
+    let count = around.len() as f64 + 1.0;
+    let window = || around.iter().chain([&here]).map(|&j| grey[j]);
+    let mean = window().sum::<f64>() / count;
+    let variance = window().map(|g| (g - mean).powi(2)).sum::<f64>() / count;
+    let squares: Vec<f64> = around
+        .iter()
+        .map(|&j| (grey[j] - grey[here]).powi(2))
+        .collect();
+    let closest = squares.iter().copied().fold(f64::INFINITY, f64::min);
+    // The most alike neighbour has a weight of at least 1/100.
+    let scale = (SHARE * variance).max(closest / 100_f64.ln()).max(LEAST);
+    let weights: Vec<f64> = squares
+        .iter()
+        .map(|square| (-square / scale).exp())
+        .collect();
+    let sum: f64 = weights.iter().sum();
+    weights.into_iter().map(|weight| weight / sum).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Point;
+    use image::Rgb;
+
+    #[test]
+    fn depths_end_at_an_edge_of_the_image() {
+        let rgb = RgbImage::from_fn(20, 10, |x, _| Rgb([if x < 10 { 20 } else { 220 }; 3]));
+        let point = |x, depth| Point { x, y: 5, depth };
+        let sparse = DepthMap::from_points(20, 10, &[point(2, 1.0), point(17, 4.0)]);
+        let dense = colorisation(&rgb, &sparse).unwrap();
+        assert_eq!((dense.at(2, 5), dense.at(17, 5)), (1.0, 4.0));
+        assert!((dense.at(8, 0) - 1.0).abs() < 0.2, "{}", dense.at(8, 0));
+        assert!((dense.at(11, 9) - 4.0).abs() < 0.2, "{}", dense.at(11, 9));
+    }
+}

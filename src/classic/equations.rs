@@ -1,0 +1,91 @@
+//! Linear equations between the pixels of an image, solved directly (faer's sparse factorisations).
+
+use crate::error::{Error, Result};
+use faer::linalg::solvers::SolveCore as _;
+use faer::sparse::{SparseColMat, Triplet};
+use faer::{Conj, Mat, Side};
+
+/// A square sparse system, made entry by entry; entries of the same place are added.
+pub(super) struct Equations {
+    entries: Vec<Triplet<usize, usize, f64>>,
+    right: Vec<f64>,
+}
+
+impl Equations {
+    /// No entries, and a right-hand side of zeros.
+    pub(super) fn new(unknowns: usize) -> Self {
+        Self {
+            entries: Vec::with_capacity(6 * unknowns),
+            right: vec![0.0; unknowns],
+        }
+    }
+
+    /// Adds to the matrix.
+    pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
+        self.entries.push(Triplet::new(row, column, value));
+    }
+
+    /// Adds to the right-hand side.
+    pub(super) fn add_right(&mut self, row: usize, value: f64) {
+        self.right[row] += value;
+    }
+
+    /// The answer of a symmetric positive definite system of which the lower triangle was added.
+    pub(super) fn solve_symmetric(self) -> Result<Vec<f64>> {
+        let matrix = self.matrix()?;
+        let factor = matrix.sp_cholesky(Side::Lower).map_err(|_| singular())?;
+        Ok(self.answer(|right| factor.solve_in_place_with_conj(Conj::No, right.as_mut())))
+    }
+
+    /// The answer of any regular system.
+    pub(super) fn solve(self) -> Result<Vec<f64>> {
+        let matrix = self.matrix()?;
+        let factor = matrix.sp_lu().map_err(|_| singular())?;
+        Ok(self.answer(|right| factor.solve_in_place_with_conj(Conj::No, right.as_mut())))
+    }
+
+    fn matrix(&self) -> Result<SparseColMat<usize, f64>> {
+        let n = self.right.len();
+        SparseColMat::try_new_from_triplets(n, n, &self.entries).map_err(|_| singular())
+    }
+
+    fn answer(&self, solve: impl FnOnce(&mut Mat<f64>)) -> Vec<f64> {
+        let mut right = Mat::from_fn(self.right.len(), 1, |i, _| self.right[i]);
+        solve(&mut right);
+        right.col_as_slice(0).to_vec()
+    }
+}
+
+fn singular() -> Error {
+    Error::fit("the equations between the pixels cannot be solved")
+        .hint("the image may be too large for a direct solver; use another method")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_solvers_answer_a_small_system() {
+        // [4 1; 1 3] x = [1, 2] has the answer [1/11, 7/11].
+        let system = |symmetric: bool| {
+            let mut equations = Equations::new(2);
+            for (row, column, value) in [(0, 0, 4.0), (1, 0, 1.0), (1, 1, 3.0)] {
+                equations.add(row, column, value);
+            }
+            if !symmetric {
+                equations.add(0, 1, 1.0);
+            }
+            equations.add_right(0, 1.0);
+            equations.add_right(1, 2.0);
+            equations
+        };
+        for answer in [
+            system(true).solve_symmetric().unwrap(),
+            system(false).solve().unwrap(),
+        ] {
+            assert!((answer[0] - 1.0 / 11.0).abs() < 1e-12);
+            assert!((answer[1] - 7.0 / 11.0).abs() < 1e-12);
+        }
+    }
+}

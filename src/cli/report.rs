@@ -1,0 +1,30 @@
+//! `lsdc report`: reports joined and shown.
+
+use super::args::Merge;
+use super::eval::Outputs;
+use super::{Exit, ui};
+use crate::error::{Error, Result};
+use crate::report::Report;
+
+pub(super) fn merge(args: &Merge) -> Result<Exit> {
+    let mut whole: Option<Report> = None;
+    for path in &args.files {
+        let part = Report::read_json(path)?;
+        match &mut whole {
+            None => whole = Some(part),
+            Some(whole) => whole.join(part)?,
+        }
+    }
+    let whole = whole.ok_or_else(|| Error::config("there is no report to join"))?;
+    if let Some(folder) = &args.output {
+        let existing = folder.join("report.json");
+        if existing.exists() && !args.force {
+            return Err(Error::config(format!("`{}` exists", existing.display()))
+                .hint("give --force to replace it, or another folder"));
+        }
+        std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+        Outputs::folder(folder).write(&whole, &[])?;
+    }
+    ui::print(&whole.to_string());
+    Ok(Exit::Done)
+}

@@ -1,0 +1,212 @@
+//! HDF5 arrays, read a few rows at a time. The only file that knows the library behind it.
+
+use crate::data::DepthMap;
+use crate::error::{Error, Result};
+use hdf5_pure::{DType, Dataset, File, Object};
+use image::{Rgb, RgbImage};
+use std::path::{Path, PathBuf};
+
+/// No image of any dataset is longer on a side.
+const LONGEST: usize = 1 << 14;
+
+/// No chunk of any dataset holds more bytes.
+const LARGEST_CHUNK: u64 = 256 << 20;
+
+/// An open file, of which nothing but what is asked for is read.
+pub(in crate::data) struct Hdf5 {
+    path: PathBuf,
+    file: File,
+}
+
+impl Hdf5 {
+    /// Opens a file; a user block, as in MATLAB v7.3 files, is skipped.
+    pub(in crate::data) fn open(path: &Path) -> Result<Self> {
+        let file = File::open_streaming(path).map_err(|e| match e {
+            hdf5_pure::Error::Io(io) => Error::read(path, io),
+            other => Error::format(path, "is not a readable HDF5 file")
+                .because(other)
+                .hint("check that the file is complete; an old MATLAB file is v5, not v7.3"),
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            file,
+        })
+    }
+
+    /// The names of the arrays at the root.
+    pub(in crate::data) fn names(&self) -> Result<Vec<String>> {
+        let mut names = self.file.root().datasets().map_err(|e| self.damaged(e))?;
+        names.sort_unstable();
+        Ok(names)
+    }
+
+    /// The shape of an array: the number of rows first.
+    pub(in crate::data) fn shape(&self, name: &str) -> Result<Vec<usize>> {
+        self.array(name)?
+            .shape()
+            .map_err(|e| self.damaged(e))?
+            .into_iter()
+            .map(|n| {
+                usize::try_from(n)
+                    .map_err(|_| Error::format(&self.path, format!("`{name}` is too large")))
+            })
+            .collect()
+    }
+
+    /// Rows `start..start + count` of an array of bytes whose rows have shape `row`.
+    pub(in crate::data) fn rows_u8(
+        &self,
+        name: &str,
+        row: &[usize],
+        start: usize,
+        count: usize,
+    ) -> Result<Vec<u8>> {
+        let array = self.checked(name, row, start + count, &[DType::U8])?;
+        array
+            .read_u8_rows(start as u64, count as u64)
+            .map_err(|e| self.damaged(e))
+            .and_then(|values| self.counted(name, values, row, count))
+    }
+
+    /// Rows `start..start + count` of an array of floats whose rows have shape `row`.
+    pub(in crate::data) fn rows_f32(
+        &self,
+        name: &str,
+        row: &[usize],
+        start: usize,
+        count: usize,
+    ) -> Result<Vec<f32>> {
+        let floats = [DType::F32, DType::F64];
+        let array = self.checked(name, row, start + count, &floats)?;
+        array
+            .read_f32_rows(start as u64, count as u64)
+            .map_err(|e| self.damaged(e))
+            .and_then(|values| self.counted(name, values, row, count))
+    }
+
+    /// The texts of a MATLAB cell array of strings.
+    pub(in crate::data) fn texts(&self, name: &str, most: usize) -> Result<Vec<String>> {
+        let cells = self.array(name)?;
+        let shape = cells.shape().map_err(|e| self.damaged(e))?;
+        if shape.iter().product::<u64>() > most as u64 {
+            return Err(Error::format(&self.path, format!("`{name}` is too long")));
+        }
+        let objects = cells.dereference().map_err(|e| self.damaged(e))?;
+        objects
+            .into_iter()
+            .map(|object| {
+                let Object::Dataset(text) = object else {
+                    return Err(Error::format(
+                        &self.path,
+                        format!("`{name}` holds no texts"),
+                    ));
+                };
+                let length: u64 = text.shape().map_err(|e| self.damaged(e))?.iter().product();
+                if length > 1000 {
+                    return Err(Error::format(
+                        &self.path,
+                        format!("`{name}` holds no texts"),
+                    ));
+                }
+                let units = text.read_u16().map_err(|e| self.damaged(e))?;
+                Ok(String::from_utf16_lossy(&units))
+            })
+            .collect()
+    }
+
+    /// An array after its declared shape and type were found to be as expected, so that reading
+    /// asks for no more memory than that.
+    fn checked(&self, name: &str, row: &[usize], rows: usize, types: &[DType]) -> Result<Dataset> {
+        let array = self.array(name)?;
+        let shape = self.shape(name)?;
+        let element = array.dtype().map_err(|e| self.damaged(e))?;
+        let fits = shape.first().is_some_and(|&n| n >= rows)
+            && shape[1..] == *row
+            && row.iter().all(|&n| n <= LONGEST)
+            && types.contains(&element);
+        if !fits {
+            return Err(Error::format(
+                &self.path,
+                format!(
+                    "`{name}` is {element} of shape {shape:?}, expected {} with rows of shape \
+                     {row:?} and at least {rows} of them",
+                    types[0]
+                ),
+            ));
+        }
+        if let Some(chunk) = array.chunk_shape().map_err(|e| self.damaged(e))? {
+            let bytes = chunk
+                .iter()
+                .try_fold(8_u64, |size, &n| size.checked_mul(n))
+                .unwrap_or(u64::MAX);
+            if bytes > LARGEST_CHUNK {
+                return Err(Error::format(
+                    &self.path,
+                    format!("`{name}` declares chunks of shape {chunk:?}"),
+                )
+                .hint("the file is damaged"));
+            }
+        }
+        Ok(array)
+    }
+
+    fn counted<T>(&self, name: &str, values: Vec<T>, row: &[usize], rows: usize) -> Result<Vec<T>> {
+        if values.len() == rows * row.iter().product::<usize>() {
+            Ok(values)
+        } else {
+            Err(Error::format(&self.path, format!("`{name}` is cut off")))
+        }
+    }
+
+    fn array(&self, name: &str) -> Result<Dataset> {
+        self.file.dataset(name).map_err(|e| {
+            let found = self.names().unwrap_or_default().join(", ");
+            Error::format(&self.path, format!("has no array `{name}`; found: {found}")).because(e)
+        })
+    }
+
+    fn damaged(&self, cause: hdf5_pure::Error) -> Error {
+        Error::format(&self.path, "is damaged").because(cause)
+    }
+}
+
+/// Reads a frame of the sparse-to-dense tree (Ma and Karaman 2018): `rgb` of shape `[3, H, W]` as
+/// bytes, `depth` of shape `[H, W]` in metres.
+pub(in crate::data) fn read_pair(path: &Path) -> Result<(RgbImage, DepthMap)> {
+    let file = Hdf5::open(path)?;
+    let (height, width) = match file.shape("depth")?[..] {
+        [height, width] => (height, width),
+        ref other => {
+            return Err(Error::format(
+                path,
+                format!("`depth` has shape {other:?}, expected (height, width)"),
+            ));
+        }
+    };
+    let depths = file.rows_f32("depth", &[width], 0, height)?;
+    let planes = file.rows_u8("rgb", &[height, width], 0, 3)?;
+    Ok((
+        from_planes(&planes, width, height, |x, y| y * width + x)?,
+        DepthMap::new(width, height, depths)?,
+    ))
+}
+
+/// An image from three planes of bytes, in each of which `at` finds a pixel.
+pub(in crate::data) fn from_planes(
+    planes: &[u8],
+    width: usize,
+    height: usize,
+    at: impl Fn(usize, usize) -> usize,
+) -> Result<RgbImage> {
+    let area = width * height;
+    if planes.len() != 3 * area {
+        return Err(Error::shape(format!(
+            "{} bytes do not make three planes of {width}x{height}",
+            planes.len()
+        )));
+    }
+    Ok(RgbImage::from_fn(width as u32, height as u32, |x, y| {
+        let i = at(x as usize, y as usize);
+        Rgb([planes[i], planes[area + i], planes[2 * area + i]])
+    }))
+}

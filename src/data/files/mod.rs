@@ -1,0 +1,47 @@
+//! Single files: one reader or writer per format.
+
+mod hdf5;
+mod npy;
+mod picture;
+mod save;
+
+pub(super) use hdf5::{Hdf5, from_planes, read_pair};
+pub use npy::{read_npy, write_npy};
+pub use picture::{read_depth_png, read_rgb, write_depth_png, write_rgb};
+pub use save::write_atomically;
+
+use super::DepthMap;
+use crate::error::{Error, Result};
+use std::path::Path;
+
+/// Whether the path ends in `.ending`, in capitals or not.
+pub(super) fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case(ending))
+}
+
+/// Reads depths from `.npy` or 16-bit grey PNG, by the file's ending: metres = value x `scale`.
+///
+/// # Errors
+/// As [`read_npy`] and [`read_depth_png`].
+pub fn read_depth(path: &Path, scale: f64) -> Result<DepthMap> {
+    if has_ending(path, "npy") {
+        read_npy(path, scale)
+    } else if has_ending(path, "png") {
+        read_depth_png(path, scale)
+    } else {
+        Err(Error::format(path, "is no kind of depth file")
+            .hint("depths are read from npy and PNG"))
+    }
+}
+
+/// Reads a validity mask from `.npy` (booleans or numbers) or grey PNG: what is not 0 is valid.
+/// Returns columns, rows, and the values row by row.
+///
+/// # Errors
+/// As [`read_depth`].
+pub fn read_mask(path: &Path) -> Result<(usize, usize, Vec<bool>)> {
+    let map = read_depth(path, 1.0)?;
+    let valid = map.values().iter().map(|&v| v != 0.0).collect();
+    Ok((map.width(), map.height(), valid))
+}

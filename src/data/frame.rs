@@ -1,0 +1,87 @@
+//! A colour image and what is known of its depth.
+
+use super::DepthMap;
+use crate::error::{Error, Result};
+use image::RgbImage;
+use serde::{Deserialize, Serialize};
+
+/// The name of a frame: unique in its dataset, stable between machines.
+pub type FrameId = String;
+
+/// Where a frame was taken; some protocols treat the two differently.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Place {
+    /// In a room.
+    #[default]
+    Indoor,
+    /// Under the sky.
+    Outdoor,
+}
+
+/// A colour image and the depth of the same pixels.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// The frame's name.
+    pub id: FrameId,
+    /// 8-bit sRGB.
+    pub rgb: RgbImage,
+    /// Metres along the optical axis, as large as `rgb`.
+    pub depth: DepthMap,
+    /// The sparse depths that come with the dataset, if any, as large as `rgb`.
+    pub sparse: Option<DepthMap>,
+    /// Which depths the dataset declares valid, if it does, row by row.
+    pub mask: Option<Vec<bool>>,
+    /// Where the frame was taken.
+    pub place: Place,
+}
+
+impl Frame {
+    /// A frame without points or mask of its own, taken in a room.
+    ///
+    /// # Errors
+    /// Image and depth of different sizes.
+    pub fn new(id: FrameId, rgb: RgbImage, depth: DepthMap) -> Result<Self> {
+        let frame = Self {
+            id,
+            rgb,
+            depth,
+            sparse: None,
+            mask: None,
+            place: Place::default(),
+        };
+        frame.check_size("depth map", frame.depth.width(), frame.depth.height())?;
+        Ok(frame)
+    }
+
+    /// Adds the sparse depths that come with the dataset.
+    ///
+    /// # Errors
+    /// They are not as large as the image.
+    pub fn with_sparse(mut self, sparse: DepthMap) -> Result<Self> {
+        self.check_size("sparse depth map", sparse.width(), sparse.height())?;
+        self.sparse = Some(sparse);
+        Ok(self)
+    }
+
+    /// Adds the dataset's validity mask of `height` rows of `width`.
+    ///
+    /// # Errors
+    /// It is not as large as the image.
+    pub fn with_mask(mut self, width: usize, height: usize, mask: Vec<bool>) -> Result<Self> {
+        self.check_size("validity mask", width, height)?;
+        self.mask = Some(mask);
+        Ok(self)
+    }
+
+    fn check_size(&self, what: &str, width: usize, height: usize) -> Result<()> {
+        let image = (self.rgb.width() as usize, self.rgb.height() as usize);
+        if image == (width, height) {
+            return Ok(());
+        }
+        Err(Error::shape(format!(
+            "frame `{}`: the {what} is {width}x{height} but the image is {}x{}",
+            self.id, image.0, image.1
+        )))
+    }
+}

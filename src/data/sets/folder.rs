@@ -1,0 +1,167 @@
+//! Any tree of colour and depth files, described by path templates.
+
+use super::listing::files_below;
+use super::template::{Captures, Template};
+use crate::data::files::{has_ending, read_pair};
+use crate::data::{Dataset, Frame, FrameId, Place, Split, read_depth, read_mask, read_rgb};
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Where the files lie and how depths are stored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FolderConfig {
+    /// Colour files below the root, with names in braces; `{split}` is `train`, or `val` or `test`.
+    pub rgb: String,
+    /// The depth file of a colour file, by the same names. The same `.h5` file for both means the
+    /// sparse-to-dense layout: arrays `rgb` and `depth`.
+    pub depth: String,
+    /// The file of sparse depths, by the same names, if there is one.
+    pub sparse: Option<String>,
+    /// The file of valid pixels, by the same names, if there is one.
+    pub mask: Option<String>,
+    /// Metres per stored unit: 0.001 for millimetres in PNG, 1 for metres in npy.
+    pub depth_scale: f64,
+    /// Where the frames were taken.
+    pub place: Place,
+}
+
+impl Default for FolderConfig {
+    fn default() -> Self {
+        Self {
+            rgb: "{split}/{frame}.jpg".into(),
+            depth: "{split}/{frame}_depth.png".into(),
+            sparse: None,
+            mask: None,
+            depth_scale: 0.001,
+            place: Place::Indoor,
+        }
+    }
+}
+
+/// The files of one frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Files {
+    pub(super) id: FrameId,
+    pub(super) rgb: PathBuf,
+    pub(super) depth: PathBuf,
+    pub(super) sparse: Option<PathBuf>,
+    pub(super) mask: Option<PathBuf>,
+    pub(super) place: Place,
+}
+
+/// Frames of a folder, in the order of their names.
+#[derive(Debug)]
+pub struct Folder {
+    about: String,
+    depth_scale: f64,
+    frames: Vec<Files>,
+}
+
+impl Folder {
+    /// Lists the frames of `split` below `root`. A template without `{split}` serves every split.
+    ///
+    /// # Errors
+    /// An unreadable folder, a broken template, or no frame at all.
+    pub fn open(root: &Path, split: Split, config: &FolderConfig) -> Result<Self> {
+        let frames = find(root, split, config)?;
+        if frames.is_empty() {
+            return Err(Error::config(format!(
+                "no `{}` frame of the form `{}` in `{}`",
+                split.name(),
+                config.rgb,
+                root.display()
+            ))
+            .hint("check --root and --split"));
+        }
+        let about = format!("folder `{}`", config.rgb);
+        Ok(Self::of(about, config.depth_scale, frames))
+    }
+
+    /// Frames that were listed by other means.
+    pub(super) fn of(about: String, depth_scale: f64, frames: Vec<Files>) -> Self {
+        Self {
+            about,
+            depth_scale,
+            frames,
+        }
+    }
+}
+
+/// The frames of `split` below `root` that have the form of the templates; none is no error.
+pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<Vec<Files>> {
+    let rgb = Template::new(&config.rgb)?;
+    let depth = Template::new(&config.depth)?;
+    let optional = |text: &Option<String>| text.as_deref().map(Template::new).transpose();
+    let (sparse, mask) = (optional(&config.sparse)?, optional(&config.mask)?);
+    let mut frames = Vec::new();
+    for path in files_below(root, Some(rgb.depth()))? {
+        let Some(captures) = rgb.captures(&path) else {
+            continue;
+        };
+        if captures.get("split").is_some_and(|s| !split.is_called(s)) {
+            continue;
+        }
+        let other = |template: &Option<Template>| -> Result<Option<PathBuf>> {
+            let filled = template.as_ref().map(|t| t.fill(&captures)).transpose()?;
+            Ok(filled.map(|path| root.join(path)))
+        };
+        frames.push(Files {
+            id: id(&captures),
+            rgb: root.join(&path),
+            depth: root.join(depth.fill(&captures)?),
+            sparse: other(&sparse)?,
+            mask: other(&mask)?,
+            place: config.place,
+        });
+    }
+    Ok(frames)
+}
+
+/// A frame is named by what its names stand for, without the split.
+fn id(captures: &Captures) -> FrameId {
+    let texts: Vec<&str> = captures
+        .iter()
+        .filter(|(name, _)| *name != "split" && *name != "frame")
+        .chain(captures.get_key_value("frame"))
+        .map(|(_, text)| text.as_str())
+        .collect();
+    texts.join("/")
+}
+
+impl Dataset for Folder {
+    fn about(&self) -> String {
+        self.about.clone()
+    }
+
+    fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn id(&self, index: usize) -> FrameId {
+        self.frames[index].id.clone()
+    }
+
+    fn load(&self, index: usize) -> Result<Frame> {
+        let files = &self.frames[index];
+        let (rgb, depth) = if files.rgb == files.depth && has_ending(&files.rgb, "h5") {
+            read_pair(&files.rgb)?
+        } else {
+            (
+                read_rgb(&files.rgb)?,
+                read_depth(&files.depth, self.depth_scale)?,
+            )
+        };
+        let mut frame = Frame::new(files.id.clone(), rgb, depth)?;
+        frame.place = files.place;
+        if let Some(path) = &files.sparse {
+            frame = frame.with_sparse(read_depth(path, self.depth_scale)?)?;
+        }
+        if let Some(path) = &files.mask {
+            let (width, height, valid) = read_mask(path)?;
+            frame = frame.with_mask(width, height, valid)?;
+        }
+        Ok(frame)
+    }
+}

@@ -1,0 +1,23 @@
+//! Datasets: how the files of each lie in their folders.
+
+mod diode;
+mod folder;
+mod kitti;
+mod listing;
+mod marigold;
+mod nyu;
+mod rooms;
+mod template;
+mod tum;
+mod void;
+
+pub use diode::DiodeConfig;
+pub(super) use diode::diode;
+pub use folder::{Folder, FolderConfig};
+pub(super) use kitti::kitti;
+pub(super) use marigold::marigold;
+pub(super) use nyu::nyu;
+pub use nyu::{Depths, NyuConfig};
+pub use rooms::{Rooms, RoomsConfig};
+pub(super) use tum::tum;
+pub(super) use void::void;

@@ -1,0 +1,102 @@
+//! What is measured: our own methods, or the depth maps of any other program.
+
+use crate::data::{DepthMap, Frame, read_depth};
+use crate::error::{Cause, Error, Result};
+use crate::predict::{Completer, ImageBases, Method, complete_classic};
+use std::path::{Path, PathBuf};
+
+/// A source of predictions.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Candidate {
+    /// A method of this program.
+    Method(Method),
+    /// `FRAME.npy` (metres) or `FRAME.png` (millimetres) in this folder, or in its `seedN`.
+    Files(PathBuf),
+}
+
+impl Candidate {
+    pub(super) fn needs_network(&self) -> bool {
+        *self == Self::Method(Method::Lsdc)
+    }
+}
+
+/// What the predictions of a frame have in common: its base functions.
+pub(super) struct Prepared<'a>(Option<(&'a Completer, ImageBases)>);
+
+impl<'a> Prepared<'a> {
+    pub(super) fn new(completer: Option<&'a Completer>, frame: &Frame) -> Result<Self> {
+        Ok(Self(match completer {
+            None => None,
+            Some(completer) => Some((completer, completer.bases(&frame.rgb)?)),
+        }))
+    }
+
+    /// The depth map of a candidate for a frame and its points.
+    pub(super) fn predict(
+        &mut self,
+        candidate: &Candidate,
+        frame: &Frame,
+        sparse: &DepthMap,
+        seed: u64,
+    ) -> Result<DepthMap> {
+        match (candidate, &self.0) {
+            (Candidate::Method(Method::Classic(method)), _) => {
+                complete_classic(*method, &frame.rgb, sparse)
+            }
+            (Candidate::Method(Method::Lsdc), Some((completer, bases))) => {
+                Ok(completer.complete_with(bases, sparse, None)?.depth)
+            }
+            (Candidate::Method(Method::Lsdc), None) => {
+                Err(Error::weights("method `lsdc` needs a network"))
+            }
+            (Candidate::Files(folder), _) => {
+                let prediction = read(folder, &frame.id, seed)?;
+                check(&prediction, frame, folder)?;
+                Ok(prediction)
+            }
+        }
+    }
+}
+
+fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
+    let of_seed = folder.join(format!("seed{seed}"));
+    let folder = if of_seed.is_dir() {
+        of_seed
+    } else {
+        folder.to_owned()
+    };
+    // Frames in folders, or all in one with their names joined.
+    for name in [frame.to_owned(), frame.replace('/', "_")] {
+        for (ending, scale) in [("npy", 1.0), ("png", 0.001)] {
+            let path = folder.join(format!("{name}.{ending}"));
+            if path.is_file() {
+                return read_depth(&path, scale);
+            }
+        }
+    }
+    Err(Error::new(
+        Cause::Read,
+        format!(
+            "there is no prediction for frame `{frame}` in `{}`",
+            folder.display()
+        ),
+    )
+    .hint("expected FRAME.npy in metres or FRAME.png in millimetres"))
+}
+
+fn check(prediction: &DepthMap, frame: &Frame, folder: &Path) -> Result<()> {
+    let size = |map: &DepthMap| (map.width(), map.height());
+    if size(prediction) == size(&frame.depth) {
+        return Ok(());
+    }
+    Err(Error::shape(format!(
+        "the prediction for `{}` in `{}` is {}x{} but the frame is {}x{}",
+        frame.id,
+        folder.display(),
+        prediction.width(),
+        prediction.height(),
+        frame.depth.width(),
+        frame.depth.height()
+    ))
+    .hint("predictions belong to the frame after resizing and cropping: `lsdc export` writes it"))
+}

@@ -1,0 +1,75 @@
+//! The settings of an evaluation.
+
+use crate::error::{Error, Result};
+use crate::metrics::Rules;
+use crate::predict::Method;
+use crate::sample::{Noise, Pattern, Preset, Protocol};
+use serde::{Deserialize, Serialize};
+
+/// What is measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EvalConfig {
+    /// A published protocol by name; the dataset's own if absent.
+    pub preset: Option<String>,
+    /// The protocol in full; replaces the steps of `preset`.
+    pub protocol: Option<Protocol>,
+    /// Sparse points; those of the preset if absent.
+    pub points: Option<Pattern>,
+    /// What is done to the sparse points.
+    pub noise: Option<Noise>,
+    /// Names the first draw of points; every method gets the same.
+    pub seed: u64,
+    /// Draws of points, with consecutive seeds.
+    pub seeds: usize,
+    /// Methods side by side.
+    pub methods: Vec<Method>,
+    /// Measure only the first frames.
+    pub limit: Option<usize>,
+    /// What the measures leave open.
+    pub rules: Rules,
+}
+
+impl Default for EvalConfig {
+    fn default() -> Self {
+        Self {
+            preset: None,
+            protocol: None,
+            points: None,
+            noise: None,
+            seed: 0,
+            seeds: 1,
+            methods: ["lsdc", "linear"]
+                .into_iter()
+                .filter_map(|m| m.parse().ok())
+                .collect(),
+            limit: None,
+            rules: Rules::default(),
+        }
+    }
+}
+
+impl EvalConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check(&self) -> Result<()> {
+        if let Some(preset) = &self.preset {
+            Preset::named(preset)?;
+        }
+        if self.seeds == 0 || self.limit == Some(0) {
+            return Err(Error::config(
+                "`eval.seeds` and `eval.limit` must be above 0",
+            ));
+        }
+        self.rules.check()
+    }
+
+    /// The names of the draws.
+    pub fn draws(&self) -> Vec<u64> {
+        (0..self.seeds as u64)
+            .map(|i| self.seed.wrapping_add(i))
+            .collect()
+    }
+}

@@ -1,0 +1,245 @@
+//! Measuring methods on a dataset: the same frames and the same points for each.
+
+mod candidate;
+mod config;
+mod journal;
+mod shard;
+
+pub use candidate::Candidate;
+pub use config::EvalConfig;
+pub use journal::Journal;
+pub use shard::Shard;
+
+use crate::classic::distances;
+use crate::data::{Dataset, DepthMap, Frame};
+use crate::error::{Error, Result};
+use crate::metrics::{Metric, Profile, Rules, Scores};
+use crate::predict::{Completer, RANGE};
+use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
+use crate::sample::{Noise, Pattern, Protocol};
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+
+/// Everything that decides the outcome.
+pub struct Evaluation<'a> {
+    /// The frames.
+    pub frames: &'a dyn Dataset,
+    /// What is compared, by name.
+    pub candidates: Vec<(String, Candidate)>,
+    /// The network, if a candidate needs one.
+    pub completer: Option<&'a Completer>,
+    /// Sizes and valid depths.
+    pub protocol: Protocol,
+    /// Which points.
+    pub points: Pattern,
+    /// What is done to them.
+    pub noise: Option<Noise>,
+    /// Names the draws: one for each repetition.
+    pub seeds: Vec<u64>,
+    /// What the measures leave open.
+    pub rules: Rules,
+    /// Only the first frames.
+    pub limit: Option<usize>,
+}
+
+impl Evaluation<'_> {
+    /// The heading of the report; `dataset`, `protocol` and `weights` are words about what the
+    /// evaluation was made from.
+    pub fn heading(&self, dataset: &str, protocol: &str, weights: Option<String>) -> Heading {
+        Heading {
+            dataset: dataset.to_owned(),
+            found: self.frames.about(),
+            protocol: protocol.to_owned(),
+            steps: self.protocol.to_string(),
+            points: self.points.to_string(),
+            noise: self.noise.map(|noise| noise.to_string()),
+            seeds: self.seeds.clone(),
+            methods: self
+                .candidates
+                .iter()
+                .map(|(name, _)| name.clone())
+                .collect(),
+            weights,
+            limits: format!("predictions of lsdc within {RANGE} x the range of the points"),
+            rules: self.rules,
+            frames: self.total(),
+        }
+    }
+
+    /// The number of frames in all.
+    pub fn total(&self) -> usize {
+        self.frames.len().min(self.limit.unwrap_or(usize::MAX))
+    }
+
+    /// Measures the frames of `shard` that the journal does not hold yet, calling `progress` with
+    /// the number of frames done and of all; it may break off, and the report then holds the
+    /// frames so far. The order of work and the number of threads change nothing.
+    ///
+    /// A frame that cannot be read or completed is listed in the report and left out of the means.
+    ///
+    /// # Errors
+    /// The journal cannot be written, or not a single frame could be measured.
+    pub fn run(
+        &self,
+        heading: Heading,
+        shard: Shard,
+        mut journal: Journal,
+        mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Result<Report> {
+        let mine: Vec<usize> = (0..self.total())
+            .filter(|&i| shard.holds(&self.frames.id(i)))
+            .collect();
+        let mut report = Report::new(heading);
+        let done = journal.take();
+        let finished = |index: &usize| {
+            let id = self.frames.id(*index);
+            let has = |seed: &u64| done.contains_key(&(id.clone(), *seed));
+            self.seeds.iter().all(has)
+        };
+        let (old, open): (Vec<usize>, Vec<usize>) = mine.iter().partition(|i| finished(i));
+        for index in &old {
+            for seed in &self.seeds {
+                report.add(done[&(self.frames.id(*index), *seed)].clone())?;
+            }
+        }
+        let mut first = None;
+        let mut count = old.len();
+        for some in open.chunks(rayon::current_num_threads()) {
+            if progress(count, mine.len()).is_break() {
+                break;
+            }
+            let outcomes: Vec<_> = some.par_iter().map(|&i| self.measure(i)).collect();
+            for (&index, outcome) in some.iter().zip(outcomes) {
+                match outcome {
+                    Ok(records) => {
+                        for record in records {
+                            journal.add(&record)?;
+                            report.add(record)?;
+                        }
+                    }
+                    Err(error) => {
+                        report.fail(Failure {
+                            frame: self.frames.id(index),
+                            error: in_words(&error),
+                        });
+                        first.get_or_insert(error);
+                    }
+                }
+            }
+            count += some.len();
+        }
+        let _ = progress(count, mine.len());
+        match first {
+            Some(error) if report.frames().is_empty() => Err(error),
+            _ if mine.is_empty() => Err(Error::config("there is no frame to measure")
+                .hint("the dataset is empty, or the shard holds none of its frames")),
+            _ => Ok(report),
+        }
+    }
+
+    /// One record for each seed.
+    fn measure(&self, index: usize) -> Result<Vec<Record>> {
+        let frame = self.frame(index)?;
+        let mut prepared = self.prepare(&frame)?;
+        self.seeds
+            .iter()
+            .map(|&seed| {
+                let sparse = self.points(&frame, seed)?;
+                let far = distances(&sparse);
+                let outcomes = self
+                    .candidates
+                    .iter()
+                    .map(|(_, candidate)| {
+                        let depth = prepared.predict(candidate, &frame, &sparse, seed)?;
+                        Ok(Outcome {
+                            scores: Scores::of(&depth, &frame.depth, &self.rules)?,
+                            profile: Profile::of(&depth, &frame.depth, &far),
+                        })
+                    })
+                    .collect::<Result<_>>()?;
+                Ok(Record {
+                    frame: frame.id.clone(),
+                    seed,
+                    points: sparse.count(),
+                    place: frame.place,
+                    outcomes,
+                })
+            })
+            .collect()
+    }
+
+    /// The frame, its points, and every prediction under a seed, for a report with pictures.
+    ///
+    /// # Errors
+    /// No frame of this name, or one that cannot be measured.
+    pub fn exhibit(&self, role: &'static str, id: &str, seed: u64) -> Result<Exhibit> {
+        let index = (0..self.frames.len())
+            .find(|&i| self.frames.id(i) == id)
+            .ok_or_else(|| Error::config(format!("there is no frame `{id}`")))?;
+        let frame = self.frame(index)?;
+        let sparse = self.points(&frame, seed)?;
+        let mut prepared = self.prepare(&frame)?;
+        let predictions = self
+            .candidates
+            .iter()
+            .map(|(name, candidate)| {
+                let depth = prepared.predict(candidate, &frame, &sparse, seed)?;
+                let scores = Scores::of(&depth, &frame.depth, &self.rules)?;
+                Ok((name.clone(), scores[Metric::Rmse], depth))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Exhibit {
+            role,
+            frame: frame.id,
+            rgb: frame.rgb,
+            sparse,
+            truth: frame.depth,
+            predictions,
+        })
+    }
+
+    /// A frame at the protocol's size.
+    ///
+    /// # Errors
+    /// It cannot be read, is too small, or has no true depth that counts.
+    pub fn frame(&self, index: usize) -> Result<Frame> {
+        let frame = self.protocol.apply(&self.frames.load(index)?)?;
+        if frame.depth.count() == 0 {
+            return Err(Error::shape(format!(
+                "frame `{}` has no true depth that counts",
+                frame.id
+            )));
+        }
+        Ok(frame)
+    }
+
+    /// The points of a frame under a seed.
+    ///
+    /// # Errors
+    /// As [`Pattern::draw`].
+    pub fn points(&self, frame: &Frame, seed: u64) -> Result<DepthMap> {
+        let sparse = self.points.draw(frame, seed)?;
+        match self.noise {
+            None => Ok(sparse),
+            Some(noise) => noise.apply(&sparse, seed, &frame.id),
+        }
+    }
+
+    fn prepare(&self, frame: &Frame) -> Result<candidate::Prepared<'_>> {
+        let needed = self.candidates.iter().any(|(_, c)| c.needs_network());
+        candidate::Prepared::new(self.completer.filter(|_| needed), frame)
+    }
+}
+
+/// An error and its causes on one line.
+fn in_words(error: &Error) -> String {
+    let mut text = error.to_string();
+    let mut source = std::error::Error::source(error);
+    while let Some(cause) = source {
+        let line = cause.to_string();
+        text.push_str(": ");
+        text.push_str(line.lines().next().unwrap_or_default());
+        source = cause.source();
+    }
+    text
+}

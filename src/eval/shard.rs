@@ -1,0 +1,64 @@
+//! A share of the frames, for many machines without an engine.
+
+use crate::error::{Error, Result};
+use crate::rng::Rng;
+use std::str::FromStr;
+
+/// Part `index` of `count`: drawn by the frames' names, whatever their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    index: u32,
+    count: u32,
+}
+
+impl Shard {
+    /// All frames.
+    pub const WHOLE: Self = Self { index: 0, count: 1 };
+
+    /// Whether a frame belongs to this part.
+    pub fn holds(self, frame: &str) -> bool {
+        Rng::stream(0, &["shard", frame]).below(self.count) == self.index
+    }
+}
+
+impl FromStr for Shard {
+    type Err = Error;
+
+    /// `I/N` with I from 0 to N - 1.
+    fn from_str(text: &str) -> Result<Self> {
+        text.split_once('/')
+            .and_then(|(index, count)| {
+                Some(Self {
+                    index: index.parse().ok()?,
+                    count: count.parse().ok()?,
+                })
+            })
+            .filter(|shard| shard.index < shard.count)
+            .ok_or_else(|| {
+                Error::config(format!("`{text}` is no shard")).hint("I/N with I from 0, as in 0/4")
+            })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_frame_is_in_one_shard() {
+        let shards: Vec<Shard> = (0..4).map(|i| format!("{i}/4").parse().unwrap()).collect();
+        let mut sizes = [0; 4];
+        for i in 0..1000 {
+            let frame = format!("kitchen/{i:05}");
+            let holders: Vec<usize> = (0..4).filter(|&s| shards[s].holds(&frame)).collect();
+            assert_eq!(holders.len(), 1);
+            sizes[holders[0]] += 1;
+            assert!(Shard::WHOLE.holds(&frame));
+        }
+        assert!(
+            sizes.iter().all(|size| (200..300).contains(size)),
+            "{sizes:?}"
+        );
+        assert!("4/4".parse::<Shard>().is_err() && "1".parse::<Shard>().is_err());
+    }
+}

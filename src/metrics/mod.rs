@@ -1,0 +1,12 @@
+//! Errors of a dense depth map against the truth, and their averages. No tensors.
+
+mod edge;
+mod paired;
+mod profile;
+mod scores;
+mod tally;
+
+pub use paired::Difference;
+pub use profile::{Axis, Bin, Profile};
+pub use scores::{Metric, Rules, Scores};
+pub use tally::{Tally, deviation};

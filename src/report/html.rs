@@ -1,0 +1,325 @@
+//! One page that needs nothing else: tables, charts, and pictures of remarkable frames.
+
+use super::chart::{COLOURS, Chart};
+use super::colour::{coloured, errors};
+use super::text::shown;
+use super::{Mean, Report};
+use crate::data::{DepthMap, Place, write_atomically};
+use crate::error::{Cause, Error, Result};
+use crate::metrics::{Axis, Bin, Metric};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use image::{ImageFormat, RgbImage};
+use std::fmt::Write as _;
+use std::io::Cursor;
+use std::path::Path;
+
+/// A frame to be shown.
+#[derive(Clone, Debug)]
+pub struct Exhibit {
+    /// Why it is shown: `worst`, `median` or `best`.
+    pub role: Role,
+    /// The frame's name.
+    pub frame: String,
+    /// The colour image.
+    pub rgb: RgbImage,
+    /// The points that were given.
+    pub sparse: DepthMap,
+    /// The true depth.
+    pub truth: DepthMap,
+    /// Each method's name, RMSE in metres, and prediction.
+    pub predictions: Vec<(String, f64, DepthMap)>,
+}
+
+/// Why a frame is shown.
+pub type Role = &'static str;
+
+impl Report {
+    /// Writes the page.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_html(&self, path: &Path, exhibits: &[Exhibit]) -> Result<()> {
+        let page = self.to_html(exhibits);
+        write_atomically(path, |out| out.write_all(page.as_bytes()))
+    }
+
+    /// The page.
+    pub fn to_html(&self, exhibits: &[Exhibit]) -> String {
+        let mut page = format!(
+            "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>\
+             <meta name='viewport' content='width=device-width'>\
+             <title>{title}</title><style>{style}</style></head><body><h1>{title}</h1>\n",
+            title = escaped(&format!("Depth completion on {}", self.heading.dataset)),
+            style = include_str!("page.css"),
+        );
+        page.push_str("<table class='preface'>");
+        for (name, text) in self.preface() {
+            let _ = write!(page, "<tr><td>{name}</td><td>{}</td></tr>", escaped(&text));
+        }
+        page.push_str("</table>\n<h2>Errors</h2>");
+        page.push_str(&table(&self.means(None)));
+        let places = self.places();
+        if places.len() > 1 {
+            for place in places {
+                let name = match place {
+                    Place::Indoor => "Indoor",
+                    Place::Outdoor => "Outdoor",
+                };
+                let _ = write!(page, "<h3>{name}</h3>{}", table(&self.means(Some(place))));
+            }
+        }
+        for line in self.comparisons() {
+            let _ = write!(page, "<p>{}.</p>", escaped(&line));
+        }
+        page.push_str("\n<h2>Where the errors are</h2>");
+        page.push_str(&self.charts());
+        if !exhibits.is_empty() {
+            page.push_str("\n<h2>Frames</h2>");
+        }
+        exhibits.iter().for_each(|e| page.push_str(&exhibited(e)));
+        if !self.failures.is_empty() {
+            page.push_str("\n<h2>Frames that failed</h2><ul class='failures'>");
+            for failure in &self.failures {
+                let text = format!("{}: {}", failure.frame, failure.error);
+                let _ = write!(page, "<li>{}</li>", escaped(&text));
+            }
+            page.push_str("</ul>");
+        }
+        let _ = write!(
+            page,
+            "\n<p class='spread'>lsdc {}</p></body></html>\n",
+            env!("CARGO_PKG_VERSION")
+        );
+        page
+    }
+
+    fn charts(&self) -> String {
+        let names: Vec<String> = self.heading.methods.iter().map(|m| escaped(m)).collect();
+        let mut legend = String::from("<p class='legend'>");
+        for (i, name) in names.iter().enumerate() {
+            let colour = COLOURS[i % COLOURS.len()];
+            let _ = write!(
+                legend,
+                "<span><i style='background:{colour}'></i>{name}</span>"
+            );
+        }
+        legend.push_str("</p>");
+        let lines = |of: &dyn Fn(usize) -> Vec<(f64, f64)>| -> Vec<(&str, Vec<(f64, f64)>)> {
+            names
+                .iter()
+                .enumerate()
+                .map(|(i, name)| (name.as_str(), of(i)))
+                .collect()
+        };
+        // A bin with few pixels says nothing: it needs a thousandth of all.
+        let curve = |axis: Axis, method: usize| -> Vec<(f64, f64)> {
+            let bins = self.profiles[method].along(axis);
+            let all: u64 = bins.iter().map(|b| b.pixels).sum();
+            let enough = |bin: &&(usize, &Bin)| 1000 * bin.1.pixels >= all;
+            let points = bins.iter().enumerate().collect::<Vec<_>>();
+            points
+                .iter()
+                .filter(enough)
+                .filter_map(|(i, bin)| Some((axis.middle(*i), bin.mean()?)))
+                .collect()
+        };
+        let sizes = |method: usize| -> Vec<(f64, f64)> {
+            let bins = self.profiles[method].along(Axis::Error);
+            let all: u64 = bins.iter().map(|b| b.pixels).sum();
+            let share = |bin: &Bin| 100.0 * bin.pixels as f64 / all.max(1) as f64;
+            bins.iter()
+                .enumerate()
+                .map(|(i, bin)| (Axis::Error.middle(i), share(bin)))
+                .collect()
+        };
+        let frames = |method: usize| -> Vec<(f64, f64)> {
+            let scores = self.by_frame(method);
+            let mut rmse: Vec<f64> = scores.values().map(|s| s[Metric::Rmse]).collect();
+            rmse.sort_by(f64::total_cmp);
+            let count = rmse.len() as f64;
+            let share = |i: usize| 100.0 * (i as f64 + 0.5) / count;
+            rmse.into_iter()
+                .enumerate()
+                .map(|(i, v)| (share(i), v))
+                .collect()
+        };
+        let charts = [
+            Chart {
+                title: "Mean absolute error against depth",
+                across: "true depth, m",
+                up: "MAE, m",
+                logarithmic: true,
+                lines: lines(&|i| curve(Axis::Depth, i)),
+            },
+            Chart {
+                title: "Mean absolute error against distance to a point",
+                across: "distance to the nearest point, pixels (left end: at a point)",
+                up: "MAE, m",
+                logarithmic: true,
+                lines: lines(&|i| curve(Axis::Distance, i)),
+            },
+            Chart {
+                title: "How large the errors are",
+                across: "absolute error, m (half octaves)",
+                up: "pixels, %",
+                logarithmic: true,
+                lines: lines(&sizes),
+            },
+            Chart {
+                title: "RMSE of the frames, from best to worst",
+                across: "frames, %",
+                up: "RMSE, m",
+                logarithmic: false,
+                lines: lines(&frames),
+            },
+        ];
+        let drawn: String = charts.iter().map(Chart::svg).collect();
+        format!("{legend}<div class='charts'>{drawn}</div>")
+    }
+}
+
+/// All measures of each method; the best of each column stands out.
+fn table(means: &[Mean]) -> String {
+    let mut html = String::from("<div class='scroll'><table><thead><tr><th>method</th>");
+    for metric in Metric::ALL {
+        let _ = write!(
+            html,
+            "<th>{} <span class='spread'>{}</span></th>",
+            metric.label(),
+            metric.unit()
+        );
+    }
+    html.push_str("</tr></thead><tbody>");
+    for mean in means {
+        let _ = write!(html, "<tr><td>{}</td>", escaped(mean.method));
+        for metric in Metric::ALL {
+            let value = mean.mean[metric];
+            let better = |other: &Mean| match metric.is_share() {
+                true => other.mean[metric] > value,
+                false => other.mean[metric] < value,
+            };
+            let class = if means.len() > 1 && !means.iter().any(better) {
+                " class='best'"
+            } else {
+                ""
+            };
+            let _ = write!(html, "<td{class}>{}", shown(metric, value));
+            if mean.deviation[metric].is_finite() {
+                let spread = shown(metric, mean.deviation[metric]);
+                let _ = write!(html, " <span class='spread'>&plusmn;{spread}</span>");
+            }
+            html.push_str("</td>");
+        }
+        html.push_str("</tr>");
+    }
+    html.push_str("</tbody></table></div>");
+    html
+}
+
+fn exhibited(exhibit: &Exhibit) -> String {
+    let (low, high) = exhibit.truth.range().unwrap_or((0.0, 1.0));
+    let worst = scale_of_errors(exhibit);
+    let mut html = format!(
+        "<h3>{}: {}</h3><p>{}{}</p><div class='figures'>",
+        exhibit.role,
+        escaped(&exhibit.frame),
+        colour_scale("depth", low, high, colorous::TURBO),
+        colour_scale("absolute error", 0.0, worst, colorous::INFERNO),
+    );
+    let points = format!("{} points", exhibit.sparse.count());
+    html.push_str(&figure("image", &exhibit.rgb));
+    html.push_str(&figure(&points, &dotted(exhibit, low, high)));
+    html.push_str(&figure("truth", &coloured(&exhibit.truth, low, high)));
+    for (method, rmse, depth) in &exhibit.predictions {
+        let method = escaped(method);
+        figure(
+            &format!("{method}, RMSE {rmse:.3} m"),
+            &coloured(depth, low, high),
+        );
+        figure(
+            &format!("{method}, error"),
+            &errors(depth, &exhibit.truth, worst),
+        );
+    }
+    html.push_str("</div>");
+    html
+}
+
+fn figure(caption: &str, image: &RgbImage) -> String {
+    format!(
+        "<figure><img alt='{caption}' src='data:image/png;base64,{}'>\
+         <figcaption>{caption}</figcaption></figure>",
+        STANDARD.encode(png(image).unwrap_or_default())
+    )
+}
+
+/// The points as dots over the darkened image.
+fn dotted(exhibit: &Exhibit, low: f32, high: f32) -> RgbImage {
+    let mut image = exhibit.rgb.clone();
+    image
+        .iter_mut()
+        .for_each(|value| *value = (f32::from(*value) * 0.3) as u8);
+    let colours = coloured(&exhibit.sparse, low, high);
+    // Sparse points are drawn larger than one pixel where there is room for them.
+    let share = exhibit.sparse.count() as f64 / exhibit.sparse.values().len() as f64;
+    let reach = usize::from(share < 0.04);
+    for point in exhibit.sparse.points() {
+        for y in point.y.saturating_sub(reach)..(point.y + reach + 1).min(exhibit.sparse.height()) {
+            for x in
+                point.x.saturating_sub(reach)..(point.x + reach + 1).min(exhibit.sparse.width())
+            {
+                let colour = *colours.get_pixel(point.x as u32, point.y as u32);
+                image.put_pixel(x as u32, y as u32, colour);
+            }
+        }
+    }
+    image
+}
+
+/// The end of the scale of errors: what 98 % of the pixels of the first method stay below.
+fn scale_of_errors(exhibit: &Exhibit) -> f32 {
+    let Some((_, _, depth)) = exhibit.predictions.first() else {
+        return 1.0;
+    };
+    let mut all: Vec<f32> = exhibit
+        .truth
+        .values()
+        .iter()
+        .zip(depth.values())
+        .filter(|(d, _)| **d > 0.0)
+        .map(|(d, p)| (p - d).abs())
+        .collect();
+    all.sort_by(f32::total_cmp);
+    all.get(all.len() * 98 / 100)
+        .copied()
+        .unwrap_or(1.0)
+        .max(0.01)
+}
+
+fn colour_scale(name: &str, low: f32, high: f32, map: colorous::Gradient) -> String {
+    let stops: Vec<String> = (0..=10)
+        .map(|i| format!("#{:x}", map.eval_continuous(f64::from(i) / 10.0)))
+        .collect();
+    format!(
+        "<span class='scale'>{name} {low:.2} <b style='background:linear-gradient(90deg,{})'></b> \
+         {high:.2} m</span>",
+        stops.join(",")
+    )
+}
+
+fn png(image: &RgbImage) -> Result<Vec<u8>> {
+    let mut bytes = Cursor::new(Vec::new());
+    image
+        .write_to(&mut bytes, ImageFormat::Png)
+        .map_err(|e| Error::new(Cause::Write, "cannot encode a picture").because(e))?;
+    Ok(bytes.into_inner())
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('\'', "&#39;")
+        .replace('"', "&quot;")
+}

@@ -1,0 +1,118 @@
+use super::*;
+use crate::rng::Rng;
+
+fn heading() -> Heading {
+    Heading {
+        dataset: "made up".into(),
+        seeds: vec![0, 1],
+        methods: vec!["a".into(), "b".into()],
+        frames: 9,
+        ..Heading::default()
+    }
+}
+
+fn record(i: usize, seed: u64) -> Record {
+    let mut rng = Rng::stream(seed, &["record", &i.to_string()]);
+    let mut outcome = || {
+        let values = Metric::ALL.map(|_| f64::from(rng.unit()) / 3.0);
+        let mut bins = || vec![(u64::from(rng.below(9)), u64::from(rng.below(1000))).into()];
+        Outcome {
+            scores: Scores::default().map(|metric, _| values[metric as usize]),
+            profile: Profile {
+                depth: bins(),
+                distance: bins(),
+                error: bins(),
+            },
+        }
+    };
+    Record {
+        frame: format!("f{i}"),
+        seed,
+        points: 500,
+        place: if i % 2 == 0 {
+            Place::Indoor
+        } else {
+            Place::Outdoor
+        },
+        outcomes: vec![outcome(), outcome()],
+    }
+}
+
+fn report(frames: impl Iterator<Item = usize>) -> Report {
+    let mut report = Report::new(heading());
+    for i in frames {
+        for seed in [0, 1] {
+            report.add(record(i, seed)).unwrap();
+        }
+    }
+    report
+}
+
+#[test]
+fn joined_shards_are_the_whole_bit_for_bit() {
+    let whole = report(0..9);
+    let mut shards = report([8, 1, 5].into_iter());
+    shards.join(report([0, 7, 3].into_iter())).unwrap();
+    let last = report([6, 4, 2].into_iter());
+    // Through a file, as shards go.
+    let text = serde_json::to_string(&last.to_json()).unwrap();
+    shards.join(Report::from_json(&text).unwrap()).unwrap();
+    assert_eq!(shards, whole);
+    let json = |r: &Report| serde_json::to_string(&r.to_json()).unwrap();
+    assert_eq!(json(&shards), json(&whole));
+}
+
+#[test]
+fn what_does_not_belong_together_is_not_joined() {
+    let mut a = report(0..3);
+    assert!(a.join(report(2..4)).is_err());
+    let mut other = Report::new(Heading {
+        points: "others".into(),
+        ..heading()
+    });
+    other.add(record(8, 0)).unwrap();
+    assert!(a.join(other).is_err());
+}
+
+#[test]
+fn means_are_over_frames_then_over_seeds() {
+    let report = report(0..5);
+    let of = |seed: u64| {
+        (0..5)
+            .map(|i| record(i, seed).outcomes[1].scores[Metric::Rmse])
+            .sum::<f64>()
+            / 5.0
+    };
+    let mean = &report.means(None)[1];
+    assert!((mean.mean[Metric::Rmse] - 0.5 * (of(0) + of(1))).abs() < 1e-12);
+    let spread = (of(0) - of(1)).abs() / 2.0_f64.sqrt();
+    assert!((mean.deviation[Metric::Rmse] - spread).abs() < 1e-12);
+    assert_eq!(report.count(), 5);
+    assert_eq!(report.places(), [Place::Indoor, Place::Outdoor]);
+    let outdoor = &report.means(Some(Place::Outdoor))[0];
+    let expected = (0..2_u64)
+        .flat_map(|seed| [1, 3].map(|i| record(i, seed).outcomes[0].scores[Metric::Mae]))
+        .sum::<f64>();
+    assert!((outdoor.mean[Metric::Mae] - expected / 4.0).abs() < 1e-12);
+}
+
+#[test]
+fn the_page_shows_everything_and_loads_nothing() {
+    let report = report(0..9);
+    let page = report.to_html(&[]);
+    for word in [
+        "made up",
+        "RMSE",
+        "against depth",
+        "nearest point",
+        "</html>",
+    ] {
+        assert!(page.contains(word), "{word}");
+    }
+    assert!(
+        !page.contains("http://")
+            || page.matches("http://").count() == page.matches("http://www.w3.org/").count()
+    );
+    assert!(!page.contains("https://") && !page.contains("<script"));
+    assert!(!page.contains("NaN"));
+}
