@@ -374,14 +374,17 @@ fn shards_join_to_the_whole() {
             .assert()
             .success();
     };
-    eval(&["--json", "whole.json"]);
+    eval(&["-o", "whole"]);
     eval(&["--shard", "0/2", "--json", "a.json"]);
     eval(&["--shard", "1/2", "-o", "b"]);
     let merge = ["report", "merge", "b/report.json", "a.json", "-o", "joined"];
     let run = lsdc(folder.path()).args(merge).assert().success();
     assert!(text(&run).contains("4 frames"));
-    assert_eq!(json(&at("joined/report.json")), json(&at("whole.json")));
-    let page = std::fs::read_to_string(at("b/report.html")).unwrap();
+    assert_eq!(
+        json(&at("joined/report.json")),
+        json(&at("whole/report.json"))
+    );
+    let page = std::fs::read_to_string(at("whole/report.html")).unwrap();
     assert!(page.contains("worst: ") && page.contains("data:image/png;base64,"));
     refused(
         folder.path(),

@@ -5,8 +5,8 @@
 use hdf5_pure::FileBuilder;
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use lsdc::data::{
-    DataConfig, Dataset, DatasetKind, DepthMap, Depths, DiodeConfig, Frame, NyuConfig, Place,
-    Split, write_depth_png, write_npy, write_rgb,
+    DataConfig, Dataset, DatasetKind, DepthMap, Depths, DiodeConfig, FolderConfig, Frame,
+    NyuConfig, Place, Split, write_depth_png, write_npy, write_rgb,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -442,6 +442,27 @@ fn tum_pairs_images_and_depths() {
             .len(),
         1
     );
+}
+
+#[test]
+fn a_loose_template_takes_no_depth_for_a_colour() {
+    let folder = tempfile::tempdir().unwrap();
+    let (rgb, depth) = frame(1);
+    write_rgb(&folder.path().join("a.png"), &rgb).unwrap();
+    write_depth_png(&folder.path().join("a_depth.png"), &depth, 0.001).unwrap();
+    let config = DataConfig {
+        dataset: DatasetKind::Folder,
+        root: Some(folder.path().to_owned()),
+        folder: FolderConfig {
+            rgb: "{frame}.png".into(),
+            depth: "{frame}_depth.png".into(),
+            ..FolderConfig::default()
+        },
+        ..DataConfig::default()
+    };
+    let frames = config.open(Split::Val, None).unwrap();
+    assert_eq!(frames.len(), 1);
+    same(&frames.load(0).unwrap(), 1);
 }
 
 #[test]

@@ -21,12 +21,12 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     args.apply(&mut config.eval);
     config.eval.check()?;
     let eval = &config.eval;
-    let preset = settings::preset_of(eval.preset.as_deref(), config.data.dataset)?;
+    let frames = settings::open(&config.data, args.split)?;
+    let preset = Preset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
     let mut protocol = eval.protocol.unwrap_or(preset.protocol);
     if let Some(depth_resize) = args.depth_resize {
         protocol.depth_resize = depth_resize;
     }
-    let frames = settings::open(&config.data, args.split)?;
     let candidates = candidates(args, &eval.methods)?;
     let learned = candidates
         .iter()

@@ -6,6 +6,7 @@ use crate::data::{DepthMap, Frame, write_npy, write_rgb};
 use crate::error::{Error, Result};
 use crate::eval::Evaluation;
 use crate::metrics::Rules;
+use crate::sample::Preset;
 use std::path::{Path, PathBuf};
 
 pub(super) fn run(args: &Export) -> Result<Exit> {
@@ -13,8 +14,8 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
     args.source.apply(&mut config.data);
     let eval = &config.eval;
     let name = args.protocol.as_deref().or(eval.preset.as_deref());
-    let preset = settings::preset_of(name, config.data.dataset)?;
     let frames = settings::open(&config.data, args.split)?;
+    let preset = Preset::named(name.unwrap_or(frames.protocol()))?;
     let points = args.points.as_ref().or(eval.points.as_ref());
     let evaluation = Evaluation {
         frames: &*frames,

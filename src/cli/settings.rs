@@ -2,9 +2,8 @@
 
 use super::args::{Settings, Source};
 use crate::config::Config;
-use crate::data::{DataConfig, Dataset, DatasetKind, Split};
+use crate::data::{DataConfig, Dataset, Split};
 use crate::error::Result;
-use crate::sample::Preset;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -31,16 +30,4 @@ impl Source {
 pub(super) fn open(data: &DataConfig, split: Split) -> Result<Arc<dyn Dataset>> {
     let fallback = std::env::var_os("LSDC_DATA").map(PathBuf::from);
     data.open(split, fallback.as_deref())
-}
-
-/// The protocol of this name, or that by which a dataset is measured by convention.
-pub(super) fn preset_of(name: Option<&str>, dataset: DatasetKind) -> Result<Preset> {
-    Preset::named(name.unwrap_or(match dataset {
-        DatasetKind::Rooms | DatasetKind::Folder | DatasetKind::Tum => "full",
-        DatasetKind::Nyu => "nyu",
-        DatasetKind::Diode => "diode-masked",
-        DatasetKind::Kitti => "kitti",
-        DatasetKind::Void => "void",
-        DatasetKind::Marigold => "marigold",
-    }))
 }

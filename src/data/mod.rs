@@ -52,6 +52,11 @@ pub trait Dataset: Send + Sync {
     /// What was found: the dataset's name, how it is stored, which depths these are.
     fn about(&self) -> String;
 
+    /// The name of the protocol by which it is measured by convention.
+    fn protocol(&self) -> &'static str {
+        "full"
+    }
+
     /// The number of frames.
     fn len(&self) -> usize;
 

@@ -1,16 +1,18 @@
 //! HDF5 arrays, read a few rows at a time. The only file that knows the library behind it.
 
+use super::plausible;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use hdf5_pure::{DType, Dataset, File, Object};
 use image::{Rgb, RgbImage};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// No image of any dataset is longer on a side.
 const LONGEST: usize = 1 << 14;
 
 /// No chunk of any dataset holds more bytes.
-const LARGEST_CHUNK: u64 = 256 << 20;
+const LARGEST_CHUNK: u64 = 32 << 20;
 
 /// An open file, of which nothing but what is asked for is read.
 pub(in crate::data) struct Hdf5 {
@@ -61,7 +63,7 @@ impl Hdf5 {
         start: usize,
         count: usize,
     ) -> Result<Vec<u8>> {
-        let array = self.checked(name, row, start + count, &[DType::U8])?;
+        let array = self.checked(name, row, start..start + count, &[DType::U8])?;
         array
             .read_u8_rows(start as u64, count as u64)
             .map_err(|e| self.damaged(e))
@@ -77,7 +79,7 @@ impl Hdf5 {
         count: usize,
     ) -> Result<Vec<f32>> {
         let floats = [DType::F32, DType::F64];
-        let array = self.checked(name, row, start + count, &floats)?;
+        let array = self.checked(name, row, start..start + count, &floats)?;
         array
             .read_f32_rows(start as u64, count as u64)
             .map_err(|e| self.damaged(e))
@@ -116,11 +118,17 @@ impl Hdf5 {
 
     /// An array after its declared shape and type were found to be as expected, so that reading
     /// asks for no more memory than that.
-    fn checked(&self, name: &str, row: &[usize], rows: usize, types: &[DType]) -> Result<Dataset> {
+    fn checked(
+        &self,
+        name: &str,
+        row: &[usize],
+        rows: Range<usize>,
+        types: &[DType],
+    ) -> Result<Dataset> {
         let array = self.array(name)?;
         let shape = self.shape(name)?;
         let element = array.dtype().map_err(|e| self.damaged(e))?;
-        let fits = shape.first().is_some_and(|&n| n >= rows)
+        let fits = shape.first().is_some_and(|&n| n >= rows.end)
             && shape[1..] == *row
             && row.iter().all(|&n| n <= LONGEST)
             && types.contains(&element);
@@ -129,10 +137,21 @@ impl Hdf5 {
                 &self.path,
                 format!(
                     "`{name}` is {element} of shape {shape:?}, expected {} with rows of shape \
-                     {row:?} and at least {rows} of them",
-                    types[0]
+                     {row:?} and at least {} of them",
+                    types[0], rows.end
                 ),
             ));
+        }
+        let bytes = 8 * rows.len() as u64 * row.iter().product::<usize>() as u64;
+        if !plausible(bytes, self.file.file_size()) {
+            return Err(Error::format(
+                &self.path,
+                format!(
+                    "`{name}` declares shape {shape:?} but the file is only {} bytes long",
+                    self.file.file_size()
+                ),
+            )
+            .hint("the file is cut off or damaged"));
         }
         if let Some(chunk) = array.chunk_shape().map_err(|e| self.damaged(e))? {
             let bytes = chunk

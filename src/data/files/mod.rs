@@ -14,6 +14,12 @@ use super::DepthMap;
 use crate::error::{Error, Result};
 use std::path::Path;
 
+/// Whether a file of `size` bytes can hold `bytes` of values: deflate makes at most 1032 of one
+/// (zlib), and what is small may be asked for in any case. Damaged headers promise much more.
+fn plausible(bytes: u64, size: u64) -> bool {
+    bytes <= (1 << 20).max(size.saturating_mul(1100))
+}
+
 /// Whether the path ends in `.ending`, in capitals or not.
 pub(super) fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension()

@@ -1,19 +1,13 @@
 //! Colour images and 16-bit depth images.
 
-use super::write_atomically;
+use super::{plausible, write_atomically};
 use crate::data::DepthMap;
 use crate::error::{Cause, Error, Result};
 use image::{
-    DynamicImage, ImageBuffer, ImageDecoder as _, ImageFormat, ImageReader, Limits, Luma, RgbImage,
+    DynamicImage, ImageBuffer, ImageDecoder as _, ImageFormat, ImageReader, Luma, RgbImage,
 };
 use std::io::Cursor;
 use std::path::Path;
-
-/// Images that fill less than this many bytes are read whatever their files look like.
-const SMALL: u64 = 64 << 20;
-
-/// The most bytes that one byte of deflated data can stand for, with some room (zlib: 1032).
-const DENSEST: u64 = 1100;
 
 /// Reads a JPEG or PNG as 8-bit RGB, turned upright as its EXIF record asks.
 ///
@@ -92,16 +86,12 @@ fn open(path: &Path) -> Result<DynamicImage> {
     let size = std::fs::metadata(path)
         .map_err(|e| Error::read(path, e))?
         .len();
-    let mut reader = ImageReader::open(path)
+    let reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(|e| Error::read(path, e))?;
-    let most = SMALL.max(size.saturating_mul(DENSEST));
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(most);
-    reader.limits(limits);
     let mut decoder = reader.into_decoder().map_err(damaged)?;
     let (width, height) = decoder.dimensions();
-    if decoder.total_bytes() > most {
+    if !plausible(decoder.total_bytes(), size) {
         return Err(Error::format(
             path,
             format!("declares {width}x{height} pixels but is only {size} bytes long"),

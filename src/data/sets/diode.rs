@@ -49,7 +49,12 @@ pub(in crate::data) fn diode(root: &Path, split: Split, config: DiodeConfig) -> 
     } else {
         "as found"
     };
-    Ok(Folder::of(format!("DIODE, {how}"), 1.0, frames))
+    Ok(Folder::of(
+        format!("DIODE, {how}"),
+        "diode-masked",
+        1.0,
+        frames,
+    ))
 }
 
 const PLACES: [(&str, Place); 2] = [("indoors", Place::Indoor), ("outdoor", Place::Outdoor)];

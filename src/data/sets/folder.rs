@@ -6,6 +6,7 @@ use crate::data::files::{has_ending, read_pair};
 use crate::data::{Dataset, Frame, FrameId, Place, Split, read_depth, read_mask, read_rgb};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Where the files lie and how depths are stored.
@@ -55,6 +56,7 @@ pub(super) struct Files {
 #[derive(Debug)]
 pub struct Folder {
     about: String,
+    protocol: &'static str,
     depth_scale: f64,
     frames: Vec<Files>,
 }
@@ -76,13 +78,19 @@ impl Folder {
             .hint("check --root and --split"));
         }
         let about = format!("folder `{}`", config.rgb);
-        Ok(Self::of(about, config.depth_scale, frames))
+        Ok(Self::of(about, "full", config.depth_scale, frames))
     }
 
     /// Frames that were listed by other means.
-    pub(super) fn of(about: String, depth_scale: f64, frames: Vec<Files>) -> Self {
+    pub(super) fn of(
+        about: String,
+        protocol: &'static str,
+        depth_scale: f64,
+        frames: Vec<Files>,
+    ) -> Self {
         Self {
             about,
+            protocol,
             depth_scale,
             frames,
         }
@@ -116,6 +124,15 @@ pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<V
             place: config.place,
         });
     }
+    // A loose template for colours may take other files for colours too.
+    let others: BTreeSet<PathBuf> = frames
+        .iter()
+        .flat_map(|f| [Some(&f.depth), f.sparse.as_ref(), f.mask.as_ref()])
+        .flatten()
+        .cloned()
+        .collect();
+    let pairs = config.rgb == config.depth;
+    frames.retain(|files| pairs || !others.contains(&files.rgb));
     Ok(frames)
 }
 
@@ -133,6 +150,10 @@ fn id(captures: &Captures) -> FrameId {
 impl Dataset for Folder {
     fn about(&self) -> String {
         self.about.clone()
+    }
+
+    fn protocol(&self) -> &'static str {
+        self.protocol
     }
 
     fn len(&self) -> usize {

@@ -65,7 +65,7 @@ pub(in crate::data) fn kitti(root: &Path, split: Split) -> Result<Folder> {
             frames.retain(|files| cropped || files.depth.is_file());
             if !frames.is_empty() {
                 let about = format!("KITTI depth completion, {about}");
-                return Ok(Folder::of(about, config.depth_scale, frames));
+                return Ok(Folder::of(about, "kitti", config.depth_scale, frames));
             }
         }
     }

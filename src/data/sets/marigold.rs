@@ -34,5 +34,10 @@ pub(in crate::data) fn marigold(root: &Path) -> Result<Folder> {
                 .hint("expected rgb/NAME.png, sparse/NAME.npy and gt/NAME.npy"),
         );
     }
-    Ok(Folder::of("Marigold folder".into(), 1.0, frames))
+    Ok(Folder::of(
+        "Marigold folder".into(),
+        "marigold",
+        1.0,
+        frames,
+    ))
 }

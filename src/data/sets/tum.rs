@@ -48,7 +48,7 @@ pub(in crate::data) fn tum(root: &Path) -> Result<Folder> {
             root.display()
         )));
     }
-    Ok(Folder::of("TUM RGB-D".into(), 1.0 / 5000.0, frames))
+    Ok(Folder::of("TUM RGB-D".into(), "full", 1.0 / 5000.0, frames))
 }
 
 /// The fields of every line that is no comment; at least `fewest` each.

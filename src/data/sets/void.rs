@@ -47,6 +47,7 @@ pub(in crate::data) fn void(root: &Path, split: Split) -> Result<Folder> {
     let how = if listed { "by its list" } else { "all frames" };
     Ok(Folder::of(
         format!("VOID, {how}"),
+        "void",
         config.depth_scale,
         frames,
     ))

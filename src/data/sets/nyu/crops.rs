@@ -109,6 +109,13 @@ impl Dataset for Crops {
         format!("NYU Depth v2, crops of Conti et al. {hints}")
     }
 
+    fn protocol(&self) -> &'static str {
+        match self.hints {
+            Some(_) => "nyu-conti",
+            None => "full",
+        }
+    }
+
     fn len(&self) -> usize {
         self.frames
     }

@@ -82,6 +82,10 @@ impl Dataset for Labelled {
         format!("NYU Depth v2, labelled .mat, {depths}, {lists}")
     }
 
+    fn protocol(&self) -> &'static str {
+        "nyu"
+    }
+
     fn len(&self) -> usize {
         self.frames.len()
     }

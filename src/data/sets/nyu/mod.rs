@@ -127,7 +127,7 @@ pub(in crate::data) fn nyu(
                 .iter_mut()
                 .for_each(|files| rename(files, tree, split));
             let about = format!("NYU Depth v2, {}", tree.about);
-            return Ok(Arc::new(Folder::of(about, tree.depth_scale, frames)));
+            return Ok(Arc::new(Folder::of(about, "nyu", tree.depth_scale, frames)));
         }
     }
     Err(unknown(root, split))

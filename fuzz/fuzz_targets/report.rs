@@ -1,0 +1,12 @@
+//! Reports that are read back to be joined.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use lsdc::report::Report;
+
+fuzz_target!(|data: &[u8]| {
+    if let Ok(text) = std::str::from_utf8(data) {
+        let _ = Report::from_json(text);
+    }
+});

@@ -1,0 +1,250 @@
+//! Damaged files of every format: an error or a result, never a panic, never more memory than the
+//! file can stand for.
+//!
+//! `LSDC_DAMAGED=20000 cargo test --release --test hostile` tries more copies than the few hundred
+//! of an ordinary run.
+
+#![allow(clippy::unwrap_used)]
+
+use hdf5_pure::FileBuilder;
+use image::{Rgb, RgbImage};
+use lsdc::data::{
+    DataConfig, DatasetKind, DepthMap, Split, read_depth, read_mask, read_rgb, write_depth_png,
+    write_npy, write_rgb,
+};
+use lsdc::report::Report;
+use lsdc::rng::Rng;
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Counts what is asked for.
+struct Counting;
+
+static IN_USE: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+/// The tests of this file take turns, so that each sees its own memory only.
+static TURN: Mutex<()> = Mutex::new(());
+
+#[allow(unsafe_code)]
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let now = IN_USE.fetch_add(layout.size(), Ordering::Relaxed) + layout.size();
+        PEAK.fetch_max(now, Ordering::Relaxed);
+        // SAFETY: as the caller promises.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        IN_USE.fetch_sub(layout.size(), Ordering::Relaxed);
+        // SAFETY: as the caller promises.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// What reading a file of a few kilobytes may take.
+const MOST: usize = 48 << 20;
+
+const WIDTH: usize = 24;
+const HEIGHT: usize = 18;
+
+fn copies() -> u64 {
+    let asked = std::env::var("LSDC_DAMAGED").ok();
+    asked.and_then(|n| n.parse().ok()).unwrap_or(300)
+}
+
+fn rgb() -> RgbImage {
+    RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |x, y| {
+        Rgb([(x * 9) as u8, (y * 13) as u8, (x * y) as u8])
+    })
+}
+
+fn depth() -> DepthMap {
+    let values = (0..WIDTH * HEIGHT).map(|i| 1.0 + i as f32 * 0.01).collect();
+    DepthMap::new(WIDTH, HEIGHT, values).unwrap()
+}
+
+/// A copy with some bits turned, some numbers made huge, or its end missing.
+fn damaged(sound: &[u8], rng: &mut Rng) -> Vec<u8> {
+    let mut copy = sound.to_vec();
+    let kind = rng.below(4);
+    if kind == 0 {
+        copy.truncate(rng.below(sound.len() as u32) as usize);
+        return copy;
+    }
+    // Headers lie at the front, where most of the damage is wanted.
+    let reach = if rng.chance(0.5) {
+        copy.len().min(512)
+    } else {
+        copy.len()
+    };
+    for _ in 0..=rng.below(6) {
+        let at = rng.below(reach as u32) as usize;
+        match kind {
+            1 => copy[at] ^= 1 << rng.below(8),
+            2 => copy[at] = rng.below(256) as u8,
+            _ => {
+                let huge = [0xff, 0xff, 0xff, 0x7f, 0, 0, 0, 0];
+                let end = (at + 1 + rng.below(8) as usize).min(copy.len());
+                copy[at..end].copy_from_slice(&huge[..end - at]);
+            }
+        }
+    }
+    copy
+}
+
+/// Reads the sound file, which must work, and its damaged copies, which must not do harm.
+fn survive(path: &Path, read: impl Fn() -> bool) {
+    let _turn = TURN.lock().unwrap_or_else(|e| e.into_inner());
+    let name = path.file_name().unwrap().to_string_lossy().into_owned();
+    let sound = std::fs::read(path).unwrap();
+    assert!(read(), "the sound {name} cannot be read");
+    let mut refused = 0;
+    for i in 0..copies() {
+        let mut rng = Rng::stream(i, &["damage", &name]);
+        std::fs::write(path, damaged(&sound, &mut rng)).unwrap();
+        let before = IN_USE.load(Ordering::Relaxed);
+        PEAK.store(before, Ordering::Relaxed);
+        let outcome = catch_unwind(AssertUnwindSafe(&read));
+        let taken = PEAK.load(Ordering::Relaxed) - before;
+        assert!(taken < MOST, "{name}, copy {i}: {} MiB", taken >> 20);
+        match outcome {
+            Ok(fine) => refused += u64::from(!fine),
+            Err(_) => panic!("{name}, copy {i}: panicked"),
+        }
+    }
+    assert!(refused > 0, "no damage of {name} was noticed");
+}
+
+/// Whether every frame of a dataset can be read.
+fn readable(kind: DatasetKind, root: &Path) -> bool {
+    let config = DataConfig {
+        dataset: kind,
+        root: Some(root.to_owned()),
+        ..DataConfig::default()
+    };
+    config
+        .open(Split::Val, None)
+        .is_ok_and(|frames| (0..frames.len()).all(|i| frames.load(i).is_ok()))
+}
+
+#[test]
+fn images() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("colour.png");
+    write_rgb(&path, &rgb()).unwrap();
+    survive(&path, || read_rgb(&path).is_ok());
+    let path = folder.path().join("colour.jpg");
+    rgb().save(&path).unwrap();
+    survive(&path, || read_rgb(&path).is_ok());
+    let path = folder.path().join("depth.png");
+    write_depth_png(&path, &depth(), 0.001).unwrap();
+    survive(&path, || read_depth(&path, 0.001).is_ok());
+}
+
+#[test]
+fn arrays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.npy");
+    write_npy(&path, &depth()).unwrap();
+    survive(&path, || read_depth(&path, 1.0).is_ok());
+    survive_mask(&folder.path().join("mask.npy"));
+}
+
+fn survive_mask(path: &Path) {
+    use npyz::WriterBuilder as _;
+    let mut file = Vec::new();
+    let options = npyz::WriteOptions::<bool>::new().default_dtype();
+    let shape = [HEIGHT as u64, WIDTH as u64, 1];
+    let mut writer = options.shape(&shape).writer(&mut file).begin_nd().unwrap();
+    writer
+        .extend((0..WIDTH * HEIGHT).map(|i| i % 3 > 0))
+        .unwrap();
+    writer.finish().unwrap();
+    std::fs::write(path, file).unwrap();
+    survive(path, || read_mask(path).is_ok());
+}
+
+#[test]
+fn hierarchical_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let (width, height) = (WIDTH as u64, HEIGHT as u64);
+    for filter in 0..3 {
+        let root = folder.path().join(format!("tree{filter}"));
+        let path = root.join("val/official/00001.h5");
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        let mut builder = FileBuilder::new();
+        let rgb = builder
+            .create_dataset("rgb")
+            .with_u8_data(&[7; 3 * WIDTH * HEIGHT]);
+        let rgb = rgb.with_shape(&[3, height, width]);
+        match filter {
+            0 => rgb,
+            1 => rgb.with_chunks(&[1, 6, 8]).with_shuffle().with_deflate(4),
+            _ => rgb.with_chunks(&[3, 6, 8]).with_lzf(),
+        };
+        let map = depth();
+        let depths = builder.create_dataset("depth").with_f32_data(map.values());
+        let depths = depths.with_shape(&[height, width]);
+        match filter {
+            0 => depths,
+            1 => depths.with_chunks(&[6, 8]).with_shuffle().with_deflate(4),
+            _ => depths.with_chunks(&[6, 8]).with_lzf(),
+        };
+        builder.write(&path).unwrap();
+        survive(&path, || readable(DatasetKind::Nyu, &root));
+    }
+    let path = folder.path().join("labelled.mat");
+    let mut builder = FileBuilder::new();
+    builder.with_userblock(512);
+    builder
+        .create_dataset("images")
+        .with_u8_data(&[9; 2 * 3 * WIDTH * HEIGHT])
+        .with_shape(&[2, 3, width, height])
+        .with_chunks(&[1, 3, width, height])
+        .with_deflate(3);
+    builder
+        .create_dataset("depths")
+        .with_f32_data(&[1.5; 2 * WIDTH * HEIGHT])
+        .with_shape(&[2, width, height])
+        .with_chunks(&[1, width, height])
+        .with_deflate(3);
+    builder.write(&path).unwrap();
+    survive(&path, || readable(DatasetKind::Nyu, &path));
+}
+
+#[test]
+fn lists() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    std::fs::create_dir_all(root.join("val/indoors/s/t")).unwrap();
+    let stem = root.join("val/indoors/s/t/f");
+    let beside = |ending: &str| stem.with_file_name(format!("f{ending}"));
+    write_rgb(&beside(".png"), &rgb()).unwrap();
+    write_npy(&beside("_depth.npy"), &depth()).unwrap();
+    write_npy(&beside("_depth_mask.npy"), &depth()).unwrap();
+    let path = root.join("diode_meta.json");
+    std::fs::write(&path, r#"{"val":{"indoors":{"s":{"t":["f"]}}}}"#).unwrap();
+    survive(&path, || readable(DatasetKind::Diode, root));
+
+    let root = &folder.path().join("tum");
+    std::fs::create_dir_all(root).unwrap();
+    write_rgb(&root.join("a.png"), &rgb()).unwrap();
+    write_depth_png(&root.join("b.png"), &depth(), 0.0002).unwrap();
+    std::fs::write(root.join("depth.txt"), "1.01 b.png\n").unwrap();
+    let path = root.join("rgb.txt");
+    std::fs::write(&path, "# time file\n1.00 a.png\n").unwrap();
+    survive(&path, || readable(DatasetKind::Tum, root));
+
+    let path = root.join("report.json");
+    let report = Report::new(lsdc::report::Heading::default());
+    report.write_json(&path).unwrap();
+    survive(&path, || Report::read_json(&path).is_ok());
+}
