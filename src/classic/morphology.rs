@@ -136,13 +136,10 @@ impl Plane {
         Self { values, ..*self }
     }
 
-    /// A 5x5 Gaussian blur of the pixels that have a value, as OpenCV's with a deviation of 1.1,
-    /// which is its choice for 5 pixels; the border is mirrored about the outermost pixel.
+    /// A 5x5 binomial blur, which is OpenCV's Gaussian for 5 pixels; the border is mirrored about the
+    /// outermost pixel.
     fn blurred(&self) -> Self {
-        let weight: Vec<f32> = (-2..=2_i32)
-            .map(|i| (-(i * i) as f32 / (2.0 * 1.1 * 1.1)).exp())
-            .collect();
-        let sum: f32 = weight.iter().sum();
+        const WEIGHTS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
         let mirrored = |i: isize, length: usize| {
             let last = length as isize - 1;
             let i = if i < 0 { -i } else { i };
@@ -153,12 +150,12 @@ impl Plane {
             for y in 0..plane.height as isize {
                 for x in 0..plane.width as isize {
                     let mut value = 0.0;
-                    for (k, w) in (-2..=2).zip(&weight) {
+                    for (k, w) in (-2..=2).zip(WEIGHTS) {
                         let u = mirrored(x + k * sx, plane.width);
                         let v = mirrored(y + k * sy, plane.height);
                         value += w * plane.at(u, v);
                     }
-                    values.push(value / sum);
+                    values.push(value);
                 }
             }
             Self { values, ..*plane }

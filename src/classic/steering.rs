@@ -17,7 +17,7 @@ const WIDTH: f64 = 0.6;
 const WINDOW: usize = 3;
 
 /// Regularisation of the kernel's elongation, for gradients of grey values of 0 to 255.
-const ELONGATION: f64 = 40.0;
+const ELONGATION: f64 = 10.0;
 
 /// The exponent of the kernel's size against structure (Takeda et al.).
 const SIZE: f64 = 0.25;
