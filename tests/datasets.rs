@@ -271,8 +271,8 @@ fn write_mask(path: &Path, kind: usize) {
     }
     match kind {
         0 => write!(bool, |v| v),
-        1 => write!(f32, |v| f32::from(v)),
-        _ => write!(f64, |v| f64::from(v)),
+        1 => write!(f32, f32::from),
+        _ => write!(f64, f64::from),
     }
     std::fs::write(path, file).unwrap();
 }
@@ -473,9 +473,8 @@ fn a_place_without_the_dataset_is_an_error_that_helps() {
         if kind == DatasetKind::Rooms {
             continue;
         }
-        let error = match open(kind, folder.path(), Split::Val) {
-            Ok(_) => panic!("{} opened an empty folder", kind.name()),
-            Err(error) => error,
+        let Err(error) = open(kind, folder.path(), Split::Val) else {
+            panic!("{} opened an empty folder", kind.name());
         };
         let helps = error.advice().is_some() || error.to_string().contains("rgb.txt");
         assert!(helps, "{}: {error}", kind.name());

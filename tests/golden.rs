@@ -1,5 +1,5 @@
 //! Agreement with other libraries on the files of `tests/golden`, which `scripts/golden.py` makes
-//! with PIL, OpenCV, NumPy, SciPy and scikit-learn.
+//! with PIL, OpenCV, NumPy, `SciPy` and scikit-learn.
 
 #![allow(clippy::unwrap_used)]
 

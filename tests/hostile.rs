@@ -102,7 +102,9 @@ fn damaged(sound: &[u8], rng: &mut Rng) -> Vec<u8> {
 
 /// Reads the sound file, which must work, and its damaged copies, which must not do harm.
 fn survive(path: &Path, read: impl Fn() -> bool) {
-    let _turn = TURN.lock().unwrap_or_else(|e| e.into_inner());
+    let _turn = TURN
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner);
     let name = path.file_name().unwrap().to_string_lossy().into_owned();
     let sound = std::fs::read(path).unwrap();
     assert!(read(), "the sound {name} cannot be read");
@@ -115,10 +117,10 @@ fn survive(path: &Path, read: impl Fn() -> bool) {
         let outcome = catch_unwind(AssertUnwindSafe(&read));
         let taken = PEAK.load(Ordering::Relaxed) - before;
         assert!(taken < MOST, "{name}, copy {i}: {} MiB", taken >> 20);
-        match outcome {
-            Ok(fine) => refused += u64::from(!fine),
-            Err(_) => panic!("{name}, copy {i}: panicked"),
-        }
+        let Ok(fine) = outcome else {
+            panic!("{name}, copy {i}: panicked");
+        };
+        refused += u64::from(!fine);
     }
     assert!(refused > 0, "no damage of {name} was noticed");
 }

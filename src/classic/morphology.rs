@@ -170,7 +170,9 @@ mod tests {
 
     fn plane(at: &[(usize, f32)]) -> Plane {
         let mut values = vec![0.0; 9 * 9];
-        at.iter().for_each(|&(i, v)| values[i] = v);
+        for &(i, v) in at {
+            values[i] = v;
+        }
         Plane {
             width: 9,
             height: 9,

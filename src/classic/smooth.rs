@@ -3,7 +3,7 @@
 //!
 //! > sum over neighbours w_ij (u_i - u_j)^2 + DATA x sum over points (u_i - d_i)^2
 //!
-//! where w_ij falls with the difference in colour.
+//! where `w_ij` falls with the difference in colour.
 
 use super::equations::Equations;
 use crate::data::DepthMap;

@@ -24,7 +24,7 @@ pub(super) enum Command {
     /// Complete the depth of one image.
     Complete(Complete),
     /// Measure methods on a dataset.
-    Eval(Eval),
+    Eval(Box<Eval>),
     /// Join and show reports.
     #[command(subcommand)]
     Report(ReportCommand),
@@ -149,8 +149,8 @@ pub(super) struct Eval {
     /// where it stopped.
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     pub(super) output: Option<PathBuf>,
-    /// Begin anew in a folder that holds another evaluation.
-    #[arg(long, requires = "output", help_heading = "Output")]
+    /// Replace existing files, and begin anew in a folder that holds another evaluation.
+    #[arg(long, help_heading = "Output")]
     pub(super) force: bool,
     /// Write the whole report here.
     #[arg(long, value_name = "FILE", help_heading = "Output")]
@@ -283,13 +283,12 @@ pub(super) struct Export {
 
 /// `NAME=DIR`, or `DIR`, named by its last part.
 fn named_folder(text: &str) -> Result<(String, PathBuf)> {
-    let (name, folder) = match text.split_once('=') {
-        Some((name, folder)) => (name.to_owned(), PathBuf::from(folder)),
-        None => {
-            let folder = PathBuf::from(text);
-            let name = folder.file_name().unwrap_or_default().to_string_lossy();
-            (name.into_owned(), folder)
-        }
+    let (name, folder) = if let Some((name, folder)) = text.split_once('=') {
+        (name.to_owned(), PathBuf::from(folder))
+    } else {
+        let folder = PathBuf::from(text);
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        (name.into_owned(), folder)
     };
     if name.is_empty() {
         return Err(Error::config(format!("`{text}` has no name")).hint("as in mine=results/depth"));

@@ -1,14 +1,15 @@
 //! `lsdc eval`: methods side by side on a dataset.
 
-use super::args::Eval;
+use super::args::{Eval, Model};
 use super::{Exit, settings, ui};
 use crate::data::{write_atomically, write_npy};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
+use crate::fit::FitConfig;
 use crate::predict::{Completer, Method, weights_name};
-use crate::report::{Exhibit, Report};
-use crate::sample::{Pattern, Preset};
+use crate::report::{Exhibit, Heading, Report};
+use crate::sample::Preset;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -20,6 +21,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     args.source.apply(&mut config.data);
     args.apply(&mut config.eval);
     config.eval.check()?;
+    let outputs = Outputs::of(args)?;
     let eval = &config.eval;
     let frames = settings::open(&config.data, args.split)?;
     let preset = Preset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
@@ -28,25 +30,17 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         protocol.depth_resize = depth_resize;
     }
     let candidates = candidates(args, &eval.methods)?;
-    let learned = candidates
+    let network = candidates
         .iter()
-        .any(|(_, c)| *c == Candidate::Method(Method::Lsdc));
-    let weights = args.model.weights.as_deref();
-    let completer = if learned {
-        let completer = Completer::open(weights, &device(&args.model.device)?)?;
-        Some(match config.fit {
-            Some(fit) => completer.with_fit(fit),
-            None => completer,
-        })
-    } else {
-        None
-    };
+        .any(|(_, c)| *c == Candidate::Method(Method::Lsdc))
+        .then(|| network(&args.model, config.fit))
+        .transpose()?;
     let evaluation = Evaluation {
         frames: &*frames,
         candidates,
-        completer: completer.as_ref(),
+        completer: network.as_ref().map(|(completer, _)| completer),
         protocol,
-        points: points(args, eval.points.as_ref(), &preset),
+        points: eval.points.clone().unwrap_or(preset.points),
         noise: eval.noise,
         seeds: eval.draws(),
         rules: eval.rules,
@@ -58,20 +52,12 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     } else {
         format!("{}: {}", preset.name, preset.source)
     };
-    let weights = learned.then(|| weights_name(weights)).transpose()?;
+    let weights = network.as_ref().map(|(_, name)| name.clone());
     let heading = evaluation.heading(&name, &followed, weights);
     let journal = match &args.output {
         None => Journal::none(),
-        Some(folder) => {
-            std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-            let path = folder.join(JOURNAL);
-            if args.force && path.exists() {
-                std::fs::remove_file(&path).map_err(|e| Error::write(&path, e))?;
-            }
-            Journal::open(&path, &heading)?
-        }
+        Some(folder) => journal(folder, &heading, args.force)?,
     };
-
     let stop = ui::stop_flag();
     let bar = ui::bar(frames.len(), "frames");
     let report = evaluation.run(heading, args.shard, journal, |done, total| {
@@ -95,7 +81,6 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     if stop.load(Ordering::Relaxed) {
         return Ok(Exit::Interrupted);
     }
-    let outputs = Outputs::of(args);
     let exhibits = match &outputs.html {
         None => Vec::new(),
         Some(_) => exhibits(&evaluation, &report)?,
@@ -111,11 +96,25 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     })
 }
 
-/// The points that are asked for, else those of the preset; a dataset with points of its own may
-/// be measured with its own.
-fn points(args: &Eval, configured: Option<&Pattern>, preset: &Preset) -> Pattern {
-    let asked = args.points.as_ref().or(configured);
-    asked.unwrap_or(&preset.points).clone()
+/// The network with its fit, and what names both in reports.
+fn network(model: &Model, fit: Option<FitConfig>) -> Result<(Completer, String)> {
+    let weights = model.weights.as_deref();
+    let completer = Completer::open(weights, &device(&model.device)?)?;
+    let completer = match fit {
+        Some(fit) => completer.with_fit(fit),
+        None => completer,
+    };
+    let name = format!("{}; {}", weights_name(weights)?, completer.fit_config());
+    Ok((completer, name))
+}
+
+fn journal(folder: &Path, heading: &Heading, anew: bool) -> Result<Journal> {
+    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    let path = folder.join(JOURNAL);
+    if anew && path.exists() {
+        std::fs::remove_file(&path).map_err(|e| Error::write(&path, e))?;
+    }
+    Journal::open(&path, heading)
 }
 
 /// The methods that are asked for, and the predictions of others; with predictions alone, only
@@ -138,8 +137,8 @@ fn candidates(args: &Eval, methods: &[Method]) -> Result<Vec<(String, Candidate)
     let all: Vec<(String, Candidate)> = ours.chain(others).collect::<Result<_>>()?;
     let mut names: Vec<&str> = all.iter().map(|(name, _)| name.as_str()).collect();
     names.sort_unstable();
-    if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-        return Err(Error::config(format!("`{}` is there twice", pair[0]))
+    if let Some([name, _]) = names.array_windows().find(|[a, b]| a == b) {
+        return Err(Error::config(format!("`{name}` is there twice"))
             .hint("give each a name of its own: --predictions NAME=DIR"));
     }
     if all.is_empty() {
@@ -181,14 +180,22 @@ pub(super) struct Outputs {
 }
 
 impl Outputs {
-    fn of(args: &Eval) -> Self {
+    /// The files that are asked for; those named one by one must not exist yet. In a folder, the
+    /// journal guards them.
+    fn of(args: &Eval) -> Result<Self> {
+        let named = [&args.json, &args.csv, &args.html, &args.save];
+        let existing = named.into_iter().flatten().find(|path| path.exists());
+        if let Some(path) = existing.filter(|_| !args.force) {
+            return Err(Error::config(format!("`{}` exists", path.display()))
+                .hint("give --force to replace it, or another name"));
+        }
         let all = args.output.as_deref().map(Self::folder).unwrap_or_default();
-        Self {
+        Ok(Self {
             text: all.text,
             json: args.json.clone().or(all.json),
             csv: args.csv.clone().or(all.csv),
             html: args.html.clone().or(all.html),
-        }
+        })
     }
 
     /// All of them in one folder.

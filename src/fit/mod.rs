@@ -8,6 +8,7 @@ pub use robust::{Irls, irls};
 
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
 
 /// How weights are found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -54,6 +55,20 @@ impl FitConfig {
             return Err(Error::config("`fit.ridge` must be 0 or more"));
         }
         self.irls.map_or(Ok(()), Irls::check)
+    }
+}
+
+impl Display for FitConfig {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        if self.ridge > 0.0 {
+            write!(f, "fit with a ridge of {}", self.ridge)?;
+        } else {
+            write!(f, "fit by SVD, truncated at {}", self.rcond)?;
+        }
+        match self.irls {
+            None => Ok(()),
+            Some(Irls { iterations, .. }) => write!(f, ", IRLS of up to {iterations} rounds"),
+        }
     }
 }
 

@@ -38,7 +38,9 @@ impl Tally {
 /// sample (n - 1), NaN for a single one.
 pub fn deviation(repetitions: &[Scores]) -> (Scores, Scores) {
     let mut tally = Tally::default();
-    repetitions.iter().for_each(|scores| tally.add(scores));
+    for scores in repetitions {
+        tally.add(scores);
+    }
     let mean = tally.mean().unwrap_or_default();
     let spread = mean.map(|metric, mean| {
         let squares: f64 = repetitions.iter().map(|s| (s[metric] - mean).powi(2)).sum();

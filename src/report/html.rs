@@ -77,7 +77,9 @@ impl Report {
         if !exhibits.is_empty() {
             page.push_str("\n<h2>Frames</h2>");
         }
-        exhibits.iter().for_each(|e| page.push_str(&exhibited(e)));
+        for exhibit in exhibits {
+            page.push_str(&exhibited(exhibit));
+        }
         if !self.failures.is_empty() {
             page.push_str("\n<h2>Frames that failed</h2><ul class='failures'>");
             for failure in &self.failures {
@@ -195,9 +197,12 @@ fn table(means: &[Mean]) -> String {
         let _ = write!(html, "<tr><td>{}</td>", escaped(mean.method));
         for metric in Metric::ALL {
             let value = mean.mean[metric];
-            let better = |other: &Mean| match metric.is_share() {
-                true => other.mean[metric] > value,
-                false => other.mean[metric] < value,
+            let better = |other: &Mean| {
+                if metric.is_share() {
+                    other.mean[metric] > value
+                } else {
+                    other.mean[metric] < value
+                }
             };
             let class = if means.len() > 1 && !means.iter().any(better) {
                 " class='best'"

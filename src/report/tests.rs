@@ -29,7 +29,7 @@ fn record(i: usize, seed: u64) -> Record {
         frame: format!("f{i}"),
         seed,
         points: 500,
-        place: if i % 2 == 0 {
+        place: if i.is_multiple_of(2) {
             Place::Indoor
         } else {
             Place::Outdoor

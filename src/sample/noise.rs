@@ -20,7 +20,7 @@ pub enum Noise {
         most: f32,
     },
     /// This share of the points has a depth drawn uniformly between the 10th and 90th percentile
-    /// of all points (OMNI-DC's RobustDC).
+    /// of all points (OMNI-DC's `RobustDC`).
     Outliers {
         /// Share of the points.
         share: f32,

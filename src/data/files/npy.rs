@@ -5,7 +5,7 @@ use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read as _, Seek as _};
 use std::path::Path;
 
 /// Reads a depth map of shape `[height, width]` or `[height, width, 1]`, as metres = value x
@@ -19,11 +19,15 @@ use std::path::Path;
 pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
     let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
-    let npy = NpyFile::new(BufReader::new(file)).map_err(|e| {
+    let no_array = || {
         Error::format(path, "is not a NumPy array")
-            .because(e)
             .hint("save the depths with `numpy.save`, as a float32 array of shape (height, width)")
-    })?;
+    };
+    let mut file = BufReader::new(file);
+    if header_length(&mut file).is_none_or(|length| length > size) {
+        return Err(no_array());
+    }
+    let npy = NpyFile::new(file).map_err(|e| no_array().because(e))?;
     let (height, width) = match npy.shape()[..] {
         [height, width] | [height, width, 1] => (height, width),
         ref other => {
@@ -68,6 +72,20 @@ pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
         .map(|i| (f64::from(row_major(i)) * scale) as f32)
         .collect();
     DepthMap::new(width, height, scaled)
+}
+
+/// The length that the header declares, which npyz asks memory for before it reads; the file is left
+/// at its beginning. `None` if there is no header (NumPy's format 1.0 has two bytes of length, later
+/// ones four).
+fn header_length(file: &mut BufReader<File>) -> Option<u64> {
+    let mut start = [0; 12];
+    file.read_exact(&mut start).ok()?;
+    file.rewind().ok()?;
+    let [.., version, _, a, b, c, d] = start;
+    Some(match version {
+        1 => u64::from(u16::from_le_bytes([a, b])),
+        _ => u64::from(u32::from_le_bytes([a, b, c, d])),
+    })
 }
 
 /// The values in file order, or `None` for an element type that is no number.

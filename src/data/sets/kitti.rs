@@ -48,9 +48,12 @@ pub(in crate::data) fn kitti(root: &Path, split: Split) -> Result<Folder> {
             continue;
         }
         for prefix in if cropped { &CROPPED[..] } else { &[""] } {
-            let below = |folder: &str, name: &str| match cropped {
-                true => format!("{prefix}{folder}/{name}"),
-                false => name.to_owned(),
+            let below = |folder: &str, name: &str| {
+                if cropped {
+                    format!("{prefix}{folder}/{name}")
+                } else {
+                    name.to_owned()
+                }
             };
             let config = FolderConfig {
                 rgb: below("image", rgb),

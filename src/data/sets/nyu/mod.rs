@@ -123,9 +123,9 @@ pub(in crate::data) fn nyu(
         };
         let mut frames = find(root, split, &config)?;
         if !frames.is_empty() {
-            frames
-                .iter_mut()
-                .for_each(|files| rename(files, tree, split));
+            for files in &mut frames {
+                rename(files, tree, split);
+            }
             let about = format!("NYU Depth v2, {}", tree.about);
             return Ok(Arc::new(Folder::of(about, "nyu", tree.depth_scale, frames)));
         }
