@@ -2,7 +2,7 @@
 
 use super::chart::{COLOURS, Chart};
 use super::colour::{coloured, errors};
-use super::text::shown;
+use super::text::{TABLES, shown};
 use super::{Mean, Report};
 use crate::data::{DepthMap, Place, write_atomically};
 use crate::error::{Cause, Error, Result};
@@ -58,7 +58,7 @@ impl Report {
             let _ = write!(page, "<tr><td>{name}</td><td>{}</td></tr>", escaped(&text));
         }
         page.push_str("</table>\n<h2>Errors</h2>");
-        page.push_str(&table(&self.means(None)));
+        page.push_str(&tables(&self.means(None)));
         let places = self.places();
         if places.len() > 1 {
             for place in places {
@@ -66,7 +66,7 @@ impl Report {
                     Place::Indoor => "Indoor",
                     Place::Outdoor => "Outdoor",
                 };
-                let _ = write!(page, "<h3>{name}</h3>{}", table(&self.means(Some(place))));
+                let _ = write!(page, "<h3>{name}</h3>{}", tables(&self.means(Some(place))));
             }
         }
         for line in self.comparisons() {
@@ -181,27 +181,28 @@ impl Report {
     }
 }
 
-/// All measures of each method; the best of each column stands out.
-fn table(means: &[Mean]) -> String {
+/// All measures of each method, errors and shares apart; the best of each column stands out.
+fn tables(means: &[Mean]) -> String {
+    TABLES.iter().map(|metrics| table(means, metrics)).collect()
+}
+
+fn table(means: &[Mean], metrics: &[Metric]) -> String {
     let mut html = String::from("<div class='scroll'><table><thead><tr><th>method</th>");
-    for metric in Metric::ALL {
-        let _ = write!(
-            html,
-            "<th>{} <span class='spread'>{}</span></th>",
-            metric.label(),
-            metric.unit()
-        );
+    for metric in metrics {
+        let (label, unit) = (metric.label(), metric.unit());
+        let _ = write!(html, "<th>{label} <span class='spread'>{unit}</span></th>");
     }
     html.push_str("</tr></thead><tbody>");
     for mean in means {
         let _ = write!(html, "<tr><td>{}</td>", escaped(mean.method));
-        for metric in Metric::ALL {
+        for &metric in metrics {
             let value = mean.mean[metric];
             let better = |other: &Mean| {
+                let gain = value - other.mean[metric];
                 if metric.is_share() {
-                    other.mean[metric] > value
+                    gain < 0.0
                 } else {
-                    other.mean[metric] < value
+                    gain > 0.0
                 }
             };
             let class = if means.len() > 1 && !means.iter().any(better) {
@@ -236,16 +237,15 @@ fn exhibited(exhibit: &Exhibit) -> String {
     html.push_str(&figure("image", &exhibit.rgb));
     html.push_str(&figure(&points, &dotted(exhibit, low, high)));
     html.push_str(&figure("truth", &coloured(&exhibit.truth, low, high)));
+    html.push_str("</div><div class='figures pairs'>");
     for (method, rmse, depth) in &exhibit.predictions {
         let method = escaped(method);
-        figure(
-            &format!("{method}, RMSE {rmse:.3} m"),
-            &coloured(depth, low, high),
-        );
-        figure(
-            &format!("{method}, error"),
-            &errors(depth, &exhibit.truth, worst),
-        );
+        let shown = coloured(depth, low, high);
+        let wrong = errors(depth, &exhibit.truth, worst);
+        html.push_str("<div class='pair'>");
+        html.push_str(&figure(&format!("{method}, RMSE {rmse:.3} m"), &shown));
+        html.push_str(&figure(&format!("{method}, error"), &wrong));
+        html.push_str("</div>");
     }
     html.push_str("</div>");
     html

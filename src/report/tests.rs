@@ -1,5 +1,7 @@
 use super::*;
+use crate::data::DepthMap;
 use crate::rng::Rng;
+use image::RgbImage;
 
 fn heading() -> Heading {
     Heading {
@@ -99,11 +101,26 @@ fn means_are_over_frames_then_over_seeds() {
 #[test]
 fn the_page_shows_everything_and_loads_nothing() {
     let report = report(0..9);
-    let page = report.to_html(&[]);
+    let depth = DepthMap::new(3, 2, vec![1.0, 2.0, 0.0, 3.0, 1.0, 2.0]).unwrap();
+    let exhibit = Exhibit {
+        role: "worst",
+        frame: "f3".into(),
+        rgb: RgbImage::new(3, 2),
+        sparse: depth.clone(),
+        truth: depth.clone(),
+        predictions: vec![("a".into(), 0.25, depth.clone()), ("b".into(), 0.5, depth)],
+    };
+    let page = report.to_html(&[exhibit]);
+    // Image, points, truth, and two pictures for each method.
+    assert_eq!(page.matches("data:image/png;base64,").count(), 7);
     for word in [
         "made up",
         "RMSE",
         "against depth",
+        "worst: f3",
+        "5 points",
+        "a, RMSE 0.250 m",
+        "b, error",
         "nearest point",
         "</html>",
     ] {

@@ -6,7 +6,7 @@ use crate::metrics::Metric;
 use std::fmt::{Display, Formatter, Result};
 
 /// The measures of each table.
-const TABLES: [&[Metric]; 2] = [
+pub(super) const TABLES: [&[Metric]; 2] = [
     &[
         Metric::Rmse,
         Metric::Mae,

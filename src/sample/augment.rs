@@ -78,12 +78,12 @@ impl AugmentConfig {
         let mirror = if rng.chance(self.mirror) { -1.0 } else { 1.0 };
         let (sin, cos) = (angle.sin() / zoom, angle.cos() / zoom);
         let (half_width, half_height) = (size.width as f32 / 2.0, size.height as f32 / 2.0);
-        let mut rgb = RgbImage::new(size.width as u32, size.height as u32);
+        let mut colours = Vec::with_capacity(3 * size.width * size.height);
         let mut depths = Vec::with_capacity(size.width * size.height);
         for y in 0..size.height {
+            let v = y as f32 + 0.5 - half_height;
             for x in 0..size.width {
                 let u = (x as f32 + 0.5 - half_width) * mirror;
-                let v = y as f32 + 0.5 - half_height;
                 let column = cos * u - sin * v + half_width;
                 let row = sin * u + cos * v + half_height;
                 let inside = (0.0..size.width as f32).contains(&column)
@@ -94,9 +94,11 @@ impl AugmentConfig {
                     0.0
                 });
                 let colour = bilinear(&frame.rgb, left as f32 + column, top as f32 + row);
-                rgb.put_pixel(x as u32, y as u32, Rgb(colour.map(|c| c.round() as u8)));
+                colours.extend(colour.map(|c| (c + 0.5) as u8));
             }
         }
+        let mut rgb = RgbImage::from_raw(size.width as u32, size.height as u32, colours)
+            .ok_or_else(|| Error::shape("augmented image has the wrong size"))?;
         self.recolour(&mut rgb, rng);
         Frame::new(
             frame.id,
@@ -113,13 +115,13 @@ impl AugmentConfig {
         }
         let count = (rgb.width() * rgb.height()) as f32;
         let mean = rgb.pixels().copied().map(grey).sum::<f32>() / count * brightness;
+        // Brightness, saturation about the grey value, contrast about the mean: linear, all in one.
+        let own = contrast * saturation * brightness;
+        let greyed = contrast * (1.0 - saturation) * brightness;
+        let offset = (1.0 - contrast) * mean + 0.5;
         for pixel in rgb.pixels_mut() {
-            let level = grey(*pixel) * brightness;
-            for channel in &mut pixel.0 {
-                let value = f32::from(*channel) * brightness;
-                let value = level + (value - level) * saturation;
-                *channel = (mean + (value - mean) * contrast).round().clamp(0.0, 255.0) as u8;
-            }
+            let level = greyed * grey(*pixel) + offset;
+            pixel.0 = pixel.0.map(|c| (own * f32::from(c) + level) as u8);
         }
     }
 }
@@ -132,16 +134,22 @@ fn grey(pixel: Rgb<u8>) -> f32 {
 
 /// The colour at a position given in pixels from the upper left corner; edges are continued.
 fn bilinear(rgb: &RgbImage, x: f32, y: f32) -> [f32; 3] {
-    let (x, y) = (x - 0.5, y - 0.5);
-    let (x0, y0) = (x.floor(), y.floor());
-    let (u, v) = (x - x0, y - y0);
-    let at = |x: f32, y: f32| {
-        let x = x.clamp(0.0, (rgb.width() - 1) as f32) as u32;
-        let y = y.clamp(0.0, (rgb.height() - 1) as f32) as u32;
-        rgb.get_pixel(x, y).0.map(f32::from)
+    let (width, height) = (rgb.width() as i32, rgb.height() as i32);
+    // Rounding down by a cast, far enough from 0: `floor` is a call on most targets.
+    let split = |v: f32| {
+        let v = v - 0.5 + 4096.0;
+        let whole = v as i32;
+        (whole - 4096, v - whole as f32)
     };
-    let (a, b) = (at(x0, y0), at(x0 + 1.0, y0));
-    let (c, d) = (at(x0, y0 + 1.0), at(x0 + 1.0, y0 + 1.0));
+    let ((x0, u), (y0, v)) = (split(x), split(y));
+    let at = |x: i32, y: i32| {
+        let i = y.clamp(0, height - 1) * width + x.clamp(0, width - 1);
+        let i = 3 * i as usize;
+        let pixel: &[u8] = &rgb.as_raw()[i..i + 3];
+        [0, 1, 2].map(|c| f32::from(pixel[c]))
+    };
+    let (a, b) = (at(x0, y0), at(x0 + 1, y0));
+    let (c, d) = (at(x0, y0 + 1), at(x0 + 1, y0 + 1));
     std::array::from_fn(|i| {
         (a[i] * (1.0 - u) + b[i] * u) * (1.0 - v) + (c[i] * (1.0 - u) + d[i] * u) * v
     })

@@ -1,5 +1,6 @@
 //! Errors put into sparse depths on purpose.
 
+use super::protocol::per_cent;
 use crate::data::{DepthMap, Point};
 use crate::error::{Error, Result};
 use crate::rng::Rng;
@@ -70,13 +71,13 @@ impl Display for Noise {
                 write!(
                     f,
                     "{} % of them with uniform 0 to {most} m added",
-                    100.0 * share
+                    per_cent(*share)
                 )
             }
             Self::Outliers { share } => write!(
                 f,
                 "{} % of them replaced by uniform depths between their 10th and 90th percentile",
-                100.0 * share
+                per_cent(*share)
             ),
         }
     }

@@ -225,8 +225,8 @@ impl Display for Protocol {
         if let Some(Jumps { indoor, outdoor }) = self.jumps {
             steps.push(format!(
                 "no depths beside jumps of {} % (outdoor {} %)",
-                100.0 * indoor,
-                100.0 * outdoor
+                per_cent(indoor),
+                per_cent(outdoor)
             ));
         }
         if let Some(size) = self.cut {
@@ -251,6 +251,11 @@ impl Display for Protocol {
         }
         f.write_str(&steps.join(", "))
     }
+}
+
+/// A share in per cent, without the digits that f32 makes up.
+pub(super) fn per_cent(share: f32) -> f64 {
+    (f64::from(share) * 1e4).round() / 100.0
 }
 
 #[cfg(test)]

@@ -138,7 +138,10 @@ pub fn resize_depth(depth: &DepthMap, size: Size, law: Interpolation) -> Result<
 
 fn weigh(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) -> Result<Vec<f32>> {
     let filter = |values: &[f32]| -> Result<Vec<f32>> {
-        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_ne_bytes()).collect();
+        let mut bytes = vec![0; size_of_val(values)];
+        for (bytes, value) in bytes.as_chunks_mut::<4>().0.iter_mut().zip(values) {
+            *bytes = value.to_ne_bytes();
+        }
         let resized = convolve(&bytes, from, to, PixelType::F32, algorithm)?;
         Ok(resized
             .as_chunks::<4>()
