@@ -4,7 +4,6 @@
 //!     cargo bench --bench loading
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use lsdc::data::Dataset as _;
 use lsdc::data::{
     DataConfig, Dataset as _, DatasetKind, FolderConfig, Rooms, RoomsConfig, Split, write_depth_png,
 };

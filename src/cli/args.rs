@@ -3,6 +3,7 @@
 use crate::data::{DatasetKind, Split};
 use crate::error::{Error, Result};
 use crate::eval::{EvalConfig, Shard};
+use crate::fit::{Loss, Robust};
 use crate::predict::Method;
 use crate::sample::{Interpolation, Noise, Pattern, Size};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
@@ -57,9 +58,9 @@ pub(super) struct Complete {
     /// How to complete: lsdc, nearest, linear, idw, tps, wls, levin, steering, ip-basic.
     #[arg(long, default_value = "lsdc", value_name = "NAME")]
     pub(super) method: Method,
-    /// Fit by iteratively reweighted least squares, against outliers.
-    #[arg(long)]
-    pub(super) irls: bool,
+    /// Fit without following outliers [default: as the weights say].
+    #[arg(long, value_enum, value_name = "LOSS")]
+    pub(super) robust: Option<Robustness>,
     /// Show the network every pixel, instead of a large image reduced to the size of training.
     #[arg(long)]
     pub(super) full: bool,
@@ -138,6 +139,9 @@ pub(super) struct Eval {
     /// steering, ip-basic [default: lsdc,linear].
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     pub(super) method: Vec<Method>,
+    /// Fit without following outliers [default: as the weights say].
+    #[arg(long, value_enum, value_name = "LOSS")]
+    pub(super) robust: Option<Robustness>,
     /// Score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
     /// named as `lsdc export` names frames; may be repeated.
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
@@ -325,6 +329,46 @@ macro_rules! by_name {
     };
 }
 
+/// A robust loss, or none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Robustness(Option<Loss>);
+
+impl Robustness {
+    /// The settings that are meant.
+    pub(super) fn settings(self) -> Option<Robust> {
+        self.0.map(Robust::new)
+    }
+
+    fn name(self) -> &'static str {
+        self.0.map_or("none", Loss::name)
+    }
+}
+
+by_name!(
+    Robustness,
+    [
+        Self(None),
+        Self(Some(Loss::Irls)),
+        Self(Some(Loss::Huber)),
+        Self(Some(Loss::Cauchy)),
+        Self(Some(Loss::Gm)),
+        Self(Some(Loss::Tukey)),
+    ]
+);
 by_name!(Split, [Self::Train, Self::Val]);
 by_name!(DatasetKind, Self::ALL);
-by_name!(Interpolation, Self::ALL);
+
+impl ValueEnum for Interpolation {
+    fn value_variants<'a>() -> &'a [Self] {
+        &Self::ALL
+    }
+
+    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+        let value = clap::builder::PossibleValue::new(self.name());
+        Some(match self {
+            Self::PilBilinear => value.alias("bilinear"),
+            Self::CvNearest => value.alias("nearest"),
+            Self::PilNearest | Self::CvBilinear => value,
+        })
+    }
+}

@@ -1,11 +1,11 @@
 //! `lsdc complete`: one image and its points to dense depth.
 
-use super::args::Complete;
+use super::args::{Complete, Robustness};
 use super::{Exit, ui};
 use crate::data::{self, DepthMap};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::fit::{FitConfig, Irls};
+use crate::fit::FitConfig;
 use crate::predict::{Completer, Completion, Method, complete_classic};
 use crate::report::coloured;
 use std::path::{Path, PathBuf};
@@ -29,12 +29,8 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             let completer =
                 Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
             let fit = *completer.fit_config();
-            let irls = if args.irls {
-                Some(Irls::default())
-            } else {
-                fit.irls
-            };
-            let completer = completer.with_fit(FitConfig { irls, ..fit });
+            let robust = args.robust.map_or(fit.robust, Robustness::settings);
+            let completer = completer.with_fit(FitConfig { robust, ..fit });
             let completer = if args.full {
                 completer.with_input([sparse.height(), sparse.width()])
             } else {

@@ -1,6 +1,6 @@
 //! `lsdc eval`: methods side by side on a dataset.
 
-use super::args::{Eval, Model};
+use super::args::{Eval, Robustness};
 use super::{Exit, settings, ui};
 use crate::data::{write_atomically, write_npy};
 use crate::device::device;
@@ -33,7 +33,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     let network = candidates
         .iter()
         .any(|(_, c)| *c == Candidate::Method(Method::Lsdc))
-        .then(|| network(&args.model, config.fit))
+        .then(|| network(args, config.fit))
         .transpose()?;
     let evaluation = Evaluation {
         frames: &*frames,
@@ -97,13 +97,12 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
 }
 
 /// The network with its fit, and what names both in reports.
-fn network(model: &Model, fit: Option<FitConfig>) -> Result<(Completer, String)> {
-    let weights = model.weights.as_deref();
-    let completer = Completer::open(weights, &device(&model.device)?)?;
-    let completer = match fit {
-        Some(fit) => completer.with_fit(fit),
-        None => completer,
-    };
+fn network(args: &Eval, fit: Option<FitConfig>) -> Result<(Completer, String)> {
+    let weights = args.model.weights.as_deref();
+    let completer = Completer::open(weights, &device(&args.model.device)?)?;
+    let mut fit = fit.unwrap_or(*completer.fit_config());
+    fit.robust = args.robust.map_or(fit.robust, Robustness::settings);
+    let completer = completer.with_fit(fit);
     let name = format!("{}; {}", weights_name(weights)?, completer.fit_config());
     Ok((completer, name))
 }

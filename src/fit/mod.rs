@@ -4,7 +4,7 @@ mod lstsq;
 mod robust;
 
 pub use lstsq::{LstsqBackend, Problem, Solution, Solver, lstsq};
-pub use robust::{Irls, irls};
+pub use robust::{Loss, Robust, robust};
 
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -19,8 +19,9 @@ pub struct FitConfig {
     pub rcond: f64,
     /// Added to the normal equations, as a share of their mean diagonal; 0 is the paper's fit.
     pub ridge: f64,
-    /// Iteratively reweighted least squares against outliers (paper Algorithm 2).
-    pub irls: Option<Irls>,
+    /// A fit that does not follow outliers (paper Algorithm 2).
+    #[serde(alias = "irls")]
+    pub robust: Option<Robust>,
 }
 
 impl Default for FitConfig {
@@ -28,7 +29,7 @@ impl Default for FitConfig {
         Self {
             rcond: 1.5e-5,
             ridge: 0.0,
-            irls: None,
+            robust: None,
         }
     }
 }
@@ -54,7 +55,7 @@ impl FitConfig {
         if !(self.ridge >= 0.0 && self.ridge.is_finite()) {
             return Err(Error::config("`fit.ridge` must be 0 or more"));
         }
-        self.irls.map_or(Ok(()), Irls::check)
+        self.robust.map_or(Ok(()), Robust::check)
     }
 }
 
@@ -65,9 +66,14 @@ impl Display for FitConfig {
         } else {
             write!(f, "fit by SVD, truncated at {}", self.rcond)?;
         }
-        match self.irls {
+        match self.robust {
             None => Ok(()),
-            Some(Irls { iterations, .. }) => write!(f, ", IRLS of up to {iterations} rounds"),
+            Some(robust) => write!(
+                f,
+                ", {} of up to {} rounds",
+                robust.loss.name(),
+                robust.iterations
+            ),
         }
     }
 }
@@ -79,7 +85,7 @@ pub struct Fit {
     pub weights: Vec<f64>,
     /// Depth minus fitted depth at each point, in metres.
     pub residuals: Vec<f64>,
-    /// The weight of each point in the last solve: all 1 without IRLS.
+    /// The weight of each point in the last solve: all 1 for a plain fit.
     pub point_weights: Vec<f64>,
     /// The number of directions that the points determine, at most N + 1.
     pub rank: usize,
@@ -116,8 +122,8 @@ pub fn fit(bases: &[f32], depths: &[f32], config: &FitConfig) -> Result<Fit> {
     let depths: Vec<f64> = depths.iter().map(|&v| f64::from(v)).collect();
     let mut point_weights = vec![1.0; depths.len()];
     let mut solution = Problem::new(bases, &depths, &point_weights).solve(config.solver())?;
-    if let Some(settings) = config.irls {
-        (solution, point_weights) = irls(bases, &depths, solution, config.solver(), settings)?;
+    if let Some(settings) = config.robust {
+        (solution, point_weights) = robust(bases, &depths, solution, config.solver(), settings)?;
     }
     let residuals = lstsq::residuals(bases, &depths, &solution.weights);
     Ok(Fit {

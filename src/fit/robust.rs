@@ -1,67 +1,179 @@
-//! Iteratively reweighted least squares (paper Algorithm 2): the fit of least absolute residuals,
-//! rounded off at the threshold.
+//! Fits that do not follow outliers: iteratively reweighted least squares (paper Algorithm 2) with
+//! the paper's weights or those of the classic M-estimators.
 
 use super::lstsq::{Problem, Solution, Solver, residuals};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Settings of IRLS; the paper leaves threshold and stop open.
+/// How the weight of a point falls with its residual r.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Loss {
+    /// 1 / max(threshold, |r|): least absolute residuals (the paper's).
+    #[default]
+    Irls,
+    /// Squares up to the scale, absolute values beyond (Huber 1964).
+    Huber,
+    /// 1 / (1 + u^2), u = r / scale.
+    Cauchy,
+    /// 1 / (1 + u^2)^2 (Geman and McClure 1987).
+    Gm,
+    /// (1 - u^2)^2 up to the scale, 0 beyond (Beaton and Tukey 1974).
+    Tukey,
+}
+
+impl Loss {
+    /// All losses.
+    pub const ALL: [Self; 5] = [Self::Irls, Self::Huber, Self::Cauchy, Self::Gm, Self::Tukey];
+
+    /// The name in configs and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Irls => "irls",
+            Self::Huber => "huber",
+            Self::Cauchy => "cauchy",
+            Self::Gm => "gm",
+            Self::Tukey => "tukey",
+        }
+    }
+
+    /// The weight at a residual of `u` scales.
+    fn weight(self, u: f64) -> f64 {
+        match self {
+            Self::Irls | Self::Huber => 1.0 / u.abs().max(1.0),
+            Self::Cauchy => 1.0 / (1.0 + u * u),
+            Self::Gm => (1.0 + u * u).powi(-2),
+            Self::Tukey => (1.0 - u * u).max(0.0).powi(2),
+        }
+    }
+
+    /// Standard deviations of the noise in one scale: 95 % efficiency where there is no outlier
+    /// (Holland and Welsch 1977; Geman-McClure's is the Cauchy constant times the square root of
+    /// 2, for the same curvature).
+    fn tuning(self) -> f64 {
+        match self {
+            Self::Irls => 1.0,
+            Self::Huber => 1.345,
+            Self::Cauchy => 2.385,
+            Self::Gm => 3.373,
+            Self::Tukey => 4.685,
+        }
+    }
+
+    /// Whether far points lose all influence, so that where to start matters.
+    fn redescends(self) -> bool {
+        !matches!(self, Self::Irls | Self::Huber)
+    }
+}
+
+/// Settings of a robust fit; the paper leaves threshold and stop open.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Irls {
-    /// Residuals below this share of the median depth weigh alike. Relative, so that scaling all
-    /// depths scales the result.
+pub struct Robust {
+    /// How weights fall.
+    pub loss: Loss,
+    /// For `irls`: residuals below this share of the median depth weigh alike. Relative, so that
+    /// scaling all depths scales the result. The other losses find their scale in the residuals.
     pub threshold: f64,
+    /// Standard deviations of the noise at which the other losses bend; the classic constant of
+    /// each if absent.
+    pub tuning: Option<f64>,
     /// The largest number of solves after the first.
     pub iterations: usize,
     /// Stops when no weight changes by more than this share of the largest.
     pub tolerance: f64,
 }
 
-impl Default for Irls {
+impl Default for Robust {
     fn default() -> Self {
         Self {
+            loss: Loss::Irls,
             threshold: 1e-3,
+            tuning: None,
             iterations: 10,
             tolerance: 1e-4,
         }
     }
 }
 
-impl Irls {
+impl Robust {
+    /// The default settings of a loss. A loss that redescends needs more rounds, as its scale
+    /// shrinks from one to the next.
+    pub fn new(loss: Loss) -> Self {
+        Self {
+            loss,
+            iterations: if loss.redescends() { 40 } else { 10 },
+            ..Self::default()
+        }
+    }
+
     pub(super) fn check(self) -> Result<()> {
-        if self.threshold > 0.0 && self.threshold.is_finite() && self.tolerance >= 0.0 {
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        let fine = positive(self.threshold) && self.tuning.is_none_or(positive);
+        if fine && self.tolerance >= 0.0 {
             Ok(())
         } else {
             Err(Error::config(
-                "`fit.irls.threshold` must be above 0 and `tolerance` at least 0",
+                "`fit.robust`: threshold and tuning must be above 0, tolerance at least 0",
             ))
         }
     }
 }
 
-/// Continues from the plain `start` with point weights `1 / max(threshold, |residual|)`.
+/// Continues from the plain `start`. Returns the last solution and the point weights it was solved
+/// with, at most 1.
 ///
-/// Returns the last solution and the point weights it was solved with, scaled to at most 1.
+/// Losses other than the paper's look at what the residuals would be had each point been left out, so
+/// that an outlier which bends the fit towards itself is not overlooked, and take their scale from
+/// the median of their absolute values. Those that redescend start from Huber's solution
+/// with a scale that takes in every point, which shrinks by a constant factor from round to round
+/// (graduated non-convexity, Blake and Zisserman 1987) until it is that of the noise. With no more
+/// points than base functions nothing can be told from an outlier: all points count.
 ///
 /// # Errors
 /// A decomposition that does not converge.
-pub fn irls<T: Copy + Into<f64>>(
+pub fn robust<T: Copy + Into<f64>>(
     bases: &[T],
     depths: &[f64],
     start: Solution,
     solver: Solver,
-    settings: Irls,
+    settings: Robust,
 ) -> Result<(Solution, Vec<f64>)> {
-    let mut sorted = depths.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let threshold = settings.threshold * sorted[sorted.len() / 2];
-    let mut solution = start;
-    let mut weights = vec![1.0; depths.len()];
+    let n = depths.len();
+    let loss = settings.loss;
+    if loss != Loss::Irls && n <= start.rank {
+        return Ok((start, vec![1.0; n]));
+    }
+    let (mut solution, mut weights) = if loss.redescends() {
+        robust(bases, depths, start, solver, Robust::new(Loss::Huber))?
+    } else {
+        (start, vec![1.0; n])
+    };
+    let mut widening = f64::INFINITY;
     for _ in 0..settings.iterations {
-        weights = residuals(bases, depths, &solution.weights)
-            .into_iter()
-            .map(|r| threshold / r.abs().max(threshold))
+        let mut found = residuals(bases, depths, &solution.weights);
+        let scale = if loss == Loss::Irls {
+            settings.threshold * median(depths.iter().copied())
+        } else {
+            let leverages = Problem::new(bases, depths, &weights).leverages(solver, n)?;
+            for (residual, leverage) in found.iter_mut().zip(leverages) {
+                *residual /= (1.0 - leverage).max(LEAST_FREEDOM);
+            }
+            settings.tuning.unwrap_or(loss.tuning()) * deviation(&found)
+        };
+        // Points that are met exactly leave no scale, and nothing to do.
+        if scale <= 0.0 {
+            break;
+        }
+        widening = if loss.redescends() {
+            let farthest = found.iter().fold(0.0, |m: f64, r| m.max(r.abs()));
+            (widening / SHRINKING).min(farthest / scale).max(1.0)
+        } else {
+            1.0
+        };
+        weights = found
+            .iter()
+            .map(|r| loss.weight(r / (widening * scale)))
             .collect();
         let next = Problem::new(bases, depths, &weights).solve(solver)?;
         let largest = next.weights.iter().fold(0.0, |m: f64, w| m.max(w.abs()));
@@ -71,37 +183,123 @@ pub fn irls<T: Copy + Into<f64>>(
             .zip(&solution.weights)
             .fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
         solution = next;
-        if change <= settings.tolerance * largest {
+        if widening == 1.0 && change <= settings.tolerance * largest {
             break;
         }
     }
     Ok((solution, weights))
 }
 
+/// A point that a fit meets whatever its depth is says nothing; its residual is 0 over 0.
+const LEAST_FREEDOM: f64 = 1e-3;
+
+/// By how much the scale of a redescending loss shrinks in a round.
+const SHRINKING: f64 = 1.4;
+
+/// The standard deviation of normal residuals of which up to half are outliers: 1.4826 times the
+/// median of their absolute values (Hampel 1974).
+fn deviation(residuals: &[f64]) -> f64 {
+    1.4826 * median(residuals.iter().map(|r| r.abs()))
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rng::Rng;
+
+    fn fitted(bases: &[f64], depths: &[f64], settings: Robust) -> (Vec<f64>, Vec<f64>) {
+        let solver = Solver::Truncated(1e-12);
+        let start = Problem::new(bases, depths, &vec![1.0; depths.len()]).solve(solver);
+        let (solution, weights) = robust(bases, depths, start.unwrap(), solver, settings).unwrap();
+        (solution.weights, weights)
+    }
 
     #[test]
     fn a_constant_fitted_to_outliers_is_their_median() {
         // The least absolute deviation estimate of a location is the median.
         let depths = [1.0, 1.1, 1.2, 1.3, 9.0, 9.5, 1.15];
-        let bases = [1.0; 7];
-        let solver = Solver::Truncated(1e-12);
-        let start = Problem::new(&bases, &depths, &[1.0; 7])
-            .solve(solver)
-            .unwrap();
-        let settings = Irls {
+        let settings = Robust {
             threshold: 1e-6,
             iterations: 200,
             tolerance: 1e-12,
+            ..Robust::default()
         };
-        let (solution, weights) = irls(&bases, &depths, start, solver, settings).unwrap();
-        assert!(
-            (solution.weights[0] - 1.2).abs() < 1e-3,
-            "{:?}",
-            solution.weights
-        );
+        let (solution, weights) = fitted(&[1.0; 7], &depths, settings);
+        assert!((solution[0] - 1.2).abs() < 1e-3, "{solution:?}");
         assert!(weights[4] < 1e-3);
+    }
+
+    /// A line through `count` noisy points of which a share was raised.
+    fn line(count: usize, share: f32) -> (Vec<f64>, Vec<f64>) {
+        let mut rng = Rng::stream(5, &["line"]);
+        let mut bases = Vec::new();
+        let mut depths = Vec::new();
+        for i in 0..count {
+            let x = i as f64 / count as f64;
+            bases.extend([1.0, x]);
+            let raised = if rng.chance(share) {
+                1.0 + f64::from(rng.unit())
+            } else {
+                0.0
+            };
+            depths.push(2.0 + 3.0 * x + 0.01 * f64::from(rng.normal()) + raised);
+        }
+        (bases, depths)
+    }
+
+    #[test]
+    fn losses_that_redescend_forget_outliers() {
+        let (bases, depths) = line(400, 0.3);
+        for loss in [Loss::Cauchy, Loss::Gm, Loss::Tukey] {
+            let (solution, weights) = fitted(&bases, &depths, Robust::new(loss));
+            assert!((solution[0] - 2.0).abs() < 0.01, "{loss:?} {solution:?}");
+            assert!((solution[1] - 3.0).abs() < 0.01, "{loss:?} {solution:?}");
+            let dismissed = weights.iter().filter(|w| **w < 0.1).count();
+            assert!((100..140).contains(&dismissed), "{loss:?} {dismissed}");
+        }
+        // Least absolute residuals follow them a little, least squares far.
+        let (solution, _) = fitted(&bases, &depths, Robust::default());
+        assert!((solution[0] - 2.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn without_outliers_every_loss_is_nearly_least_squares() {
+        let (bases, depths) = line(400, 0.0);
+        let ones = vec![1.0; 400];
+        let plain = Problem::new(&bases, &depths, &ones).solve(Solver::Truncated(1e-12));
+        let plain = plain.unwrap().weights;
+        for loss in Loss::ALL {
+            let (solution, _) = fitted(&bases, &depths, Robust::new(loss));
+            for (a, b) in solution.iter().zip(&plain) {
+                assert!((a - b).abs() < 2e-3, "{loss:?} {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn scaling_depths_scales_every_robust_fit() {
+        let (bases, depths) = line(60, 0.2);
+        let far: Vec<f64> = depths.iter().map(|d| 10.0 * d).collect();
+        for loss in Loss::ALL {
+            let (near, _) = fitted(&bases, &depths, Robust::new(loss));
+            let (far, _) = fitted(&bases, &far, Robust::new(loss));
+            for (a, b) in near.iter().zip(&far) {
+                assert!((10.0 * a - b).abs() < 1e-6 * b.abs(), "{loss:?} {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn too_few_points_all_count() {
+        let (solution, weights) =
+            fitted(&[1.0, 0.0, 1.0, 1.0], &[2.0, 5.0], Robust::new(Loss::Tukey));
+        assert_eq!(weights, [1.0, 1.0]);
+        assert!((solution[1] - 3.0).abs() < 1e-9);
     }
 }

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::linalg::triangular_inverse::invert_lower_triangular;
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par, Side};
 use rayon::prelude::*;
 
@@ -153,6 +154,40 @@ impl Problem {
             weights,
             rank: columns,
         })
+    }
+
+    /// The leverage of each of `count` rows, as given to `new`: how much of its own depth a fitted
+    /// value is, from 0 (also for rows of weight 0) to 1. A residual divided by 1 - leverage is what
+    /// it would be had the row been left out (Allen 1974).
+    ///
+    /// # Errors
+    /// Values that are not finite.
+    pub fn leverages(&self, solver: Solver, count: usize) -> Result<Vec<f64>> {
+        let mut leverages = vec![0.0; count];
+        if self.rows.is_empty() {
+            return Ok(leverages);
+        }
+        match solver {
+            Solver::Truncated(rcond) => {
+                let u = self.decompose(rcond)?.u;
+                for (i, &row) in self.rows.iter().enumerate() {
+                    leverages[row] = u.row(i).squared_norm_l2();
+                }
+            }
+            Solver::Ridge(share) => {
+                let (factor, _) = self.ridge(share)?;
+                let mut columns = self.matrix().transpose().to_owned();
+                solve_lower_triangular_in_place(factor.L(), columns.as_mut(), Par::Seq);
+                for (i, &row) in self.rows.iter().enumerate() {
+                    leverages[row] = columns.col(i).squared_norm_l2();
+                }
+            }
+        }
+        // Rounding may go a little beyond.
+        for leverage in &mut leverages {
+            *leverage = leverage.clamp(0.0, 1.0);
+        }
+        Ok(leverages)
     }
 
     /// The lower half of `M^T M`, and `M^T d`.

@@ -264,3 +264,50 @@ fn the_fast_path_is_taken_only_where_it_is_safe_and_agrees_with_the_decompositio
     let few = Problem::new(&f[..5 * k], &d[..5], &w[..5]);
     assert!(few.full_rank(1e-9).is_none(), "fewer points than functions");
 }
+
+#[test]
+fn a_residual_over_one_minus_leverage_is_that_of_the_point_left_out() {
+    let (n, k) = (30, 5);
+    let (f, d) = (random(n * k, "f"), random(n, "d"));
+    let mut w: Vec<f64> = random(n, "w").iter().map(|v| v.abs()).collect();
+    w[3] = 0.0;
+    let problem = Problem::new(&f, &d, &w);
+    let leverages = problem.leverages(EXACT, n).unwrap();
+    let solution = problem.solve(EXACT).unwrap();
+    let found = super::residuals(&f, &d, &solution.weights);
+    assert_eq!(leverages[3], 0.0);
+    for i in 0..n {
+        let mut without = w.clone();
+        without[i] = 0.0;
+        let other = Problem::new(&f, &d, &without).solve(EXACT).unwrap();
+        let expected = super::residuals(&f, &d, &other.weights)[i];
+        assert_close(&[found[i] / (1.0 - leverages[i])], &[expected], 1e-9);
+    }
+    // They sum to the number of unknowns.
+    let sum: f64 = leverages.iter().sum();
+    assert!((sum - k as f64).abs() < 1e-9, "{sum}");
+}
+
+#[test]
+fn leverages_under_a_ridge_are_the_diagonal_of_the_smoother() {
+    let (n, k, share) = (12, 4, 0.3);
+    let (f, d) = (random(n * k, "f"), random(n, "d"));
+    let solver = Solver::Ridge(share);
+    let leverages = Problem::new(&f, &d, &vec![1.0; n])
+        .leverages(solver, n)
+        .unwrap();
+    // The fit is linear in the depths with the bases fixed: a unit depth at i gives column i.
+    for i in 0..n {
+        let mut unit = vec![0.0; n];
+        unit[i] = 1.0;
+        let solution = Problem::new(&f, &unit, &vec![1.0; n])
+            .solve(solver)
+            .unwrap();
+        let fitted = 1.0 - super::residuals(&f, &unit, &solution.weights)[i];
+        assert!(
+            (fitted - leverages[i]).abs() < 1e-12,
+            "{fitted} {}",
+            leverages[i]
+        );
+    }
+}
