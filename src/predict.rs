@@ -3,7 +3,7 @@
 use crate::classic::Classic;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
-use crate::fit::{Fit, FitConfig, fit};
+use crate::fit::{Fit, FitConfig, fit, left_out};
 use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
 use crate::rng::hash;
 use crate::sample::{Interpolation, Size, image_tensor, image_values, resize_rgb};
@@ -287,6 +287,17 @@ impl Completer {
         })
     }
 
+    /// What the residual of each point would be, in metres and in the order of
+    /// [`DepthMap::points`], had it been left out of the fit that `complete_with` or `fit` made of the
+    /// same points: the error to expect where there is no point.
+    ///
+    /// # Errors
+    /// Damaged weights.
+    pub fn left_out(&self, bases: &ImageBases, sparse: &DepthMap, fit: &Fit) -> Result<Vec<f64>> {
+        let (rows, _) = at_points(bases, sparse);
+        left_out(&rows, fit, &self.fit)
+    }
+
     /// Fits base functions to points, without a dense depth map.
     ///
     /// # Errors
@@ -347,7 +358,11 @@ fn at_points(bases: &ImageBases, sparse: &DepthMap) -> (Vec<f32>, Vec<f32>) {
     (rows, depths)
 }
 
-fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
+/// Whether image and sparse depths show the same pixels.
+///
+/// # Errors
+/// They differ in size.
+pub fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
     if (rgb.width() as usize, rgb.height() as usize) == (sparse.width(), sparse.height()) {
         return Ok(());
     }

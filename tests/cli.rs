@@ -64,6 +64,7 @@ fn complete_writes_depth_as_npy_and_two_pictures() {
         "points    500",
         "depth",
         "residual",
+        "left out",
         "network",
         "fit",
         "dense",
@@ -376,8 +377,15 @@ fn shards_join_to_the_whole() {
     };
     eval(&["-o", "whole"]);
     eval(&["--shard", "0/2", "--json", "a.json"]);
-    eval(&["--shard", "1/2", "-o", "b"]);
-    let merge = ["report", "merge", "b/report.json", "a.json", "-o", "joined"];
+    eval(&["--shard", "1/2", "-o", "parts"]);
+    let merge = [
+        "report",
+        "merge",
+        "parts/1-of-2/report.json",
+        "a.json",
+        "-o",
+        "joined",
+    ];
     let run = lsdc(folder.path()).args(merge).assert().success();
     assert!(text(&run).contains("4 frames"));
     assert_eq!(

@@ -4,11 +4,11 @@
 
 use libfuzzer_sys::fuzz_target;
 use lsdc::data::{read_mask, read_npy};
+use lsdc_fuzz::with_file;
 
 fuzz_target!(|data: &[u8]| {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("f.npy");
-    std::fs::write(&path, data).expect("a file");
-    let _ = read_npy(&path, 1.0);
-    let _ = read_mask(&path);
+    with_file(data, "f.npy", |path| {
+        let _ = read_npy(path, 1.0);
+        let _ = read_mask(path);
+    });
 });

@@ -4,10 +4,10 @@
 
 use libfuzzer_sys::fuzz_target;
 use lsdc::data::read_rgb;
+use lsdc_fuzz::with_file;
 
 fuzz_target!(|data: &[u8]| {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("f");
-    std::fs::write(&path, data).expect("a file");
-    let _ = read_rgb(&path);
+    with_file(data, "f", |path| {
+        let _ = read_rgb(path);
+    });
 });

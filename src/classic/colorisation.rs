@@ -73,21 +73,3 @@ fn likenesses(grey: &[f64], here: usize, around: &[usize]) -> Vec<f64> {
     let sum: f64 = weights.iter().sum();
     weights.into_iter().map(|weight| weight / sum).collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::data::Point;
-    use image::Rgb;
-
-    #[test]
-    fn depths_end_at_an_edge_of_the_image() {
-        let rgb = RgbImage::from_fn(20, 10, |x, _| Rgb([if x < 10 { 20 } else { 220 }; 3]));
-        let point = |x, depth| Point { x, y: 5, depth };
-        let sparse = DepthMap::from_points(20, 10, &[point(2, 1.0), point(17, 4.0)]);
-        let dense = colorisation(&rgb, &sparse).unwrap();
-        assert_eq!((dense.at(2, 5), dense.at(17, 5)), (1.0, 4.0));
-        assert!((dense.at(8, 0) - 1.0).abs() < 0.2, "{}", dense.at(8, 0));
-        assert!((dense.at(11, 9) - 4.0).abs() < 0.2, "{}", dense.at(11, 9));
-    }
-}

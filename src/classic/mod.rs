@@ -126,6 +126,26 @@ mod tests {
     }
 
     #[test]
+    fn methods_that_see_the_image_stop_at_its_edges() {
+        let edge = |x: u32, _: u32| image::Rgb([if x < 10 { 20 } else { 220 }; 3]);
+        let rgb = RgbImage::from_fn(20, 10, edge);
+        let point = |x, depth| Point { x, y: 5, depth };
+        let sparse = DepthMap::from_points(20, 10, &[point(2, 1.0), point(17, 4.0)]);
+        for method in [Classic::Smooth, Classic::Colorisation] {
+            let dense = method.complete(&rgb, &sparse).unwrap();
+            let near = [(2, 5, 1.0), (8, 0, 1.0), (11, 9, 4.0), (17, 5, 4.0)];
+            for (x, y, depth) in near {
+                let found = dense.at(x, y);
+                assert!(
+                    (found - depth).abs() < 0.2,
+                    "{} {x} {y}: {found}",
+                    method.name()
+                );
+            }
+        }
+    }
+
+    #[test]
     fn every_method_fills_the_map_from_one_point() {
         let mut values = vec![0.0; 30 * 20];
         values[7 * 30 + 11] = 3.0;

@@ -62,20 +62,3 @@ fn alike(a: [u8; 3], b: [u8; 3]) -> f64 {
         .sum();
     (1.0 / (1.0 + square / (CONTRAST * CONTRAST))).max(LEAST)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::data::Point;
-    use image::Rgb;
-
-    #[test]
-    fn depths_end_at_an_edge_of_the_image() {
-        let rgb = RgbImage::from_fn(20, 10, |x, _| Rgb([if x < 10 { 20 } else { 220 }; 3]));
-        let point = |x, depth| Point { x, y: 5, depth };
-        let sparse = DepthMap::from_points(20, 10, &[point(2, 1.0), point(17, 4.0)]);
-        let dense = smooth(&rgb, &sparse).unwrap();
-        assert!((dense.at(9, 0) - 1.0).abs() < 0.1, "{}", dense.at(9, 0));
-        assert!((dense.at(10, 9) - 4.0).abs() < 0.1, "{}", dense.at(10, 9));
-    }
-}

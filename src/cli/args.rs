@@ -150,7 +150,7 @@ pub(super) struct Eval {
     #[arg(long, default_value = "0/1", value_name = "I/N")]
     pub(super) shard: Shard,
     /// Folder for the report in every form, and for a journal: begun again, an evaluation goes on
-    /// where it stopped.
+    /// where it stopped. A part writes to DIR/I-of-N.
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     pub(super) output: Option<PathBuf>,
     /// Replace existing files, and begin anew in a folder that holds another evaluation.
@@ -173,6 +173,16 @@ pub(super) struct Eval {
 }
 
 impl Eval {
+    /// The folder of the outputs: a part has one of its own in it, so that all parts may be given
+    /// the same.
+    pub(super) fn folder(&self) -> Option<PathBuf> {
+        let folder = self.output.clone()?;
+        Some(match self.shard {
+            Shard::WHOLE => folder,
+            part => folder.join(part.to_string()),
+        })
+    }
+
     /// Lays the flags over the configuration.
     pub(super) fn apply(&self, eval: &mut EvalConfig) {
         eval.preset = self.protocol.clone().or(eval.preset.take());

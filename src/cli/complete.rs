@@ -5,8 +5,8 @@ use super::{Exit, ui};
 use crate::data::{self, DepthMap};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::fit::FitConfig;
-use crate::predict::{Completer, Completion, Method, complete_classic};
+use crate::fit::{FitConfig, root_mean_square};
+use crate::predict::{Completer, Completion, Method, check_sizes, complete_classic};
 use crate::report::coloured;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -36,8 +36,15 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             } else {
                 completer
             };
-            let completion = completer.complete(&rgb, &sparse, args.size)?;
-            (completion.depth.clone(), Some(completion))
+            check_sizes(&rgb, &sparse)?;
+            let network = Instant::now();
+            let bases = completer.bases(&rgb)?;
+            let network = network.elapsed();
+            let mut completion = completer.complete_with(&bases, &sparse, args.size)?;
+            completion.timings.network = network;
+            let left_out = completer.left_out(&bases, &sparse, &completion.fit)?;
+            let depth = completion.depth.clone();
+            (depth, Some((completion, root_mean_square(&left_out))))
         }
     };
     let writing = Instant::now();
@@ -54,8 +61,8 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             depth.height()
         ));
     }
-    if let Some(completion) = &completion {
-        print_fit(completion);
+    if let Some((completion, left_out)) = &completion {
+        print_fit(completion, *left_out);
     }
     ui::print(&format!(
         "total     {} (reading {}, writing {})",
@@ -67,11 +74,11 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-fn print_fit(completion: &Completion) {
+fn print_fit(completion: &Completion, left_out: f64) {
     let fit = &completion.fit;
     let times = &completion.timings;
     ui::print(&format!(
-        "residual  {:.4} m rms at the points, rank {} of {}",
+        "residual  {:.4} m rms at the points, {left_out:.4} m at points left out, rank {} of {}",
         fit.rms(),
         fit.rank,
         fit.weights.len()

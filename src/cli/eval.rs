@@ -21,7 +21,8 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     args.source.apply(&mut config.data);
     args.apply(&mut config.eval);
     config.eval.check()?;
-    let outputs = Outputs::of(args)?;
+    let folder = args.folder();
+    let outputs = Outputs::of(args, folder.as_deref())?;
     let eval = &config.eval;
     let frames = settings::open(&config.data, args.split)?;
     let preset = Preset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
@@ -54,7 +55,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     };
     let weights = network.as_ref().map(|(_, name)| name.clone());
     let heading = evaluation.heading(&name, &followed, weights);
-    let journal = match &args.output {
+    let journal = match &folder {
         None => Journal::none(),
         Some(folder) => journal(folder, &heading, args.force)?,
     };
@@ -181,14 +182,14 @@ pub(super) struct Outputs {
 impl Outputs {
     /// The files that are asked for; those named one by one must not exist yet. In a folder, the
     /// journal guards them.
-    fn of(args: &Eval) -> Result<Self> {
+    fn of(args: &Eval, folder: Option<&Path>) -> Result<Self> {
         let named = [&args.json, &args.csv, &args.html, &args.save];
         let existing = named.into_iter().flatten().find(|path| path.exists());
         if let Some(path) = existing.filter(|_| !args.force) {
             return Err(Error::config(format!("`{}` exists", path.display()))
                 .hint("give --force to replace it, or another name"));
         }
-        let all = args.output.as_deref().map(Self::folder).unwrap_or_default();
+        let all = folder.map(Self::folder).unwrap_or_default();
         Ok(Self {
             text: all.text,
             json: args.json.clone().or(all.json),

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::rng::Rng;
+use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
 /// Part `index` of `count`: drawn by the frames' names, whatever their order.
@@ -18,6 +19,13 @@ impl Shard {
     /// Whether a frame belongs to this part.
     pub fn holds(self, frame: &str) -> bool {
         Rng::stream(0, &["shard", frame]).below(self.count) == self.index
+    }
+}
+
+impl Display for Shard {
+    /// A name for a folder, as in `0-of-4`.
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}-of-{}", self.index, self.count)
     }
 }
 

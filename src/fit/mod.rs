@@ -94,9 +94,39 @@ pub struct Fit {
 impl Fit {
     /// Root mean square of the residuals, in metres.
     pub fn rms(&self) -> f64 {
-        let sum: f64 = self.residuals.iter().map(|r| r * r).sum();
-        (sum / self.residuals.len().max(1) as f64).sqrt()
+        root_mean_square(&self.residuals)
     }
+}
+
+/// What the residual of each point would be, in metres, had it been left out of the fit: the residual
+/// over 1 - leverage (Allen 1974). Their root mean square, the PRESS error, says without a true depth
+/// map how far the depth is off between the points, where these are spread as the pixels are.
+///
+/// `bases` are those that were fitted, with the same settings.
+///
+/// # Errors
+/// Values that are not finite.
+pub fn left_out(bases: &[f32], fit: &Fit, config: &FitConfig) -> Result<Vec<f64>> {
+    let residuals = &fit.residuals;
+    let problem = Problem::new(bases, residuals, &fit.point_weights);
+    let leverages = problem.leverages(config.solver(), residuals.len())?;
+    Ok(without_own(residuals, &leverages))
+}
+
+/// Residuals over 1 - leverage. A point that a fit meets whatever its depth is says nothing: its
+/// residual is 0 over 0, and stays small.
+fn without_own(residuals: &[f64], leverages: &[f64]) -> Vec<f64> {
+    const LEAST_FREEDOM: f64 = 1e-3;
+    let pairs = residuals.iter().zip(leverages);
+    pairs
+        .map(|(r, h)| r / (1.0 - h).max(LEAST_FREEDOM))
+        .collect()
+}
+
+/// The root of the mean square.
+pub fn root_mean_square(values: &[f64]) -> f64 {
+    let sum: f64 = values.iter().map(|v| v * v).sum();
+    (sum / values.len().max(1) as f64).sqrt()
 }
 
 fn all_finite(values: &[f32]) -> bool {

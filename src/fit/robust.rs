@@ -2,6 +2,7 @@
 //! the paper's weights or those of the classic M-estimators.
 
 use super::lstsq::{Problem, Solution, Solver, residuals};
+use super::without_own;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -156,9 +157,7 @@ pub fn robust<T: Copy + Into<f64>>(
             settings.threshold * median(depths.iter().copied())
         } else {
             let leverages = Problem::new(bases, depths, &weights).leverages(solver, n)?;
-            for (residual, leverage) in found.iter_mut().zip(leverages) {
-                *residual /= (1.0 - leverage).max(LEAST_FREEDOM);
-            }
+            found = without_own(&found, &leverages);
             settings.tuning.unwrap_or(loss.tuning()) * deviation(&found)
         };
         // Points that are met exactly leave no scale, and nothing to do.
@@ -189,9 +188,6 @@ pub fn robust<T: Copy + Into<f64>>(
     }
     Ok((solution, weights))
 }
-
-/// A point that a fit meets whatever its depth is says nothing; its residual is 0 over 0.
-const LEAST_FREEDOM: f64 = 1e-3;
 
 /// By how much the scale of a redescending loss shrinks in a round.
 const SHRINKING: f64 = 1.4;

@@ -1,0 +1,30 @@
+//! What the targets share.
+
+use lsdc::data::{DataConfig, DatasetKind, Split};
+use std::path::Path;
+
+/// Puts the bytes into a file of this name in a folder of its own.
+pub fn with_file(data: &[u8], name: &str, read: impl FnOnce(&Path)) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(name);
+    std::fs::create_dir_all(path.parent().expect("a parent")).expect("folders");
+    std::fs::write(&path, data).expect("a file");
+    read(&path);
+}
+
+/// Puts the bytes into a file of this name and reads the dataset around it.
+pub fn with_dataset(data: &[u8], name: &str, kind: DatasetKind) {
+    with_file(data, name, |path| {
+        let levels = Path::new(name).components().count();
+        let config = DataConfig {
+            dataset: kind,
+            root: path.ancestors().nth(levels).map(Path::to_owned),
+            ..DataConfig::default()
+        };
+        if let Ok(frames) = config.open(Split::Val, None) {
+            for i in 0..frames.len().min(3) {
+                let _ = frames.load(i);
+            }
+        }
+    });
+}
