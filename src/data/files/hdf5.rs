@@ -3,7 +3,7 @@
 use super::plausible;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
-use hdf5_pure::{DType, Dataset, File, Object};
+use hdf5_pure::{Chunk, ChunkIndex, DType, Dataset, File, Object};
 use image::{Rgb, RgbImage};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -166,7 +166,31 @@ impl Hdf5 {
                 .hint("the file is damaged"));
             }
         }
+        self.check_chunks(name, &array)?;
         Ok(array)
+    }
+
+    /// Refuses stored chunks that cannot lie in the file: the library makes room for what the index
+    /// promises before it reads. (It cannot list the chunks of a version 2 B-tree.)
+    fn check_chunks(&self, name: &str, array: &Dataset) -> Result<()> {
+        match array.chunk_index().map_err(|e| self.damaged(e))? {
+            None | Some(ChunkIndex::BTreeV2) => return Ok(()),
+            Some(_) => {}
+        }
+        let size = self.file.file_size();
+        let chunks = array.chunks().map_err(|e| self.damaged(e))?;
+        let beyond = |chunk: &Chunk| {
+            let end = chunk.address.checked_add(chunk.storage_size);
+            end.is_none_or(|end| end > size)
+        };
+        if chunks.iter().any(beyond) {
+            return Err(Error::format(
+                &self.path,
+                format!("`{name}` has chunks beyond the file's end"),
+            )
+            .hint("the file is cut off or damaged"));
+        }
+        Ok(())
     }
 
     fn counted<T>(&self, name: &str, values: Vec<T>, row: &[usize], rows: usize) -> Result<Vec<T>> {
