@@ -249,6 +249,11 @@ fn bad_input_is_refused_in_one_line() {
     );
     refused(
         at,
+        &["eval", "--dataset", "rooms", "--points", "grid:0"],
+        &["grid:0", "no pattern", "bernoulli-all:N"],
+    );
+    refused(
+        at,
         &["eval", "--dataset", "nyu"],
         &["needs a folder", "--root", "hint:"],
     );

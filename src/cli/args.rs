@@ -8,6 +8,7 @@ use crate::predict::Method;
 use crate::sample::{Interpolation, Noise, Pattern, Size};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// Depth completion: an RGB image and a few sparse depths in, dense depth in metres out.
 #[derive(Debug, Parser)]
@@ -56,7 +57,7 @@ pub(super) struct Complete {
     #[arg(long, value_parser = size)]
     pub(super) size: Option<Size>,
     /// How to complete: lsdc, nearest, linear, idw, tps, wls, levin, steering, ip-basic.
-    #[arg(long, default_value = "lsdc", value_name = "NAME")]
+    #[arg(long, value_parser = typed::<Method>, default_value = "lsdc", value_name = "NAME")]
     pub(super) method: Method,
     /// Fit without following outliers [default: as the weights say].
     #[arg(long, value_enum, value_name = "LOSS")]
@@ -118,10 +119,10 @@ pub(super) struct Eval {
     pub(super) protocol: Option<String>,
     /// Sparse points: N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N,
     /// given, files:DIR [default: those of the protocol].
-    #[arg(long, value_name = "POINTS", help_heading = "Protocol")]
+    #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
     pub(super) points: Option<Pattern>,
     /// Spoil points: added:SHARE:METRES or outliers:SHARE.
-    #[arg(long, value_name = "NOISE", help_heading = "Protocol")]
+    #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE", help_heading = "Protocol")]
     pub(super) noise: Option<Noise>,
     /// Names the first draw of points; the same for every method [default: 0].
     #[arg(long, help_heading = "Protocol")]
@@ -137,7 +138,7 @@ pub(super) struct Eval {
     pub(super) limit: Option<usize>,
     /// Methods, side by side on the same points: lsdc, nearest, linear, idw, tps, wls, levin,
     /// steering, ip-basic [default: lsdc,linear].
-    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES")]
     pub(super) method: Vec<Method>,
     /// Fit without following outliers [default: as the weights say].
     #[arg(long, value_enum, value_name = "LOSS")]
@@ -147,7 +148,7 @@ pub(super) struct Eval {
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
     pub(super) predictions: Vec<(String, PathBuf)>,
     /// Measure only part I of N (I from 0); `lsdc report merge` joins the parts.
-    #[arg(long, default_value = "0/1", value_name = "I/N")]
+    #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N")]
     pub(super) shard: Shard,
     /// Folder for the report in every form, and for a journal: begun again, an evaluation goes on
     /// where it stopped. A part writes to DIR/I-of-N.
@@ -279,10 +280,10 @@ pub(super) struct Export {
     #[arg(long, value_name = "N")]
     pub(super) limit: Option<usize>,
     /// Sparse points, as for `eval` [default: those of the protocol].
-    #[arg(long, value_name = "POINTS")]
+    #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS")]
     pub(super) points: Option<Pattern>,
     /// Spoil points, as for `eval`.
-    #[arg(long, value_name = "NOISE")]
+    #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE")]
     pub(super) noise: Option<Noise>,
     /// Names the draw.
     #[arg(long, default_value_t = 0)]
@@ -293,6 +294,14 @@ pub(super) struct Export {
     /// Replace existing files.
     #[arg(long)]
     pub(super) force: bool,
+}
+
+/// Reads a value; what is wrong comes with the hint.
+fn typed<T: FromStr<Err = Error>>(text: &str) -> std::result::Result<T, String> {
+    text.parse().map_err(|error: Error| match error.advice() {
+        Some(hint) => format!("{error}; {hint}"),
+        None => error.to_string(),
+    })
 }
 
 /// `NAME=DIR`, or `DIR`, named by its last part.
