@@ -222,51 +222,22 @@ fn hierarchical_files() {
     survive(&path, || readable(DatasetKind::Nyu, &path));
 }
 
-/// Random damage seldom hits the stored size of a chunk, which libraries make room for unread.
+/// A file of 7 kB that a fuzzer found: a chunk of a declared 4 GiB, which the library made room for
+/// before it read. Random damage seldom hits that number.
 #[test]
 fn a_chunk_that_promises_gigabytes_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("val/official/00001.h5");
-    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    let (width, height) = (WIDTH as u64, HEIGHT as u64);
-    let mut builder = FileBuilder::new();
-    let rgb = builder
-        .create_dataset("rgb")
-        .with_u8_data(&[7; 3 * WIDTH * HEIGHT]);
-    rgb.with_shape(&[3, height, width]);
-    let map = depth();
-    let depths = builder.create_dataset("depth").with_f32_data(map.values());
-    depths
-        .with_shape(&[height, width])
-        .with_chunks(&[6, 8])
-        .with_deflate(4);
-    builder.write(&path).unwrap();
-    let file = hdf5_pure::File::open(&path).unwrap();
-    let chunks = file.dataset("depth").unwrap().chunks().unwrap();
-    let stored = (chunks[0].storage_size as u32).to_le_bytes();
-    let sound = std::fs::read(&path).unwrap();
-    assert!(readable(DatasetKind::Nyu, folder.path()));
-
     let _turn = TURN
         .lock()
         .unwrap_or_else(std::sync::PoisonError::into_inner);
-    let mut refused = 0;
-    // The size takes two bytes or four, by the version of the index.
-    for (length, huge) in [(2, [0xff; 4]), (4, [0xff, 0xff, 0xff, 0x7f])] {
-        for at in 0..sound.len() - 4 {
-            if sound[at..at + length] != stored[..length] {
-                continue;
-            }
-            let mut copy = sound.clone();
-            copy[at..at + length].copy_from_slice(&huge[..length]);
-            std::fs::write(&path, copy).unwrap();
-            let before = IN_USE.load(Ordering::Relaxed);
-            PEAK.store(before, Ordering::Relaxed);
-            refused += usize::from(!readable(DatasetKind::Nyu, folder.path()));
-            assert!(PEAK.load(Ordering::Relaxed) - before < MOST);
-        }
-    }
-    assert!(refused > 0);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("val/official/00001.h5");
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let damaged = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/damaged/huge_chunk.h5");
+    std::fs::copy(damaged, path).unwrap();
+    let before = IN_USE.load(Ordering::Relaxed);
+    PEAK.store(before, Ordering::Relaxed);
+    assert!(!readable(DatasetKind::Nyu, folder.path()));
+    assert!(PEAK.load(Ordering::Relaxed) - before < MOST);
 }
 
 #[test]

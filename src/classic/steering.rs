@@ -9,14 +9,15 @@ use faer::linalg::solvers::Solve as _;
 use faer::{Mat, mat};
 use image::RgbImage;
 
-/// Width of the kernel in units of the mean distance between points. This and the next two were
-/// chosen on training frames of NYU Depth v2.
+/// Width of the kernel in units of the mean distance between points, chosen on training frames of
+/// NYU Depth v2.
 const WIDTH: f64 = 0.6;
 
 /// Half the side of the window over which gradients are gathered.
 const WINDOW: usize = 3;
 
-/// Regularisation of the kernel's elongation, for gradients of grey values of 0 to 255.
+/// Regularisation of the kernel's elongation, for gradients of grey values of 0 to 255;
+/// chosen on the same frames.
 const ELONGATION: f64 = 10.0;
 
 /// The exponent of the kernel's size against structure (Takeda et al.).
@@ -134,7 +135,7 @@ impl Gradients {
     }
 
     /// The inverse covariance (xx, xy, yy) of the kernel at a pixel: elongated across the dominant
-    /// gradient, smaller where there is structure (equations 26 to 31 of Takeda et al.).
+    /// gradient, smaller where there is structure.
     fn precision(&self, x: usize, y: usize, width: f64) -> [f64; 3] {
         let (mut xx, mut xy, mut yy, mut count) = (0.0, 0.0, 0.0, 0.0);
         for v in y.saturating_sub(WINDOW)..(y + WINDOW + 1).min(self.height) {

@@ -14,12 +14,6 @@ pub enum Candidate {
     Files(PathBuf),
 }
 
-impl Candidate {
-    pub(super) fn needs_network(&self) -> bool {
-        *self == Self::Method(Method::Lsdc)
-    }
-}
-
 /// What the predictions of a frame have in common: its base functions.
 pub(super) struct Prepared<'a>(Option<(&'a Completer, ImageBases)>);
 
@@ -33,7 +27,7 @@ impl<'a> Prepared<'a> {
 
     /// The depth map of a candidate for a frame and its points.
     pub(super) fn predict(
-        &mut self,
+        &self,
         candidate: &Candidate,
         frame: &Frame,
         sparse: &DepthMap,

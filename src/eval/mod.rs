@@ -17,6 +17,7 @@ use crate::metrics::{Metric, Profile, Rules, Scores};
 use crate::predict::{Completer, RANGE};
 use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
 use crate::sample::{Noise, Pattern, Protocol};
+use candidate::Prepared;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
@@ -138,7 +139,7 @@ impl Evaluation<'_> {
     /// One record for each seed.
     fn measure(&self, index: usize) -> Result<Vec<Record>> {
         let frame = self.frame(index)?;
-        let mut prepared = self.prepare(&frame)?;
+        let prepared = Prepared::new(self.completer, &frame)?;
         self.seeds
             .iter()
             .map(|&seed| {
@@ -176,7 +177,7 @@ impl Evaluation<'_> {
             .ok_or_else(|| Error::config(format!("there is no frame `{id}`")))?;
         let frame = self.frame(index)?;
         let sparse = self.points(&frame, seed)?;
-        let mut prepared = self.prepare(&frame)?;
+        let prepared = Prepared::new(self.completer, &frame)?;
         let predictions = self
             .candidates
             .iter()
@@ -221,11 +222,6 @@ impl Evaluation<'_> {
             None => Ok(sparse),
             Some(noise) => noise.apply(&sparse, seed, &frame.id),
         }
-    }
-
-    fn prepare(&self, frame: &Frame) -> Result<candidate::Prepared<'_>> {
-        let needed = self.candidates.iter().any(|(_, c)| c.needs_network());
-        candidate::Prepared::new(self.completer.filter(|_| needed), frame)
     }
 }
 

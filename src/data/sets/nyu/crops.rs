@@ -1,7 +1,7 @@
 //! The pair of files of Conti et al. (sparsity-agnostic depth completion, WACV 2023): the 654 test
 //! crops of 228x304 with their depths, and the same 500 points for everybody.
 
-use crate::data::files::Hdf5;
+use crate::data::files::{Hdf5, from_planes};
 use crate::data::{Dataset, DepthMap, Frame, FrameId};
 use crate::error::{Error, Result};
 use image::RgbImage;
@@ -133,7 +133,7 @@ impl Dataset for Crops {
         let row = &self.colours.shape[1..];
         let bytes = self.file.rows_u8(&self.colours.name, row, index, 1)?;
         let rgb = if row == [3, height, width] {
-            crate::data::files::from_planes(&bytes, width, height, |x, y| y * width + x)?
+            from_planes(&bytes, width, height, |x, y| y * width + x)?
         } else {
             RgbImage::from_raw(width as u32, height as u32, bytes)
                 .filter(|_| row == [height, width, 3])
