@@ -47,7 +47,7 @@ fn completion(criterion: &mut Criterion) {
             bencher.iter(|| completer.bases(black_box(&frame.rgb)));
         });
         group.bench_function("fit", |bencher| {
-            bencher.iter(|| completer.fit(&bases, black_box(&sparse)));
+            bencher.iter(|| completer.fit(&bases, black_box(&sparse), None));
         });
         group.bench_function("new points", |bencher| {
             bencher.iter(|| completer.complete_with(&bases, black_box(&sparse), None));

@@ -29,6 +29,7 @@ pub mod eval;
 pub mod fit;
 pub mod metrics;
 pub mod model;
+pub mod nearest;
 #[allow(unsafe_code)]
 pub mod norm;
 pub mod predict;

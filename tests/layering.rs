@@ -16,12 +16,13 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("conv", &["simd", "rng"]),
     ("norm", &["simd", "rng"]),
     ("model", &["conv", "norm", "simd", "error", "rng"]),
-    ("fit", &["error", "rng"]),
-    ("classic", &["data", "error", "rng"]),
+    ("nearest", &["rng"]),
+    ("fit", &["nearest", "error", "rng"]),
+    ("classic", &["nearest", "data", "error", "rng"]),
     (
         "predict",
         &[
-            "model", "fit", "classic", "sample", "data", "simd", "error", "rng",
+            "model", "fit", "classic", "sample", "nearest", "data", "simd", "error", "rng",
         ],
     ),
     ("metrics", &["data", "error"]),

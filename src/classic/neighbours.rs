@@ -1,74 +1,29 @@
-//! Points in square cells, for the nearest ones of a pixel.
+//! The points of a map, by place.
 
 use crate::data::{DepthMap, Point};
 use crate::error::Result;
+use crate::nearest::Cells;
 use rayon::prelude::*;
 
-/// The points of a map, by place.
+/// The points of a map, for the nearest ones of a pixel.
 pub(super) struct Neighbours {
     pub(super) points: Vec<Point>,
-    cells: Vec<Vec<usize>>,
-    side: usize,
-    columns: usize,
-    rows: usize,
+    cells: Cells,
 }
 
 impl Neighbours {
     pub(super) fn new(sparse: &DepthMap) -> Self {
         let points: Vec<Point> = sparse.points().collect();
-        let area = sparse.width() * sparse.height();
-        let side = ((area as f64 / points.len().max(1) as f64).sqrt() as usize).max(1);
-        let (columns, rows) = (
-            sparse.width().div_ceil(side),
-            sparse.height().div_ceil(side),
-        );
-        let mut cells = vec![Vec::new(); columns * rows];
-        for (i, p) in points.iter().enumerate() {
-            cells[p.y / side * columns + p.x / side].push(i);
-        }
+        let places: Vec<[usize; 2]> = points.iter().map(|p| [p.x, p.y]).collect();
         Self {
             points,
-            cells,
-            side,
-            columns,
-            rows,
+            cells: Cells::new(&places),
         }
     }
 
-    /// The `count` nearest points to a pixel, the nearest first: squared distance and index; the
-    /// first in row order among equals.
+    /// As [`Cells::nearest`].
     pub(super) fn nearest(&self, x: usize, y: usize, count: usize) -> Vec<(usize, usize)> {
-        let (column, row) = (x / self.side, y / self.side);
-        let mut found: Vec<(usize, usize)> = Vec::with_capacity(4 * count);
-        for ring in 0..self.columns.max(self.rows) {
-            // Every point of this ring is at least so far away.
-            let closest = (ring.saturating_sub(1) * self.side).pow(2);
-            if found.len() >= count {
-                found.sort_unstable();
-                if found[count - 1].0 < closest {
-                    break;
-                }
-            }
-            self.ring(column, row, ring, |i| {
-                let p = &self.points[i];
-                found.push((p.x.abs_diff(x).pow(2) + p.y.abs_diff(y).pow(2), i));
-            });
-        }
-        found.sort_unstable();
-        found.truncate(count);
-        found
-    }
-
-    fn ring(&self, column: usize, row: usize, ring: usize, mut visit: impl FnMut(usize)) {
-        for r in row.saturating_sub(ring)..(row + ring + 1).min(self.rows) {
-            for c in column.saturating_sub(ring)..(column + ring + 1).min(self.columns) {
-                if r.abs_diff(row).max(c.abs_diff(column)) == ring {
-                    self.cells[r * self.columns + c]
-                        .iter()
-                        .for_each(|&i| visit(i));
-                }
-            }
-        }
+        self.cells.nearest([x, y], count)
     }
 }
 
@@ -97,35 +52,4 @@ pub(super) fn nearest(sparse: &DepthMap) -> Result<DepthMap> {
         let (_, i) = neighbours.nearest(x, y, 1)[0];
         neighbours.points[i].depth
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::rng::Rng;
-
-    #[test]
-    fn the_nearest_points_are_found() {
-        let mut rng = Rng::stream(1, &["nearest"]);
-        let points: Vec<Point> = (0..20)
-            .map(|i| Point {
-                x: rng.below(60) as usize,
-                y: rng.below(40) as usize,
-                depth: 1.0 + i as f32,
-            })
-            .collect();
-        let neighbours = Neighbours::new(&DepthMap::from_points(60, 40, &points));
-        for y in 0..40 {
-            for x in 0..60 {
-                let mut all: Vec<(usize, usize)> = neighbours
-                    .points
-                    .iter()
-                    .enumerate()
-                    .map(|(i, p)| (p.x.abs_diff(x).pow(2) + p.y.abs_diff(y).pow(2), i))
-                    .collect();
-                all.sort_unstable();
-                assert_eq!(neighbours.nearest(x, y, 5), all[..5]);
-            }
-        }
-    }
 }

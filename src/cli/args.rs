@@ -3,8 +3,8 @@
 use crate::data::{DatasetKind, Split};
 use crate::error::{Error, Result};
 use crate::eval::{EvalConfig, Shard};
-use crate::fit::{Loss, Robust};
-use crate::predict::Method;
+use crate::fit::{FitConfig, Loss, PriorKind, Robust, Space};
+use crate::predict::{Method, Preserve};
 use crate::sample::{Interpolation, Noise, Pattern, Size};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -32,6 +32,9 @@ pub(super) enum Command {
     Report(ReportCommand),
     /// Train a network.
     Train(Train),
+    /// Learn which weights are likely, and how far predictions are off: what training does after its last
+    /// step, for weights that exist.
+    Calibrate(Calibrate),
     /// Write frames of a dataset at the protocol's size, with the points of `eval`, as files.
     Export(Export),
     /// Measure how fast this machine completes depth.
@@ -59,9 +62,21 @@ pub(super) struct Complete {
     /// How to complete: lsdc, nearest, linear, idw, tps, wls, levin, steering, ip-basic.
     #[arg(long, value_parser = typed::<Method>, default_value = "lsdc", value_name = "NAME")]
     pub(super) method: Method,
-    /// Fit without following outliers [default: as the weights say].
-    #[arg(long, value_enum, value_name = "LOSS")]
-    pub(super) robust: Option<Robustness>,
+    #[command(flatten)]
+    pub(super) fit: FitFlags,
+    /// What becomes of the given depths: none (the fit need not meet them), exact (at their pixels),
+    /// blend (and their neighbourhood follows).
+    #[arg(long, value_enum, default_value = "none", value_name = "HOW")]
+    pub(super) preserve_input: Preserve,
+    /// The standard deviation of each sparse depth in metres, an npy array as large as the image.
+    #[arg(long, value_name = "FILE")]
+    pub(super) sigma: Option<PathBuf>,
+    /// Write the standard deviation of every pixel of the result, in metres.
+    #[arg(long)]
+    pub(super) uncertainty: bool,
+    /// Write a list of the points that do not agree with the others.
+    #[arg(long)]
+    pub(super) outliers: bool,
     /// Show the network every pixel, instead of a large image reduced to the size of training.
     #[arg(long)]
     pub(super) full: bool,
@@ -70,6 +85,34 @@ pub(super) struct Complete {
     pub(super) force: bool,
     #[command(flatten)]
     pub(super) model: Model,
+}
+
+/// Settings of the fit, laid over those of the weights.
+#[derive(Debug, ClapArgs)]
+pub(super) struct FitFlags {
+    /// Fit without following outliers [default: as the weights say].
+    #[arg(long, value_enum, value_name = "LOSS")]
+    robust: Option<Robustness>,
+    /// What is assumed before any depth is seen: none (the paper's fit), flat, learned [default: as
+    /// the weights say].
+    #[arg(long, value_enum)]
+    prior: Option<PriorKind>,
+    /// What base functions add up to: depth, log, inverse [default: as the weights say].
+    #[arg(long, value_enum)]
+    space: Option<Space>,
+}
+
+impl FitFlags {
+    /// Lays the flags over settings. A learned prior is one over weights of depths: in another space
+    /// the flat one takes its place.
+    pub(super) fn apply(&self, fit: &mut FitConfig) {
+        fit.robust = self.robust.map_or(fit.robust, Robustness::settings);
+        fit.space = self.space.unwrap_or(fit.space);
+        if fit.space != Space::Depth && fit.prior == PriorKind::Learned {
+            fit.prior = PriorKind::Flat;
+        }
+        fit.prior = self.prior.unwrap_or(fit.prior);
+    }
 }
 
 #[derive(Debug, ClapArgs)]
@@ -140,9 +183,8 @@ pub(super) struct Eval {
     /// steering, ip-basic [default: lsdc,linear].
     #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES")]
     pub(super) method: Vec<Method>,
-    /// Fit without following outliers [default: as the weights say].
-    #[arg(long, value_enum, value_name = "LOSS")]
-    pub(super) robust: Option<Robustness>,
+    #[command(flatten)]
+    pub(super) fit: FitFlags,
     /// Score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
     /// named as `lsdc export` names frames; may be repeated.
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
@@ -218,6 +260,21 @@ pub(super) struct Merge {
 }
 
 #[derive(Debug, ClapArgs)]
+pub(super) struct Calibrate {
+    /// The frames that the weights were trained on.
+    #[command(flatten)]
+    pub(super) source: Source,
+    /// Weights file to write.
+    #[arg(short, long, value_name = "FILE")]
+    pub(super) output: PathBuf,
+    /// Replace it if it exists.
+    #[arg(long)]
+    pub(super) force: bool,
+    #[command(flatten)]
+    pub(super) model: Model,
+}
+
+#[derive(Debug, ClapArgs)]
 pub(super) struct Train {
     #[command(flatten)]
     pub(super) settings: Settings,
@@ -248,6 +305,19 @@ pub(super) struct Bench {
     /// Completions or steps to measure, after one that is not.
     #[arg(long, default_value_t = 15)]
     pub(super) runs: usize,
+    /// What becomes of the given depths: none (the fit need not meet them), exact (at their pixels),
+    /// blend (and their neighbourhood follows).
+    #[arg(long, value_enum, default_value = "none", value_name = "HOW")]
+    pub(super) preserve_input: Preserve,
+    /// The standard deviation of each sparse depth in metres, an npy array as large as the image.
+    #[arg(long, value_name = "FILE")]
+    pub(super) sigma: Option<PathBuf>,
+    /// Write the standard deviation of every pixel of the result, in metres.
+    #[arg(long)]
+    pub(super) uncertainty: bool,
+    /// Write a list of the points that do not agree with the others.
+    #[arg(long)]
+    pub(super) outliers: bool,
     /// Show the network every pixel, instead of a large image reduced to the size of training.
     #[arg(long)]
     pub(super) full: bool,
@@ -374,6 +444,9 @@ by_name!(
         Self(Some(Loss::Tukey)),
     ]
 );
+by_name!(PriorKind, Self::ALL);
+by_name!(Space, Self::ALL);
+by_name!(Preserve, Self::ALL);
 by_name!(Split, [Self::Train, Self::Val]);
 by_name!(DatasetKind, Self::ALL);
 

@@ -1,54 +1,53 @@
 //! `lsdc complete`: one image and its points to dense depth.
 
-use super::args::{Complete, Robustness};
+use super::args::Complete;
 use super::{Exit, ui};
 use crate::data::{self, DepthMap};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::fit::{FitConfig, root_mean_square};
-use crate::predict::{Completer, Completion, Method, check_sizes, complete_classic};
+use crate::fit::{Fit, root_mean_square};
+use crate::predict::{Completer, Method, check_sizes, complete_classic};
 use crate::report::coloured;
+use image::RgbImage;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 const MILLIMETRE: f64 = 0.001;
+
+/// The score above which a point is listed (Iglewicz and Hoaglin 1993).
+const OUTLYING: f64 = 3.5;
 
 pub(super) fn run(args: &Complete) -> Result<Exit> {
     let started = Instant::now();
     let rgb = data::read_rgb(&args.rgb)?;
     let sparse = read_sparse(&args.sparse, args.depth_scale)?;
+    let sigma = args
+        .sigma
+        .as_ref()
+        .map(|path| read_sparse(path, args.depth_scale));
+    let sigma = sigma.transpose()?;
     let outputs = Outputs::new(args)?;
     let read = started.elapsed();
+    check_sizes(&rgb, &sparse)?;
 
-    let (depth, completion) = match args.method {
-        Method::Classic(_) if args.size.is_some() => {
-            return Err(Error::config("`--size` needs method `lsdc`"));
+    let (depth, fitted) = match args.method {
+        Method::Classic(_) if args.needs_fit() => {
+            return Err(Error::config(
+                "`--size`, `--sigma`, `--uncertainty` and `--outliers` need method `lsdc`",
+            ));
         }
         Method::Classic(method) => (complete_classic(method, &rgb, &sparse)?, None),
         Method::Lsdc => {
-            let completer =
-                Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
-            let fit = *completer.fit_config();
-            let robust = args.robust.map_or(fit.robust, Robustness::settings);
-            let completer = completer.with_fit(FitConfig { robust, ..fit });
-            let completer = if args.full {
-                completer.with_input([sparse.height(), sparse.width()])
-            } else {
-                completer
-            };
-            check_sizes(&rgb, &sparse)?;
-            let network = Instant::now();
-            let bases = completer.bases(&rgb)?;
-            let network = network.elapsed();
-            let mut completion = completer.complete_with(&bases, &sparse, args.size)?;
-            completion.timings.network = network;
-            let left_out = completer.left_out(&bases, &sparse, &completion.fit)?;
-            let depth = completion.depth.clone();
-            (depth, Some((completion, root_mean_square(&left_out))))
+            let (depth, fitted) = complete(args, &rgb, &sparse, sigma.as_ref())?;
+            (depth, Some(fitted))
         }
     };
+    let depth = args.preserve_input.apply(&depth, &sparse)?;
     let writing = Instant::now();
     outputs.write(&depth)?;
+    if let Some(fitted) = &fitted {
+        outputs.write_extras(args, fitted, &sparse)?;
+    }
     let ignored = match sparse.ignored() {
         0 => String::new(),
         count => format!(" ({count} NaN, infinite or negative values ignored)"),
@@ -61,8 +60,8 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             depth.height()
         ));
     }
-    if let Some((completion, left_out)) = &completion {
-        print_fit(completion, *left_out);
+    if let Some(fitted) = &fitted {
+        fitted.print();
     }
     ui::print(&format!(
         "total     {} (reading {}, writing {})",
@@ -74,21 +73,76 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-fn print_fit(completion: &Completion, left_out: f64) {
-    let fit = &completion.fit;
-    let times = &completion.timings;
-    ui::print(&format!(
-        "residual  {:.4} m rms at the points, {left_out:.4} m at points left out, rank {} of {}",
-        fit.rms(),
-        fit.rank,
-        fit.weights.len()
-    ));
-    ui::print(&format!(
-        "time      network {}, fit {}, dense {}",
-        ui::millis(times.network),
-        ui::millis(times.fit),
-        ui::millis(times.dense)
-    ));
+impl Complete {
+    /// Whether something is asked for that only a fit has.
+    fn needs_fit(&self) -> bool {
+        self.size.is_some() || self.sigma.is_some() || self.uncertainty || self.outliers
+    }
+}
+
+/// A fit with what is printed and written of it.
+struct Fitted {
+    fit: Fit,
+    leverages: Vec<f64>,
+    deviations: Option<DepthMap>,
+    network: Duration,
+    fitting: Duration,
+    dense: Duration,
+}
+
+fn complete(
+    args: &Complete,
+    rgb: &RgbImage,
+    sparse: &DepthMap,
+    sigma: Option<&DepthMap>,
+) -> Result<(DepthMap, Fitted)> {
+    let completer = Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
+    let mut settings = *completer.fit_config();
+    args.fit.apply(&mut settings);
+    let mut completer = completer.with_fit(settings);
+    if args.full {
+        completer = completer.with_input([sparse.height(), sparse.width()]);
+    }
+    let started = Instant::now();
+    let bases = completer.bases(rgb)?;
+    let network = started.elapsed();
+    let started = Instant::now();
+    let fit = completer.fit(&bases, sparse, sigma)?;
+    let fitting = started.elapsed();
+    let started = Instant::now();
+    let depth = completer.dense(&bases, &fit, sparse, args.size)?;
+    let dense = started.elapsed();
+    let deviations = args
+        .uncertainty
+        .then(|| completer.deviation(&bases, sparse, &fit, &depth));
+    let fitted = Fitted {
+        leverages: completer.leverages(&bases, sparse, &fit),
+        deviations: deviations.transpose()?,
+        fit,
+        network,
+        fitting,
+        dense,
+    };
+    Ok((depth, fitted))
+}
+
+impl Fitted {
+    fn print(&self) {
+        let fit = &self.fit;
+        ui::print(&format!(
+            "residual  {:.4} m rms at the points, {:.4} m at points left out, rank {} of {}",
+            fit.rms(),
+            root_mean_square(&fit.left_out(&self.leverages)),
+            fit.rank,
+            fit.weights.len()
+        ));
+        ui::print(&format!(
+            "time      network {}, fit {}, dense {}",
+            ui::millis(self.network),
+            ui::millis(self.fitting),
+            ui::millis(self.dense)
+        ));
+    }
 }
 
 fn read_sparse(path: &Path, scale: Option<f64>) -> Result<DepthMap> {
@@ -101,11 +155,13 @@ fn read_sparse(path: &Path, scale: Option<f64>) -> Result<DepthMap> {
     }
 }
 
-/// The three files of a result.
+/// The files of a result.
 struct Outputs {
     npy: PathBuf,
     png: PathBuf,
     colour: PathBuf,
+    sigma: PathBuf,
+    outliers: PathBuf,
     force: bool,
 }
 
@@ -126,22 +182,62 @@ impl Outputs {
             npy: path("depth.npy"),
             png: path("depth.png"),
             colour: path("depth_color.png"),
+            sigma: path("sigma.npy"),
+            outliers: path("outliers.csv"),
             force: args.force,
         })
     }
 
-    /// Writes all three. An existing result is replaced only by an equal one, or with `--force`.
+    /// Writes the depth in three forms.
     fn write(&self, depth: &DepthMap) -> Result<()> {
-        if !self.force && self.npy.exists() {
-            let same = data::read_npy(&self.npy, 1.0).is_ok_and(|old| old == *depth);
-            if !same {
-                return Err(Error::config(format!("`{}` exists", self.npy.display()))
-                    .hint("give --force to replace it, or -o DIR to write elsewhere"));
-            }
-        }
+        self.replaceable(&self.npy, depth)?;
         data::write_depth_png(&self.png, depth, MILLIMETRE)?;
         let (low, high) = depth.range().unwrap_or((0.0, 1.0));
         data::write_rgb(&self.colour, &coloured(depth, low, high))?;
         data::write_npy(&self.npy, depth)
     }
+
+    /// Writes what was asked for beside the depth.
+    fn write_extras(&self, args: &Complete, fitted: &Fitted, sparse: &DepthMap) -> Result<()> {
+        if let Some(deviations) = &fitted.deviations {
+            self.replaceable(&self.sigma, deviations)?;
+            data::write_npy(&self.sigma, deviations)?;
+        }
+        if args.outliers {
+            let table = outliers(&fitted.fit, &fitted.leverages, sparse);
+            data::write_atomically(&self.outliers, |out| out.write_all(table.as_bytes()))?;
+        }
+        Ok(())
+    }
+
+    /// An existing result is replaced only by an equal one, or with `--force`.
+    fn replaceable(&self, path: &Path, values: &DepthMap) -> Result<()> {
+        let same = || data::read_npy(path, 1.0).is_ok_and(|old| old == *values);
+        if self.force || !path.exists() || same() {
+            return Ok(());
+        }
+        Err(Error::config(format!("`{}` exists", path.display()))
+            .hint("give --force to replace it, or -o DIR to write elsewhere"))
+    }
+}
+
+/// The points that do not agree with the others, as CSV, the worst first.
+fn outliers(fit: &Fit, leverages: &[f64], sparse: &DepthMap) -> String {
+    let left_out = fit.left_out(leverages);
+    let scores = fit.scores(leverages);
+    let mut lines: Vec<(f64, String)> = Vec::new();
+    for (i, point) in sparse.points().enumerate() {
+        if scores[i].abs() > OUTLYING {
+            let others = f64::from(point.depth) - left_out[i];
+            let (x, y, depth, score) = (point.x, point.y, point.depth, scores[i]);
+            let weight = fit.point_weights[i];
+            let line = format!("{x},{y},{depth},{others:.4},{score:.2},{weight:.4}\n");
+            lines.push((-score.abs(), line));
+        }
+    }
+    lines.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let header = "x,y,depth,depth_by_the_others,score,weight\n";
+    lines
+        .into_iter()
+        .fold(header.to_owned(), |text, (_, line)| text + &line)
 }

@@ -1,6 +1,6 @@
 //! `lsdc eval`: methods side by side on a dataset.
 
-use super::args::{Eval, Robustness};
+use super::args::Eval;
 use super::{Exit, settings, ui};
 use crate::data::{write_atomically, write_npy};
 use crate::device::device;
@@ -102,7 +102,7 @@ fn network(args: &Eval, fit: Option<FitConfig>) -> Result<(Completer, String)> {
     let weights = args.model.weights.as_deref();
     let completer = Completer::open(weights, &device(&args.model.device)?)?;
     let mut fit = fit.unwrap_or(*completer.fit_config());
-    fit.robust = args.robust.map_or(fit.robust, Robustness::settings);
+    args.fit.apply(&mut fit);
     let completer = completer.with_fit(fit);
     let name = format!("{}; {}", weights_name(weights)?, completer.fit_config());
     Ok((completer, name))

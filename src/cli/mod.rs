@@ -2,6 +2,7 @@
 
 mod args;
 mod bench;
+mod calibrate;
 mod complete;
 mod eval;
 mod export;
@@ -56,6 +57,7 @@ fn run(args: Args) -> Result<Exit> {
         Command::Eval(args) => eval::run(&args),
         Command::Report(ReportCommand::Merge(args)) => report::merge(&args),
         Command::Train(args) => train::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Config(args) => {

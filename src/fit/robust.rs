@@ -1,9 +1,11 @@
 //! Fits that do not follow outliers: iteratively reweighted least squares (paper Algorithm 2) with
 //! the paper's weights or those of the classic M-estimators.
 
-use super::lstsq::{Problem, Solution, Solver, residuals};
-use super::without_own;
+use super::outcome::without_own;
+use super::points::Rows;
+use super::{Estimate, Estimator};
 use crate::error::{Error, Result};
+use crate::nearest::Cells;
 use serde::{Deserialize, Serialize};
 
 /// How the weight of a point falls with its residual r.
@@ -79,6 +81,10 @@ pub struct Robust {
     /// Standard deviations of the noise at which the other losses bend; the classic constant of
     /// each if absent.
     pub tuning: Option<f64>,
+    /// The other losses look at how far a residual is from the median of those of so many nearest points:
+    /// what base functions cannot follow is alike among neighbours, outliers are not. 0 looks at the
+    /// residual itself.
+    pub neighbours: usize,
     /// The largest number of solves after the first.
     pub iterations: usize,
     /// Stops when no weight changes by more than this share of the largest.
@@ -91,6 +97,7 @@ impl Default for Robust {
             loss: Loss::Irls,
             threshold: 1e-3,
             tuning: None,
+            neighbours: 6,
             iterations: 10,
             tolerance: 1e-4,
         }
@@ -121,43 +128,53 @@ impl Robust {
     }
 }
 
-/// Continues from the plain `start`. Returns the last solution and the point weights it was solved
-/// with, at most 1.
+/// Continues from the plain estimate. Returns the last one, and the point weights it was found with.
 ///
 /// Losses other than the paper's look at what the residuals would be had each point been left out, so
 /// that an outlier which bends the fit towards itself is not overlooked, and take their scale from
 /// the median of their absolute values. Those that redescend start from Huber's solution
 /// with a scale that takes in every point, which shrinks by a constant factor from round to round
 /// (graduated non-convexity, Blake and Zisserman 1987) until it is that of the noise. With no more
-/// points than base functions nothing can be told from an outlier: all points count.
+/// points than directions nothing can be told from an outlier: all points count.
 ///
 /// # Errors
 /// A decomposition that does not converge.
-pub fn robust<T: Copy + Into<f64>>(
-    bases: &[T],
-    depths: &[f64],
-    start: Solution,
-    solver: Solver,
+pub(super) fn robust(
+    rows: &Rows<'_>,
+    estimator: Estimator<'_>,
+    plain: Estimate,
     settings: Robust,
-) -> Result<(Solution, Vec<f64>)> {
-    let n = depths.len();
-    let loss = settings.loss;
-    if loss != Loss::Irls && n <= start.rank {
-        return Ok((start, vec![1.0; n]));
+) -> Result<(Estimate, Vec<f64>)> {
+    let (loss, own) = (settings.loss, &rows.weights);
+    if loss != Loss::Irls && rows.values.len() <= plain.solution.rank {
+        return Ok((plain, own.clone()));
     }
-    let (mut solution, mut weights) = if loss.redescends() {
-        robust(bases, depths, start, solver, Robust::new(Loss::Huber))?
+    let (mut estimate, mut weights) = if loss.redescends() {
+        let huber = Robust {
+            neighbours: settings.neighbours,
+            ..Robust::new(Loss::Huber)
+        };
+        robust(rows, estimator, plain, huber)?
     } else {
-        (start, vec![1.0; n])
+        (plain, own.clone())
+    };
+    let neighbourhood = match (loss, rows.places) {
+        (Loss::Irls, _) | (_, None) => None,
+        (_, Some(_)) if settings.neighbours == 0 => None,
+        (_, Some(places)) => Some(Neighbourhood::new(places, settings.neighbours)),
     };
     let mut widening = f64::INFINITY;
     for _ in 0..settings.iterations {
-        let mut found = residuals(bases, depths, &solution.weights);
+        let mut found = rows.residuals(&estimate.solution.weights);
         let scale = if loss == Loss::Irls {
-            settings.threshold * median(depths.iter().copied())
+            settings.threshold * median(rows.values.iter().map(|v| v.abs()))
         } else {
-            let leverages = Problem::new(bases, depths, &weights).leverages(solver, n)?;
-            found = without_own(&found, &leverages);
+            found = without_own(&found, &estimate.solution.leverages(rows.bases, &weights));
+            if let Some(neighbourhood) = &neighbourhood {
+                found = neighbourhood.apart(&found, &weights);
+            }
+            // In units of the deviation that each point was given.
+            found.iter_mut().zip(own).for_each(|(r, w)| *r *= w.sqrt());
             settings.tuning.unwrap_or(loss.tuning()) * deviation(&found)
         };
         // Points that are met exactly leave no scale, and nothing to do.
@@ -172,29 +189,75 @@ pub fn robust<T: Copy + Into<f64>>(
         };
         weights = found
             .iter()
-            .map(|r| loss.weight(r / (widening * scale)))
+            .zip(own)
+            .map(|(r, own)| own * loss.weight(r / (widening * scale)))
             .collect();
-        let next = Problem::new(bases, depths, &weights).solve(solver)?;
-        let largest = next.weights.iter().fold(0.0, |m: f64, w| m.max(w.abs()));
-        let change = next
-            .weights
-            .iter()
-            .zip(&solution.weights)
-            .fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
-        solution = next;
+        let next = estimator.solve(rows, &weights)?;
+        let (old, new) = (&estimate.solution.weights, &next.solution.weights);
+        let largest = new.iter().fold(0.0, |m: f64, w| m.max(w.abs()));
+        let pairs = old.iter().zip(new);
+        let change = pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+        estimate = next;
         if widening == 1.0 && change <= settings.tolerance * largest {
             break;
         }
     }
-    Ok((solution, weights))
+    Ok((estimate, weights))
 }
 
 /// By how much the scale of a redescending loss shrinks in a round.
 const SHRINKING: f64 = 1.4;
 
+/// The nearest points of each point.
+struct Neighbourhood(Vec<Vec<(f64, usize)>>);
+
+impl Neighbourhood {
+    fn new(places: &[[usize; 2]], count: usize) -> Self {
+        let cells = Cells::new(places);
+        let nearest = |(i, place): (usize, &[usize; 2])| -> Vec<(f64, usize)> {
+            let found = cells.nearest(*place, count + 1).into_iter();
+            found
+                .filter(|(_, j)| *j != i)
+                .take(count)
+                .map(|(square, j)| ((square as f64).sqrt(), j))
+                .collect()
+        };
+        Self(places.iter().enumerate().map(nearest).collect())
+    }
+
+    /// Residuals less the median of those of the neighbours, where near ones and those that are
+    /// trusted count most.
+    fn apart(&self, residuals: &[f64], weights: &[f64]) -> Vec<f64> {
+        const LEAST: f64 = 0.05;
+        let largest = weights
+            .iter()
+            .fold(f64::MIN_POSITIVE, |m: f64, w| m.max(*w));
+        let local = |(neighbours, own): (&Vec<(f64, usize)>, &f64)| {
+            let pairs = neighbours.iter().map(|&(distance, j)| {
+                let trust = (weights[j] / largest).max(LEAST);
+                (residuals[j], trust / (1.0 + distance))
+            });
+            own - weighted_median(pairs.collect())
+        };
+        self.0.iter().zip(residuals).map(local).collect()
+    }
+}
+
+/// The value at which half of the weight is reached; 0 without a value.
+fn weighted_median(mut pairs: Vec<(f64, f64)>) -> f64 {
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = pairs.iter().map(|p| p.1).sum::<f64>() / 2.0;
+    let mut sum = 0.0;
+    let reached = pairs.iter().find(|(_, weight)| {
+        sum += weight;
+        sum >= half
+    });
+    reached.map_or(0.0, |(value, _)| *value)
+}
+
 /// The standard deviation of normal residuals of which up to half are outliers: 1.4826 times the
 /// median of their absolute values (Hampel 1974).
-fn deviation(residuals: &[f64]) -> f64 {
+pub(super) fn deviation(residuals: &[f64]) -> f64 {
     1.4826 * median(residuals.iter().map(|r| r.abs()))
 }
 
@@ -207,13 +270,17 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::{FitConfig, Points, fit};
     use crate::rng::Rng;
 
-    fn fitted(bases: &[f64], depths: &[f64], settings: Robust) -> (Vec<f64>, Vec<f64>) {
-        let solver = Solver::Truncated(1e-12);
-        let start = Problem::new(bases, depths, &vec![1.0; depths.len()]).solve(solver);
-        let (solution, weights) = robust(bases, depths, start.unwrap(), solver, settings).unwrap();
-        (solution.weights, weights)
+    fn fitted(bases: &[f32], depths: &[f32], robust: Option<Robust>) -> (Vec<f64>, Vec<f64>) {
+        let config = FitConfig {
+            rcond: 1e-12,
+            robust,
+            ..FitConfig::default()
+        };
+        let fit = fit(&Points::new(bases, depths), &config, None).unwrap();
+        (fit.weights, fit.point_weights)
     }
 
     #[test]
@@ -226,25 +293,25 @@ mod tests {
             tolerance: 1e-12,
             ..Robust::default()
         };
-        let (solution, weights) = fitted(&[1.0; 7], &depths, settings);
+        let (solution, weights) = fitted(&[1.0; 7], &depths, Some(settings));
         assert!((solution[0] - 1.2).abs() < 1e-3, "{solution:?}");
         assert!(weights[4] < 1e-3);
     }
 
     /// A line through `count` noisy points of which a share was raised.
-    fn line(count: usize, share: f32) -> (Vec<f64>, Vec<f64>) {
+    fn line(count: usize, share: f32) -> (Vec<f32>, Vec<f32>) {
         let mut rng = Rng::stream(5, &["line"]);
         let mut bases = Vec::new();
         let mut depths = Vec::new();
         for i in 0..count {
-            let x = i as f64 / count as f64;
+            let x = i as f32 / count as f32;
             bases.extend([1.0, x]);
             let raised = if rng.chance(share) {
-                1.0 + f64::from(rng.unit())
+                1.0 + rng.unit()
             } else {
                 0.0
             };
-            depths.push(2.0 + 3.0 * x + 0.01 * f64::from(rng.normal()) + raised);
+            depths.push(2.0 + 3.0 * x + 0.01 * rng.normal() + raised);
         }
         (bases, depths)
     }
@@ -253,25 +320,23 @@ mod tests {
     fn losses_that_redescend_forget_outliers() {
         let (bases, depths) = line(400, 0.3);
         for loss in [Loss::Cauchy, Loss::Gm, Loss::Tukey] {
-            let (solution, weights) = fitted(&bases, &depths, Robust::new(loss));
+            let (solution, weights) = fitted(&bases, &depths, Some(Robust::new(loss)));
             assert!((solution[0] - 2.0).abs() < 0.01, "{loss:?} {solution:?}");
             assert!((solution[1] - 3.0).abs() < 0.01, "{loss:?} {solution:?}");
             let dismissed = weights.iter().filter(|w| **w < 0.1).count();
             assert!((100..140).contains(&dismissed), "{loss:?} {dismissed}");
         }
         // Least absolute residuals follow them a little, least squares far.
-        let (solution, _) = fitted(&bases, &depths, Robust::default());
+        let (solution, _) = fitted(&bases, &depths, Some(Robust::default()));
         assert!((solution[0] - 2.0).abs() < 0.05);
     }
 
     #[test]
     fn without_outliers_every_loss_is_nearly_least_squares() {
         let (bases, depths) = line(400, 0.0);
-        let ones = vec![1.0; 400];
-        let plain = Problem::new(&bases, &depths, &ones).solve(Solver::Truncated(1e-12));
-        let plain = plain.unwrap().weights;
+        let (plain, _) = fitted(&bases, &depths, None);
         for loss in Loss::ALL {
-            let (solution, _) = fitted(&bases, &depths, Robust::new(loss));
+            let (solution, _) = fitted(&bases, &depths, Some(Robust::new(loss)));
             for (a, b) in solution.iter().zip(&plain) {
                 assert!((a - b).abs() < 2e-3, "{loss:?} {a} {b}");
             }
@@ -281,20 +346,24 @@ mod tests {
     #[test]
     fn scaling_depths_scales_every_robust_fit() {
         let (bases, depths) = line(60, 0.2);
-        let far: Vec<f64> = depths.iter().map(|d| 10.0 * d).collect();
+        // A power of two, which is exact.
+        let far: Vec<f32> = depths.iter().map(|d| 8.0 * d).collect();
         for loss in Loss::ALL {
-            let (near, _) = fitted(&bases, &depths, Robust::new(loss));
-            let (far, _) = fitted(&bases, &far, Robust::new(loss));
+            let (near, _) = fitted(&bases, &depths, Some(Robust::new(loss)));
+            let (far, _) = fitted(&bases, &far, Some(Robust::new(loss)));
             for (a, b) in near.iter().zip(&far) {
-                assert!((10.0 * a - b).abs() < 1e-6 * b.abs(), "{loss:?} {a} {b}");
+                assert!((8.0 * a - b).abs() < 1e-9 * b.abs(), "{loss:?} {a} {b}");
             }
         }
     }
 
     #[test]
     fn too_few_points_all_count() {
-        let (solution, weights) =
-            fitted(&[1.0, 0.0, 1.0, 1.0], &[2.0, 5.0], Robust::new(Loss::Tukey));
+        let (solution, weights) = fitted(
+            &[1.0, 0.0, 1.0, 1.0],
+            &[2.0, 5.0],
+            Some(Robust::new(Loss::Tukey)),
+        );
         assert_eq!(weights, [1.0, 1.0]);
         assert!((solution[1] - 3.0).abs() < 1e-9);
     }

@@ -15,7 +15,7 @@ pub use encoding::encode;
 pub use extractor::{Extractor, ExtractorConfig, StageConfig};
 pub use layers::NormKind;
 pub use plan::{Plan, PlannedBases};
-pub use weights::{Normalisation, Weights, WeightsRecord};
+pub use weights::{Normalisation, Table, Weights, WeightsRecord};
 
 use crate::error::{Error, Result};
 use crate::rng::Rng;

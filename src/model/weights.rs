@@ -48,8 +48,22 @@ pub struct WeightsRecord {
 pub struct Weights {
     /// What the tensors belong to.
     pub record: WeightsRecord,
+    /// Numbers of other modules, by name.
+    pub tables: BTreeMap<String, Table>,
     tensors: HashMap<String, TensorData>,
 }
+
+/// Numbers, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// Lengths of the axes.
+    pub shape: Vec<usize>,
+    /// As many as `shape` says.
+    pub values: Vec<f32>,
+}
+
+/// What the names of tables begin with in a file.
+const TABLE: &str = "table.";
 
 const NETWORK: &str = "network";
 const NORMALISATION: &str = "normalisation";
@@ -59,10 +73,14 @@ impl Weights {
     /// Takes the weights out of a network.
     pub fn of(net: &BasisNet, record: WeightsRecord) -> Self {
         let tensors = named(net).into_iter().map(|t| (t.name, t.data)).collect();
-        Self { record, tensors }
+        Self {
+            record,
+            tables: BTreeMap::new(),
+            tensors,
+        }
     }
 
-    /// The bytes of a safetensors file with f16 tensors.
+    /// The bytes of a safetensors file with f16 tensors, and f32 tables.
     ///
     /// # Errors
     /// A record that cannot be written as JSON.
@@ -75,20 +93,25 @@ impl Weights {
         metadata.insert(VERSION.into(), env!("CARGO_PKG_VERSION").into());
         metadata.insert(NETWORK.into(), json(&self.record.network)?);
         metadata.insert(NORMALISATION.into(), json(&self.record.normalisation)?);
-        let halves: BTreeMap<&str, (Vec<usize>, Vec<u8>)> = self
-            .tensors
+        let halves = self.tensors.iter().map(|(name, data)| {
+            let values = data.iter::<f32>();
+            let bytes = values.flat_map(|v| half::f16::from_f32(v).to_le_bytes());
+            (
+                name.clone(),
+                (Dtype::F16, data.shape().to_vec(), bytes.collect()),
+            )
+        });
+        let tables = self.tables.iter().map(|(name, table)| {
+            let bytes = table.values.iter().flat_map(|v| v.to_le_bytes());
+            let name = format!("{TABLE}{name}");
+            (name, (Dtype::F32, table.shape.clone(), bytes.collect()))
+        });
+        let all: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)> = halves.chain(tables).collect();
+        let views = all
             .iter()
-            .map(|(name, data)| {
-                let values = data.iter::<f32>();
-                let bytes = values.flat_map(|v| half::f16::from_f32(v).to_le_bytes());
-                (name.as_str(), (data.shape().to_vec(), bytes.collect()))
-            })
-            .collect();
-        let views = halves
-            .iter()
-            .map(|(name, (shape, bytes))| {
-                let view = TensorView::new(Dtype::F16, shape.clone(), bytes);
-                view.map(|view| (*name, view)).map_err(|e| broken(&e))
+            .map(|(name, (dtype, shape, bytes))| {
+                let view = TensorView::new(*dtype, shape.clone(), bytes);
+                view.map(|view| (name, view)).map_err(|e| broken(&e))
             })
             .collect::<Result<Vec<_>>>()?;
         safetensors::serialize(views, Some(metadata)).map_err(|e| broken(&e))
@@ -110,16 +133,27 @@ impl Weights {
             .ok_or_else(|| foreign("it has no record".into()))?;
         let record = record(metadata).map_err(foreign)?;
         let file = SafeTensors::deserialize(bytes).map_err(|e| foreign(e.to_string()))?;
-        let tensors = file
-            .tensors()
-            .into_iter()
-            .map(|(name, view)| {
-                let values = decode(&view)
-                    .ok_or_else(|| foreign(format!("tensor `{name}` is neither f16 nor f32")))?;
-                Ok((name, TensorData::new(values, view.shape().to_vec())))
-            })
-            .collect::<Result<_>>()?;
-        Ok(Self { record, tensors })
+        let mut weights = Self {
+            record,
+            tables: BTreeMap::new(),
+            tensors: HashMap::new(),
+        };
+        for (name, view) in file.tensors() {
+            let values = decode(&view)
+                .ok_or_else(|| foreign(format!("tensor `{name}` is neither f16 nor f32")))?;
+            let shape = view.shape().to_vec();
+            match name.strip_prefix(TABLE) {
+                Some(name) => {
+                    weights
+                        .tables
+                        .insert(name.to_owned(), Table { shape, values });
+                }
+                None => {
+                    weights.tensors.insert(name, TensorData::new(values, shape));
+                }
+            }
+        }
+        Ok(weights)
     }
 
     /// Builds the network and fills in the weights.

@@ -34,6 +34,9 @@ pub struct TrainConfig {
     pub measure_every: usize,
     /// The number of frames kept out of training for that.
     pub held_out: usize,
+    /// Whether, after the last step, the prior over weights is learned from training frames and its
+    /// noise from held-out ones, and completion uses it (see `fit.prior`).
+    pub calibrate: bool,
     /// Weights to start from: tensors that agree in name and shape are taken.
     pub start: Option<PathBuf>,
     /// The size at which to train.
@@ -62,6 +65,7 @@ impl Default for TrainConfig {
             save_every: 1000,
             measure_every: 1000,
             held_out: 24,
+            calibrate: true,
             start: None,
             protocol: Protocol::nyu(),
             augment: AugmentConfig::default(),

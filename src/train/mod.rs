@@ -1,5 +1,6 @@
-//! Training: losses, steps, checkpoints, the run.
+//! Training: losses, steps, checkpoints, the run, and what is learned once it is over.
 
+mod calibrate;
 mod checkpoint;
 mod config;
 mod learner;
@@ -8,8 +9,9 @@ mod loss;
 mod run;
 mod schedule;
 
+pub use calibrate::{calibrate, divide};
 pub use config::TrainConfig;
 pub use learner::{Learner, Step};
 pub use loss::{LossConfig, Losses, losses};
-pub use run::{Event, Outcome, Trainer};
+pub use run::{Event, Outcome, TRAINING_NOTE, Trainer};
 pub use schedule::Schedule;

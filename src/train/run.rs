@@ -2,14 +2,13 @@
 
 use super::checkpoint::Checkpoints;
 use super::log::Log;
-use super::{Learner, TrainConfig};
+use super::{Learner, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::fit::FitConfig;
 use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{BasisNet, BasisNetConfig, Normalisation, Weights, WeightsRecord};
-use crate::predict::{Completer, FIT_NOTE, open_weights};
-use crate::rng;
+use crate::predict::{Completer, open_weights, record_fit};
 use crate::sample::{Batch, Loader, Pattern, Sampler, SamplerConfig};
 use burn::module::Module as _;
 use burn::tensor::Device;
@@ -19,6 +18,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+
+/// The note of a weights file that holds the `TrainConfig` it was trained by.
+pub const TRAINING_NOTE: &str = "training";
 
 /// What happens during a run; also the lines of `metrics.jsonl`.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -112,7 +114,7 @@ impl Trainer {
             report(&event);
             log.add(&event)
         };
-        let (training, held_out) = self.divide();
+        let (training, held_out) = divide(self.frames.as_ref(), self.config.held_out);
         let sampler = Sampler::new(self.frames.clone(), training, self.sampler_config())?;
         let mut loader = Loader::start(&sampler, step, self.config.workers)?;
         while step < self.config.steps {
@@ -190,17 +192,6 @@ impl Trainer {
         self.config.learning_rate * self.config.schedule.factor(progress)
     }
 
-    /// Frames to train on and frames to measure on: the latter are those whose names have the
-    /// smallest hashes, so that adding frames moves few.
-    fn divide(&self) -> (Vec<usize>, Vec<usize>) {
-        let mut order: Vec<usize> = (0..self.frames.len()).collect();
-        order.sort_by_key(|&i| rng::hash(&["held out", &self.frames.id(i)]));
-        let count = self.config.held_out.min(order.len() / 2);
-        let mut training = order.split_off(count);
-        training.sort_unstable();
-        (training, order)
-    }
-
     fn measure(&self, net: &BasisNet, frames: &[usize]) -> Result<Scores> {
         let completer = Completer::new(net.valid(), self.normalisation(), self.fit, &self.device);
         let mut tally = Tally::default();
@@ -219,25 +210,25 @@ impl Trainer {
 
     /// Writes `weights.safetensors`.
     fn publish(&self, net: &BasisNet) -> Result<()> {
-        let json = |e: serde_json::Error| {
-            Error::new(Cause::Write, "cannot encode the settings").because(e)
-        };
-        let notes = BTreeMap::from([
-            (
-                FIT_NOTE.to_owned(),
-                serde_json::to_string(&self.fit).map_err(json)?,
-            ),
-            (
-                "training".to_owned(),
-                serde_json::to_string(&self.config).map_err(json)?,
-            ),
-        ]);
+        let training = serde_json::to_string(&self.config)
+            .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))?;
         let record = WeightsRecord {
             network: self.network.clone(),
             normalisation: self.normalisation(),
-            notes,
+            notes: BTreeMap::from([(TRAINING_NOTE.to_owned(), training)]),
         };
-        let bytes = Weights::of(&net.valid(), record).to_bytes()?;
+        let mut weights = Weights::of(&net.valid(), record);
+        record_fit(&mut weights, &self.fit)?;
+        if self.config.calibrate {
+            calibrate(
+                &mut weights,
+                self.frames.as_ref(),
+                &self.config,
+                &self.device,
+                |_, _| {},
+            )?;
+        }
+        let bytes = weights.to_bytes()?;
         let path = self.folder.join("weights.safetensors");
         write_atomically(&path, |out| out.write_all(&bytes))
     }

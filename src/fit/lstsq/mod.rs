@@ -9,6 +9,7 @@ mod problem;
 #[cfg(test)]
 mod tests;
 
+pub(super) use problem::Moments;
 pub use problem::{Problem, Solution, Solver};
 
 use burn::backend::tensor::FloatTensor;

@@ -5,7 +5,6 @@ use crate::error::{Error, Result};
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::linalg::triangular_inverse::invert_lower_triangular;
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par, Side};
 use rayon::prelude::*;
 
@@ -30,13 +29,50 @@ pub struct Problem {
     pub(super) depths: Vec<f64>,
 }
 
-/// Weights of the base functions and the rank they were found with.
+/// What a problem comes down to when only its weights are asked for; those of two sets of points add.
+#[derive(Clone, Debug)]
+pub(in crate::fit) struct Moments {
+    /// `M^T M`, both halves.
+    pub(in crate::fit) normal: Mat<f64>,
+    /// `M^T d`.
+    pub(in crate::fit) right: Vec<f64>,
+    /// `d^T d`.
+    pub(in crate::fit) square: f64,
+    /// The number of rows with a weight.
+    pub(in crate::fit) count: usize,
+}
+
+/// Weights of the base functions, and all that follows from them in closed form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// One weight per base function.
     pub weights: Vec<f64>,
     /// Directions that were kept.
     pub rank: usize,
+    /// K `[k, r]`: the covariance of the weights is K K^T for points whose noise has variance 1.
+    pub(in crate::fit) factor: Mat<f64>,
+}
+
+impl Solution {
+    /// `|K^T f|^2` for each row f of `bases`: the variance of a fitted value, for points whose noise
+    /// has variance 1.
+    pub fn spreads<T: Copy + Into<f64>>(&self, bases: &[T]) -> Vec<f64> {
+        let k = self.weights.len().max(1);
+        let rows = Mat::from_fn(bases.len() / k, k, |i, j| bases[i * k + j].into());
+        let product = rows * &self.factor;
+        (0..product.nrows())
+            .map(|i| product.row(i).squared_norm_l2())
+            .collect()
+    }
+
+    /// The leverage of each row that was fitted with a weight: how much of its own depth a fitted value is, from 0
+    /// (also for rows of weight 0) to 1. A residual divided by 1 - leverage is what it would be had the
+    /// row been left out (Allen 1974).
+    pub fn leverages<T: Copy + Into<f64>>(&self, bases: &[T], weights: &[f64]) -> Vec<f64> {
+        let spreads = self.spreads(bases).into_iter().zip(weights);
+        // Rounding may go a little beyond.
+        spreads.map(|(s, w)| (s * w).clamp(0.0, 1.0)).collect()
+    }
 }
 
 /// The kept part of a singular value decomposition: `matrix = u diag(s) v^T`.
@@ -102,6 +138,7 @@ impl Problem {
             return Ok(Solution {
                 weights: vec![0.0; columns],
                 rank: 0,
+                factor: Mat::zeros(columns, 0),
             });
         }
         match solver {
@@ -114,6 +151,7 @@ impl Problem {
                 Ok(Solution {
                     weights: times(kept.v.as_ref(), &inner),
                     rank: kept.s.len(),
+                    factor: Mat::from_fn(columns, kept.s.len(), |i, j| kept.v[(i, j)] / kept.s[j]),
                 })
             }
             Solver::Ridge(share) => {
@@ -121,6 +159,7 @@ impl Problem {
                 Ok(Solution {
                     weights: solve(&factor, &right),
                     rank: columns,
+                    factor: inverse_factor(&factor),
                 })
             }
         }
@@ -139,8 +178,7 @@ impl Problem {
         let (normal, right) = self.normal();
         let largest = (0..columns).map(|i| normal[(i, i)]).sum::<f64>().sqrt();
         let factor = normal.llt(Side::Lower).ok()?;
-        let mut inverse = Mat::<f64>::zeros(columns, columns);
-        invert_lower_triangular(inverse.as_mut(), factor.L(), Par::Seq);
+        let inverse = inverse_factor(&factor);
         // Frobenius norms are bounds: largest >= s[0] and 1 / smallest >= 1 / s[last].
         let condition = largest * inverse.norm_l2();
         if condition.is_nan() || condition >= WORST.min(1.0 / rcond) {
@@ -153,41 +191,19 @@ impl Problem {
         Some(Solution {
             weights,
             rank: columns,
+            factor: inverse,
         })
     }
 
-    /// The leverage of each of `count` rows, as given to `new`: how much of its own depth a fitted
-    /// value is, from 0 (also for rows of weight 0) to 1. A residual divided by 1 - leverage is what
-    /// it would be had the row been left out (Allen 1974).
-    ///
-    /// # Errors
-    /// Values that are not finite.
-    pub fn leverages(&self, solver: Solver, count: usize) -> Result<Vec<f64>> {
-        let mut leverages = vec![0.0; count];
-        if self.rows.is_empty() {
-            return Ok(leverages);
+    pub(in crate::fit) fn moments(&self) -> Moments {
+        let (half, right) = self.normal();
+        let columns = self.columns;
+        Moments {
+            normal: Mat::from_fn(columns, columns, |i, j| half[(i.max(j), i.min(j))]),
+            right,
+            square: dot(&self.depths, &self.depths),
+            count: self.rows.len(),
         }
-        match solver {
-            Solver::Truncated(rcond) => {
-                let u = self.decompose(rcond)?.u;
-                for (i, &row) in self.rows.iter().enumerate() {
-                    leverages[row] = u.row(i).squared_norm_l2();
-                }
-            }
-            Solver::Ridge(share) => {
-                let (factor, _) = self.ridge(share)?;
-                let mut columns = self.matrix().transpose().to_owned();
-                solve_lower_triangular_in_place(factor.L(), columns.as_mut(), Par::Seq);
-                for (i, &row) in self.rows.iter().enumerate() {
-                    leverages[row] = columns.col(i).squared_norm_l2();
-                }
-            }
-        }
-        // Rounding may go a little beyond.
-        for leverage in &mut leverages {
-            *leverage = leverage.clamp(0.0, 1.0);
-        }
-        Ok(leverages)
     }
 
     /// The lower half of `M^T M`, and `M^T d`.
@@ -315,8 +331,14 @@ impl Problem {
         let columns = self.columns;
         let (mut normal, right) = self.normal();
         let trace: f64 = (0..columns).map(|i| normal[(i, i)]).sum();
+        // Where all base functions are zero, so are their weights.
+        let shift = if trace > 0.0 {
+            share * trace / columns as f64
+        } else {
+            1.0
+        };
         for i in 0..columns {
-            normal[(i, i)] += share * trace / columns as f64;
+            normal[(i, i)] += shift;
         }
         let factor = normal.llt(Side::Lower).map_err(|_| {
             Error::fit("the normal equations are not positive definite")
@@ -360,6 +382,14 @@ impl Problem {
 struct Adjoint {
     bases: Mat<f64>,
     depths: Vec<f64>,
+}
+
+/// K with K K^T the inverse of what was factored.
+fn inverse_factor(factor: &Llt<f64>) -> Mat<f64> {
+    let size = factor.L().nrows();
+    let mut inverse = Mat::zeros(size, size);
+    invert_lower_triangular(inverse.as_mut(), factor.L(), Par::Seq);
+    inverse.transpose().to_owned()
 }
 
 fn solve(factor: &Llt<f64>, b: &[f64]) -> Vec<f64> {

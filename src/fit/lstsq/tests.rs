@@ -272,8 +272,8 @@ fn a_residual_over_one_minus_leverage_is_that_of_the_point_left_out() {
     let mut w: Vec<f64> = random(n, "w").iter().map(|v| v.abs()).collect();
     w[3] = 0.0;
     let problem = Problem::new(&f, &d, &w);
-    let leverages = problem.leverages(EXACT, n).unwrap();
     let solution = problem.solve(EXACT).unwrap();
+    let leverages = solution.leverages(&f, &w);
     let found = super::residuals(&f, &d, &solution.weights);
     assert_eq!(leverages[3], 0.0);
     for i in 0..n {
@@ -293,9 +293,9 @@ fn leverages_under_a_ridge_are_the_diagonal_of_the_smoother() {
     let (n, k, share) = (12, 4, 0.3);
     let (f, d) = (random(n * k, "f"), random(n, "d"));
     let solver = Solver::Ridge(share);
-    let leverages = Problem::new(&f, &d, &vec![1.0; n])
-        .leverages(solver, n)
-        .unwrap();
+    let ones = vec![1.0; n];
+    let solution = Problem::new(&f, &d, &ones).solve(solver).unwrap();
+    let leverages = solution.leverages(&f, &ones);
     // The fit is linear in the depths with the bases fixed: a unit depth at i gives column i.
     for i in 0..n {
         let mut unit = vec![0.0; n];

@@ -1,79 +1,30 @@
 //! Image and sparse depths to dense depth: the only place where bases and fit meet.
 
-use crate::classic::Classic;
+mod deviation;
+mod method;
+mod preserve;
+mod weights;
+
+pub use method::{Method, complete_classic};
+pub use preserve::Preserve;
+pub use weights::{
+    Calibration, open_weights, record_fit, record_prior, recorded_fit, recorded_prior, weights_name,
+};
+
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
-use crate::fit::{Fit, FitConfig, fit, left_out};
+use crate::fit::{Fit, FitConfig, ImageMoments, Points, Prior, fit};
 use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
-use crate::rng::hash;
 use crate::sample::{Interpolation, Size, image_tensor, image_values, resize_rgb};
 use crate::simd::Level;
 use burn::tensor::Device;
 use image::RgbImage;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::{Duration, Instant};
-
-/// The weights that come with the program.
-const EMBEDDED: &[u8] = include_bytes!("../assets/weights.safetensors");
-
-/// The note of a weights file that holds its `FitConfig`.
-pub const FIT_NOTE: &str = "fit";
 
 /// Predictions stay within the sparse depths' range widened by this factor both ways. Relative to
 /// the depths, so that scaling them scales the result.
 pub const RANGE: f32 = 10.0;
-
-/// A way to complete depth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub enum Method {
-    /// Base functions fitted to the points.
-    Lsdc,
-    /// A method without training.
-    Classic(Classic),
-}
-
-impl Method {
-    /// All methods.
-    pub fn all() -> impl Iterator<Item = Self> {
-        std::iter::once(Self::Lsdc).chain(Classic::ALL.map(Self::Classic))
-    }
-
-    /// The name on the command line and in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Lsdc => "lsdc",
-            Self::Classic(classic) => classic.name(),
-        }
-    }
-}
-
-impl std::str::FromStr for Method {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        Self::all().find(|m| m.name() == name).ok_or_else(|| {
-            let names: Vec<&str> = Self::all().map(Self::name).collect();
-            Error::config(format!("unknown method `{name}`"))
-                .hint(format!("methods: {}", names.join(", ")))
-        })
-    }
-}
-
-impl TryFrom<String> for Method {
-    type Error = Error;
-
-    fn try_from(name: String) -> Result<Self> {
-        name.parse()
-    }
-}
-
-impl From<Method> for String {
-    fn from(method: Method) -> Self {
-        method.name().to_owned()
-    }
-}
 
 /// A trained network and a fit, ready to complete depth.
 #[derive(Clone, Debug)]
@@ -81,6 +32,9 @@ pub struct Completer {
     engine: Engine,
     normalisation: Normalisation,
     fit: FitConfig,
+    prior: Option<Prior>,
+    /// Standard deviations as they come from the fit, times this are those of the errors.
+    deviation: f64,
 }
 
 /// What computes base functions.
@@ -173,15 +127,13 @@ impl Completer {
     /// # Errors
     /// Weights that do not belong to their network.
     pub fn with_weights(weights: &Weights, device: &Device) -> Result<Self> {
-        let fit = match weights.record.notes.get(FIT_NOTE) {
-            None => FitConfig::default(),
-            Some(json) => serde_json::from_str(json).map_err(|e| {
-                Error::weights("the `fit` record of the weights cannot be read").because(e)
-            })?,
-        };
+        let fit = recorded_fit(weights)?.unwrap_or_default();
         let net = weights.load(device)?;
         let plan = (*device == Device::flex()).then(|| Plan::new(&net, Level::here()));
-        let completer = Self::new(net, weights.record.normalisation, fit, device);
+        let mut completer = Self::new(net, weights.record.normalisation, fit, device);
+        if let Some((prior, calibration)) = recorded_prior(weights)? {
+            completer = completer.with_prior(prior, calibration.deviation);
+        }
         Ok(match plan.flatten() {
             None => completer,
             Some(plan) => Self {
@@ -202,6 +154,18 @@ impl Completer {
             engine: Engine::Net(Box::new(net), device.clone()),
             normalisation,
             fit,
+            prior: None,
+            deviation: 1.0,
+        }
+    }
+
+    /// Knows which weights are likely, and by what to multiply the standard deviations of pixels.
+    #[must_use]
+    pub fn with_prior(self, prior: Prior, deviation: f64) -> Self {
+        Self {
+            prior: Some(prior),
+            deviation,
+            ..self
         }
     }
 
@@ -258,23 +222,14 @@ impl Completer {
         let started = Instant::now();
         // On a thread of the pool, which need not be awaited for each step.
         let (fit, reading) = rayon::scope(|_| {
-            let (rows, depths) = at_points(bases, sparse);
+            let gathered = Gathered::new(bases, sparse, None)?;
             let reading = started.elapsed();
-            fit(&rows, &depths, &self.fit).map(|fit| (fit, reading))
+            self.fit_gathered(&gathered).map(|fit| (fit, reading))
         })?;
         let fitting = started.elapsed();
 
         let started = Instant::now();
-        let size = size.unwrap_or(Size {
-            height: sparse.height(),
-            width: sparse.width(),
-        });
-        let mut values = bases.combine((size.height, size.width), &fit.weights);
-        let (low, high) = sparse.range().unwrap_or((0.0, 0.0));
-        for value in &mut values {
-            *value = value.clamp(low / RANGE, high * RANGE);
-        }
-        let depth = DepthMap::new(size.width, size.height, values)?;
+        let depth = self.dense(bases, &fit, sparse, size)?;
         Ok(Completion {
             depth,
             fit,
@@ -287,24 +242,57 @@ impl Completer {
         })
     }
 
-    /// What the residual of each point would be, in metres and in the order of
-    /// [`DepthMap::points`], had it been left out of the fit that `complete_with` or `fit` made of the
-    /// same points: the error to expect where there is no point.
+    /// Fits base functions to points, without a dense depth map. `deviations` has the standard deviation
+    /// of each point in metres at its pixel.
     ///
     /// # Errors
-    /// Damaged weights.
-    pub fn left_out(&self, bases: &ImageBases, sparse: &DepthMap, fit: &Fit) -> Result<Vec<f64>> {
-        let (rows, _) = at_points(bases, sparse);
-        left_out(&rows, fit, &self.fit)
+    /// No point, deviations of another size or not one to a point, or damaged weights.
+    pub fn fit(
+        &self,
+        bases: &ImageBases,
+        sparse: &DepthMap,
+        deviations: Option<&DepthMap>,
+    ) -> Result<Fit> {
+        self.fit_gathered(&Gathered::new(bases, sparse, deviations)?)
     }
 
-    /// Fits base functions to points, without a dense depth map.
+    fn fit_gathered(&self, gathered: &Gathered) -> Result<Fit> {
+        fit(&gathered.points(), &self.fit, self.prior.as_ref())
+    }
+
+    /// The dense depth of a fit to `sparse`, at `size` or the size of `sparse`.
+    ///
+    /// # Errors
+    /// An implausible size.
+    pub fn dense(
+        &self,
+        bases: &ImageBases,
+        fit: &Fit,
+        sparse: &DepthMap,
+        size: Option<Size>,
+    ) -> Result<DepthMap> {
+        let size = size.unwrap_or_else(|| size_of(sparse));
+        let mut values = bases.combine((size.height, size.width), &fit.weights);
+        let (low, high) = sparse.range().unwrap_or((0.0, 0.0));
+        for value in &mut values {
+            *value = (fit.space.depth(f64::from(*value)) as f32).clamp(low / RANGE, high * RANGE);
+        }
+        DepthMap::new(size.width, size.height, values)
+    }
+
+    /// What a prior over weights is learned from.
     ///
     /// # Errors
     /// No point, or damaged weights.
-    pub fn fit(&self, bases: &ImageBases, sparse: &DepthMap) -> Result<Fit> {
-        let (rows, depths) = at_points(bases, sparse);
-        fit(&rows, &depths, &self.fit)
+    pub fn moments(&self, bases: &ImageBases, sparse: &DepthMap) -> Result<ImageMoments> {
+        let gathered = Gathered::new(bases, sparse, None)?;
+        ImageMoments::new(&gathered.points())
+    }
+
+    /// The leverage of each point, in the order of [`DepthMap::points`].
+    pub fn leverages(&self, bases: &ImageBases, sparse: &DepthMap, fit: &Fit) -> Vec<f64> {
+        let (places, _) = places(sparse);
+        fit.leverages(&at_places(bases, sparse, &places))
     }
 
     /// The base functions of an image. A larger image than those of training is first reduced to
@@ -339,23 +327,65 @@ impl Completer {
     }
 }
 
-/// Completes with a method that needs no training.
-///
-/// # Errors
-/// Image and sparse depths of different sizes, or no point.
-pub fn complete_classic(method: Classic, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
-    check_sizes(rgb, sparse)?;
-    method.complete(rgb, sparse)
+/// The points of a map with the base functions at them.
+struct Gathered {
+    bases: Vec<f32>,
+    depths: Vec<f32>,
+    deviations: Option<Vec<f32>>,
+    places: Vec<[usize; 2]>,
 }
 
-/// Base functions `[points, N + 1]` and depths at the points.
-fn at_points(bases: &ImageBases, sparse: &DepthMap) -> (Vec<f32>, Vec<f32>) {
-    let (pixels, depths): (Vec<u32>, Vec<f32>) = sparse
-        .points()
-        .map(|p| ((p.y * sparse.width() + p.x) as u32, p.depth))
-        .unzip();
-    let rows = bases.at((sparse.height(), sparse.width()), &pixels);
-    (rows, depths)
+impl Gathered {
+    fn new(bases: &ImageBases, sparse: &DepthMap, deviations: Option<&DepthMap>) -> Result<Self> {
+        let (places, depths) = places(sparse);
+        let deviations = deviations.map(|map| {
+            let (size, other) = (size_of(sparse), size_of(map));
+            if size == other {
+                Ok(places
+                    .iter()
+                    .map(|&[x, y]| map.values()[y * map.width() + x])
+                    .collect())
+            } else {
+                Err(Error::shape(format!(
+                    "the sparse depths are {size} but their deviations are {other}"
+                )))
+            }
+        });
+        Ok(Self {
+            bases: at_places(bases, sparse, &places),
+            depths,
+            deviations: deviations.transpose()?,
+            places,
+        })
+    }
+
+    fn points(&self) -> Points<'_> {
+        Points {
+            bases: &self.bases,
+            depths: &self.depths,
+            deviations: self.deviations.as_deref(),
+            places: Some(&self.places),
+        }
+    }
+}
+
+fn size_of(map: &DepthMap) -> Size {
+    Size {
+        height: map.height(),
+        width: map.width(),
+    }
+}
+
+/// The pixels (x, y) and depths of all points.
+fn places(sparse: &DepthMap) -> (Vec<[usize; 2]>, Vec<f32>) {
+    sparse.points().map(|p| ([p.x, p.y], p.depth)).unzip()
+}
+
+/// Base functions `[points, N + 1]` at the points of a map.
+fn at_places(bases: &ImageBases, sparse: &DepthMap, places: &[[usize; 2]]) -> Vec<f32> {
+    let pixel = |[x, y]: &[usize; 2]| (y * sparse.width() + x) as u32;
+    let pixels: Vec<u32> = places.iter().map(pixel).collect();
+    bases.at((sparse.height(), sparse.width()), &pixels)
 }
 
 /// Whether image and sparse depths show the same pixels.
@@ -376,28 +406,4 @@ pub fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
     .hint(
         "both must show the same pixels; move the points to the image's size, do not interpolate",
     ))
-}
-
-/// A short name of the weights that [`open_weights`] would read: changes with every bit of them.
-///
-/// # Errors
-/// A file that cannot be read.
-pub fn weights_name(path: Option<&Path>) -> Result<String> {
-    let Some(path) = path else {
-        return Ok(format!("of the program, {:016x}", hash(&[EMBEDDED])));
-    };
-    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
-    Ok(format!("`{}`, {:016x}", path.display(), hash(&[&bytes])))
-}
-
-/// Weights from a file, or those that come with the program.
-///
-/// # Errors
-/// A file that cannot be read or is no weights file.
-pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
-    let Some(path) = path else {
-        return Weights::from_bytes(EMBEDDED, "embedded weights");
-    };
-    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
-    Weights::from_bytes(&bytes, &path.display().to_string())
 }

@@ -1,0 +1,129 @@
+//! Settings of the fit.
+
+use super::lstsq::Solver;
+use super::{Lambda, Robust, Space};
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
+
+/// What is assumed of the weights before any depth is seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PriorKind {
+    /// Nothing: the paper's fit, or a ridge.
+    #[default]
+    None,
+    /// Equal variances, the constant free.
+    Flat,
+    /// Mean and covariance over training images, which the weights file holds.
+    Learned,
+}
+
+impl PriorKind {
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::None, Self::Flat, Self::Learned];
+
+    /// The name in configs and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Flat => "flat",
+            Self::Learned => "learned",
+        }
+    }
+}
+
+/// How weights are found; the defaults are the paper's.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FitConfig {
+    /// Singular values below this share of the largest are left out (paper Algorithm 1). The
+    /// default is 129 times the epsilon of f32.
+    pub rcond: f64,
+    /// Added to the normal equations, as a share of their mean diagonal; 0 is the paper's fit.
+    pub ridge: f64,
+    /// What is assumed of the weights: "none", "flat" or "learned". Takes the place of `rcond` and `ridge`.
+    pub prior: PriorKind,
+    /// How strongly the fit is drawn towards the prior: "evidence", "gcv", or the ratio of the variances of noise and
+    /// prior.
+    pub lambda: Lambda,
+    /// What base functions add up to: "depth" (the paper's), "log" or "inverse" depth.
+    pub space: Space,
+    /// A fit that does not follow outliers (paper Algorithm 2).
+    #[serde(alias = "irls")]
+    pub robust: Option<Robust>,
+}
+
+impl Default for FitConfig {
+    fn default() -> Self {
+        Self {
+            rcond: 1.5e-5,
+            ridge: 0.0,
+            prior: PriorKind::None,
+            lambda: Lambda::Evidence,
+            space: Space::Depth,
+            robust: None,
+        }
+    }
+}
+
+impl FitConfig {
+    /// The solver of one linear problem without a prior.
+    pub fn solver(&self) -> Solver {
+        if self.ridge > 0.0 {
+            Solver::Ridge(self.ridge)
+        } else {
+            Solver::Truncated(self.rcond)
+        }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check(&self) -> Result<()> {
+        if !(0.0..1.0).contains(&self.rcond) {
+            return Err(Error::config("`fit.rcond` must be in [0, 1)"));
+        }
+        if !(self.ridge >= 0.0 && self.ridge.is_finite()) {
+            return Err(Error::config("`fit.ridge` must be 0 or more"));
+        }
+        if let Lambda::Fixed(lambda) = self.lambda
+            && !(lambda > 0.0 && lambda.is_finite())
+        {
+            return Err(Error::config("`fit.lambda` must be above 0"));
+        }
+        self.robust.map_or(Ok(()), Robust::check)
+    }
+}
+
+impl Display for FitConfig {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self.space {
+            Space::Depth => write!(f, "fit")?,
+            space => write!(f, "fit in {} depth", space.name())?,
+        }
+        match (self.prior, self.lambda) {
+            (PriorKind::None, _) if self.ridge > 0.0 => {
+                write!(f, " with a ridge of {}", self.ridge)?;
+            }
+            (PriorKind::None, _) => write!(f, " by SVD, truncated at {}", self.rcond)?,
+            (prior, Lambda::Fixed(lambda)) => {
+                write!(f, " with the {} prior, lambda {lambda}", prior.name())?;
+            }
+            (prior, Lambda::Evidence) => write!(f, " with the {} prior by evidence", prior.name())?,
+            (prior, Lambda::Gcv) => {
+                write!(f, " with the {} prior by cross-validation", prior.name())?;
+            }
+        }
+        match self.robust {
+            None => Ok(()),
+            Some(robust) => write!(
+                f,
+                ", {} of up to {} rounds",
+                robust.loss.name(),
+                robust.iterations
+            ),
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! The ways to complete depth, by name.
+
+use super::check_sizes;
+use crate::classic::Classic;
+use crate::data::DepthMap;
+use crate::error::{Error, Result};
+use image::RgbImage;
+use serde::{Deserialize, Serialize};
+
+/// A way to complete depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum Method {
+    /// Base functions fitted to the points.
+    Lsdc,
+    /// A method without training.
+    Classic(Classic),
+}
+
+impl Method {
+    /// All methods.
+    pub fn all() -> impl Iterator<Item = Self> {
+        std::iter::once(Self::Lsdc).chain(Classic::ALL.map(Self::Classic))
+    }
+
+    /// The name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Lsdc => "lsdc",
+            Self::Classic(classic) => classic.name(),
+        }
+    }
+}
+
+impl std::str::FromStr for Method {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        Self::all().find(|m| m.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = Self::all().map(Self::name).collect();
+            Error::config(format!("unknown method `{name}`"))
+                .hint(format!("methods: {}", names.join(", ")))
+        })
+    }
+}
+
+impl TryFrom<String> for Method {
+    type Error = Error;
+
+    fn try_from(name: String) -> Result<Self> {
+        name.parse()
+    }
+}
+
+impl From<Method> for String {
+    fn from(method: Method) -> Self {
+        method.name().to_owned()
+    }
+}
+
+/// Completes with a method that needs no training.
+///
+/// # Errors
+/// Image and sparse depths of different sizes, or no point.
+pub fn complete_classic(method: Classic, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+    check_sizes(rgb, sparse)?;
+    method.complete(rgb, sparse)
+}

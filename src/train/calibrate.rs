@@ -1,0 +1,150 @@
+//! What is learned about base functions once they are trained: which weights are likely, and how far
+//! predictions are off.
+
+use super::TrainConfig;
+use crate::data::{Dataset, Frame};
+use crate::error::{Error, Result};
+use crate::fit::{FitConfig, ImageMoments, NoisePrior, Prior, PriorKind};
+use crate::model::Weights;
+use crate::predict::{Completer, record_fit, record_prior};
+use crate::rng;
+use crate::sample::{Pattern, Protocol};
+use burn::tensor::Device;
+use rayon::prelude::*;
+
+/// Training images that a prior is learned from at most.
+const IMAGES: usize = 2000;
+/// Points of each.
+const POINTS: usize = 400;
+/// How many points the size of the covariance counts as much as: images differ.
+const TRUST: f64 = 5.0;
+/// The share of normal errors within one standard deviation.
+const ONE_DEVIATION: f64 = 0.6827;
+
+/// Frames to train on and `count` frames to measure on: the latter are those whose names have the
+/// smallest hashes, so that adding frames moves few.
+pub fn divide(frames: &dyn Dataset, count: usize) -> (Vec<usize>, Vec<usize>) {
+    let mut order: Vec<usize> = (0..frames.len()).collect();
+    order.sort_by_key(|&i| rng::hash(&["held out", &frames.id(i)]));
+    let count = count.min(order.len() / 2);
+    let mut training = order.split_off(count);
+    training.sort_unstable();
+    (training, order)
+}
+
+/// Learns the prior over weights from the frames that `config` trained on, the strength of the noise and the
+/// scale of standard deviations from those that it held out (from all, if it held out none), with 500 points each,
+/// and keeps them in `weights`. Calls `progress` with the number of frames seen and of all.
+///
+/// # Errors
+/// Frames that cannot be read, or fewer than two.
+pub fn calibrate(
+    weights: &mut Weights,
+    frames: &dyn Dataset,
+    config: &TrainConfig,
+    device: &Device,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<()> {
+    let (mut training, mut held_out) = divide(frames, config.held_out);
+    if held_out.is_empty() {
+        held_out.clone_from(&training);
+    }
+    training.sort_by_key(|&i| rng::hash(&["prior", &frames.id(i)]));
+    training.truncate(IMAGES);
+    let completer = Completer::with_weights(weights, device)?;
+    let fit = *completer.fit_config();
+    let total = training.len() + held_out.len();
+    let load = |index: usize| frame(frames, index, &config.protocol);
+
+    let mut images = Vec::with_capacity(training.len());
+    for some in training.chunks(rayon::current_num_threads()) {
+        let found: Vec<ImageMoments> = some
+            .par_iter()
+            .map(|&index| {
+                let frame = load(index)?;
+                let sparse = Pattern::Exactly(POINTS).draw(&frame, config.seed)?;
+                completer.moments(&completer.bases(&frame.rgb)?, &sparse)
+            })
+            .collect::<Result<_>>()?;
+        images.extend(found);
+        progress(images.len(), total);
+    }
+    let unknown = NoisePrior {
+        mean: 0.0,
+        deviation: None,
+        trust: TRUST,
+    };
+    let prior = Prior::learn(&images)?;
+    let unknown = NoisePrior {
+        mean: prior.noise().mean,
+        ..unknown
+    };
+
+    // With 500 points there is no need to know the noise beforehand.
+    let completer = completer
+        .with_prior(prior.clone().with_noise(unknown), 1.0)
+        .with_fit(FitConfig {
+            prior: PriorKind::Learned,
+            robust: None,
+            ..FitConfig::default()
+        });
+    let mut lambdas = Vec::new();
+    let mut ratios: Vec<f64> = Vec::new();
+    for (done, &index) in held_out.iter().enumerate() {
+        let frame = load(index)?;
+        let bases = completer.bases(&frame.rgb)?;
+        let sparse = Pattern::Exactly(500).draw(&frame, config.seed)?;
+        let completion = completer.complete_with(&bases, &sparse, None)?;
+        lambdas.extend(completion.fit.lambda.map(f64::ln));
+        let depth = &completion.depth;
+        let deviations = completer.deviation(&bases, &sparse, &completion.fit, depth)?;
+        let pixels = depth.values().iter().zip(deviations.values());
+        for ((depth, deviation), truth) in pixels.zip(frame.depth.values()) {
+            if *truth > 0.0 && *deviation > 0.0 {
+                ratios.push(f64::from((depth - truth).abs() / deviation));
+            }
+        }
+        progress(images.len() + done + 1, total);
+    }
+    let noise = NoisePrior {
+        deviation: Some(deviation(&lambdas).max(0.3)),
+        mean: mean(&lambdas),
+        trust: TRUST,
+    };
+    record_prior(
+        weights,
+        &prior.with_noise(noise),
+        quantile(ratios, ONE_DEVIATION),
+    )?;
+    record_fit(
+        weights,
+        &FitConfig {
+            prior: PriorKind::Learned,
+            ..fit
+        },
+    )
+}
+
+fn frame(frames: &dyn Dataset, index: usize, protocol: &Protocol) -> Result<Frame> {
+    let frame = protocol.apply(&frames.load(index)?)?;
+    if frame.depth.count() == 0 {
+        return Err(Error::shape(format!("frame `{}` has no depth", frame.id)));
+    }
+    Ok(frame)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+fn deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    (squares / values.len().saturating_sub(1).max(1) as f64).sqrt()
+}
+
+fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let at = (values.len() as f64 * share) as usize;
+    values.get(at).copied().unwrap_or(1.0)
+}
