@@ -13,7 +13,7 @@ mod space;
 mod tests;
 
 pub use config::{FitConfig, PriorKind};
-pub use lstsq::{LstsqBackend, Problem, Solution, Solver, lstsq};
+pub use lstsq::{Factored, LstsqBackend, Problem, Solution, Solver, lstsq};
 pub use noise::LocalNoise;
 pub use outcome::{Fit, root_mean_square};
 pub use points::Points;

@@ -12,7 +12,8 @@ use burn::backend::tensor::FloatTensor;
 struct LstsqBackward;
 
 impl<B: LstsqBackend> Backward<B, 2> for LstsqBackward {
-    type State = (NodeId, NodeId, FloatTensor<B>, Solver);
+    /// Bases and depths, weights, solution, factor.
+    type State = (NodeId, NodeId, [FloatTensor<B>; 3], Solver);
 
     fn backward(
         self,
@@ -22,10 +23,11 @@ impl<B: LstsqBackend> Backward<B, 2> for LstsqBackward {
     ) {
         let [bases_node, depths_node] = ops.parents;
         let grad = grads.consume::<B>(&ops.node);
-        let (bases, depths, weights, solver) = ops.state;
+        let (bases, depths, [weights, solution, factor], solver) = ops.state;
         let bases: FloatTensor<B> = checkpointer.retrieve_node_output(bases);
         let depths: FloatTensor<B> = checkpointer.retrieve_node_output(depths);
-        let (bases, depths) = B::lstsq_backward(bases, depths, weights, grad, solver);
+        let (bases, depths) =
+            B::lstsq_backward(bases, depths, weights, solution, factor, grad, solver);
         if let Some(node) = bases_node {
             grads.register::<B>(node.id, bases);
         }
@@ -51,8 +53,9 @@ impl<B: LstsqBackend, C: CheckpointStrategy> LstsqBackend for Autodiff<B, C> {
             OpsKind::Tracked(mut prep) => {
                 let (f, d) = (prep.checkpoint(&bases), prep.checkpoint(&depths));
                 let (bases, depths) = (bases.into_primitive(), depths.into_primitive());
-                let solution = B::lstsq(bases, depths, weights.clone(), solver);
-                prep.finish((f, d, weights, solver), solution)
+                let (solution, factor) = B::lstsq_factor(bases, depths, weights.clone(), solver);
+                let state = [weights, solution.clone(), factor];
+                prep.finish((f, d, state, solver), solution)
             }
             OpsKind::UnTracked(prep) => prep.finish(B::lstsq(
                 bases.into_primitive(),
@@ -63,10 +66,27 @@ impl<B: LstsqBackend, C: CheckpointStrategy> LstsqBackend for Autodiff<B, C> {
         }
     }
 
+    fn lstsq_factor(
+        bases: FloatTensor<Self>,
+        depths: FloatTensor<Self>,
+        weights: FloatTensor<Self>,
+        solver: Solver,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        let (solution, factor) = B::lstsq_factor(
+            bases.into_primitive(),
+            depths.into_primitive(),
+            weights.into_primitive(),
+            solver,
+        );
+        (Self::from_inner(solution), Self::from_inner(factor))
+    }
+
     fn lstsq_backward(
         bases: FloatTensor<Self>,
         depths: FloatTensor<Self>,
         weights: FloatTensor<Self>,
+        solution: FloatTensor<Self>,
+        factor: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         solver: Solver,
     ) -> (FloatTensor<Self>, FloatTensor<Self>) {
@@ -74,6 +94,8 @@ impl<B: LstsqBackend, C: CheckpointStrategy> LstsqBackend for Autodiff<B, C> {
             bases.into_primitive(),
             depths.into_primitive(),
             weights.into_primitive(),
+            solution.into_primitive(),
+            factor.into_primitive(),
             grad.into_primitive(),
             solver,
         );

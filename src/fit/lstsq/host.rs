@@ -31,18 +31,40 @@ pub(super) fn forward<B: Backend>(
     depths: FloatTensor<B>,
     weights: FloatTensor<B>,
     solver: Solver,
-) -> FloatTensor<B> {
+) -> (FloatTensor<B>, FloatTensor<B>) {
     let device = bases.device();
     let (dtype, shape) = (bases.dtype(), bases.shape());
     let batch = read_batch::<B>(bases, depths, weights);
-    let solutions: Vec<Vec<f64>> = batch
+    let columns = batch.columns;
+    let (solutions, factors): (Vec<_>, Vec<_>) = batch
         .problems()
         .map(|problem| match problem.solve(solver) {
-            Ok(solution) => solution.weights,
-            Err(_) => vec![f64::NAN; batch.columns],
+            Ok(solution) => {
+                let factor = &solution.factor;
+                let square = (0..columns * columns).map(|at| {
+                    let (i, j) = (at / columns, at % columns);
+                    if j < factor.ncols() {
+                        factor[(i, j)]
+                    } else {
+                        0.0
+                    }
+                });
+                (solution.weights, square.collect())
+            }
+            Err(_) => (vec![f64::NAN; columns], vec![f64::NAN; columns * columns]),
         })
-        .collect();
-    write::<B>(solutions.concat(), vec![shape[0], shape[2]], dtype, &device)
+        .unzip();
+    let (images, columns) = (shape[0], shape[2]);
+    let factors: Vec<Vec<f64>> = factors;
+    (
+        write::<B>(solutions.concat(), vec![images, columns], dtype, &device),
+        write::<B>(
+            factors.concat(),
+            vec![images, columns, columns],
+            dtype,
+            &device,
+        ),
+    )
 }
 
 pub(super) fn backward<B: Backend>(
