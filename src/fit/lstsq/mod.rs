@@ -21,7 +21,7 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::Tensor;
 
-/// Backends that solve; the defaults read the tensors, solve on the host and write back.
+/// Backends that solve.
 #[backend_extension(
     Autodiff,
     Flex,
@@ -47,28 +47,52 @@ pub trait LstsqBackend: Backend {
         depths: FloatTensor<Self>,
         weights: FloatTensor<Self>,
         solver: Solver,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-        host::forward::<Self>(bases, depths, weights, solver)
-    }
+    ) -> (FloatTensor<Self>, FloatTensor<Self>);
 
     /// The gradients of `bases` and `depths` from that of the solution.
     fn lstsq_backward(
         bases: FloatTensor<Self>,
         depths: FloatTensor<Self>,
         weights: FloatTensor<Self>,
-        _solution: FloatTensor<Self>,
-        _factor: FloatTensor<Self>,
+        solution: FloatTensor<Self>,
+        factor: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         solver: Solver,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-        host::backward::<Self>(bases, depths, weights, grad, solver)
-    }
+    ) -> (FloatTensor<Self>, FloatTensor<Self>);
 }
 
-impl LstsqBackend for burn::backend::Flex {}
+/// Reads the tensors, solves on the host and writes back.
+macro_rules! on_the_host {
+    ($backend:ty) => {
+        impl LstsqBackend for $backend {
+            fn lstsq_factor(
+                bases: FloatTensor<Self>,
+                depths: FloatTensor<Self>,
+                weights: FloatTensor<Self>,
+                solver: Solver,
+            ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+                host::forward::<Self>(bases, depths, weights, solver)
+            }
+
+            fn lstsq_backward(
+                bases: FloatTensor<Self>,
+                depths: FloatTensor<Self>,
+                weights: FloatTensor<Self>,
+                _: FloatTensor<Self>,
+                _: FloatTensor<Self>,
+                grad: FloatTensor<Self>,
+                solver: Solver,
+            ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+                host::backward::<Self>(bases, depths, weights, grad, solver)
+            }
+        }
+    };
+}
+
+on_the_host!(burn::backend::Flex);
 
 #[cfg(feature = "ndarray")]
-impl LstsqBackend for burn_ndarray::NdArray {}
+on_the_host!(burn_ndarray::NdArray);
 
 /// Minimises `sum_i weights_i (depths_i - bases_i . x)^2` for every image of a batch.
 ///

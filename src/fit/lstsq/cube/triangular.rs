@@ -22,7 +22,8 @@ pub(super) fn invert(r: &[f32], inverse: &mut [f32], k: u32, first: u32, last: u
                 if c == i {
                     value = 1.0f32;
                 }
-                for l in i + 1..c + 1 {
+                let end = c + 1;
+                for l in i + 1..end {
                     value -= r[base + i * (k + 1) + l] * inverse[out + l * k + c];
                 }
                 value /= diagonal;
@@ -55,7 +56,8 @@ pub(super) fn substitute(
     let mut zeros = 0.0f32;
     let mut c = unit;
     while c < k {
-        for i in 0..c + 1 {
+        let end = c + 1;
+        for i in 0..end {
             let a = r[base + i * (k + 1) + c];
             let b = inverse[out + i * k + c];
             forward += a * a;
