@@ -1,9 +1,10 @@
-//! The least-squares solve alone: 129 base functions, 500 and 1000 points, one thread.
+//! The least-squares solve alone: 129 base functions, 500 and 1000 points, one thread; and a fit that
+//! takes points one at a time.
 //!
 //!     cargo bench --bench solve
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lsdc::fit::{Problem, Solver};
+use lsdc::fit::{Problem, RunningFit, Solver};
 use lsdc::rng::Rng;
 use std::hint::black_box;
 
@@ -29,5 +30,22 @@ fn solve(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, solve);
+fn running(criterion: &mut Criterion) {
+    let mut rng = Rng::stream(0, &["bench"]);
+    let bases: Vec<f32> = (0..600 * FUNCTIONS).map(|_| rng.normal()).collect();
+    let depths = vec![2.0; 600];
+    let mut fit = RunningFit::new(FUNCTIONS, 1e-3).expect("a positive strength");
+    fit.add(&bases, &depths, 1.0).expect("sound points");
+    let mut group = criterion.benchmark_group("running fit");
+    // Half of what it takes: one point in and out again.
+    group.bench_function("a point in, a point out", |bencher| {
+        bencher.iter(|| {
+            fit.add(black_box(&bases[..FUNCTIONS]), &depths[..1], 1.0)?;
+            fit.remove(black_box(&bases[..FUNCTIONS]), &depths[..1], 1.0)
+        });
+    });
+    group.bench_function("weights", |bencher| bencher.iter(|| fit.weights()));
+}
+
+criterion_group!(benches, solve, running);
 criterion_main!(benches);

@@ -185,6 +185,10 @@ pub(super) struct Eval {
     pub(super) method: Vec<Method>,
     #[command(flatten)]
     pub(super) fit: FitFlags,
+    /// Measure the standard deviations of `lsdc` too: how many errors they cover, and how well they rank
+    /// them.
+    #[arg(long)]
+    pub(super) uncertainty: bool,
     /// Score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
     /// named as `lsdc export` names frames; may be repeated.
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]

@@ -45,6 +45,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         noise: eval.noise,
         seeds: eval.draws(),
         rules: eval.rules,
+        uncertainty: args.uncertainty,
         limit: eval.limit,
     };
     let name = format!("{} {}", config.data.dataset.name(), args.split.name());
@@ -53,7 +54,14 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     } else {
         format!("{}: {}", preset.name, preset.source)
     };
-    let weights = network.as_ref().map(|(_, name)| name.clone());
+    let measured = if args.uncertainty {
+        ", with its standard deviations"
+    } else {
+        ""
+    };
+    let weights = network
+        .as_ref()
+        .map(|(_, name)| format!("{name}{measured}"));
     let heading = evaluation.heading(&name, &followed, weights);
     let journal = match &folder {
         None => Journal::none(),

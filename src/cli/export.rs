@@ -26,6 +26,7 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
         noise: args.noise.or(eval.noise),
         seeds: vec![args.seed],
         rules: Rules::default(),
+        uncertainty: false,
         limit: args.limit,
     };
     let indices = match args.index {

@@ -2,7 +2,7 @@
 
 use crate::data::{DepthMap, Frame, read_depth};
 use crate::error::{Cause, Error, Result};
-use crate::predict::{Completer, ImageBases, Method, complete_classic};
+use crate::predict::{Completer, Completion, ImageBases, Method, complete_classic};
 use std::path::{Path, PathBuf};
 
 /// A source of predictions.
@@ -15,30 +15,46 @@ pub enum Candidate {
 }
 
 /// What the predictions of a frame have in common: its base functions.
-pub(super) struct Prepared<'a>(Option<(&'a Completer, ImageBases)>);
+pub(super) struct Prepared<'a> {
+    network: Option<(&'a Completer, ImageBases)>,
+    uncertainty: bool,
+}
 
 impl<'a> Prepared<'a> {
-    pub(super) fn new(completer: Option<&'a Completer>, frame: &Frame) -> Result<Self> {
-        Ok(Self(match completer {
+    pub(super) fn new(
+        completer: Option<&'a Completer>,
+        frame: &Frame,
+        uncertainty: bool,
+    ) -> Result<Self> {
+        let network = match completer {
             None => None,
             Some(completer) => Some((completer, completer.bases(&frame.rgb)?)),
-        }))
+        };
+        Ok(Self {
+            network,
+            uncertainty,
+        })
     }
 
-    /// The depth map of a candidate for a frame and its points.
+    /// The depth map of a candidate for a frame and its points, and the standard deviations if they
+    /// are asked for and the candidate has them.
     pub(super) fn predict(
         &self,
         candidate: &Candidate,
         frame: &Frame,
         sparse: &DepthMap,
         seed: u64,
-    ) -> Result<DepthMap> {
-        match (candidate, &self.0) {
+    ) -> Result<(DepthMap, Option<DepthMap>)> {
+        match (candidate, &self.network) {
             (Candidate::Method(Method::Classic(method)), _) => {
-                complete_classic(*method, &frame.rgb, sparse)
+                Ok((complete_classic(*method, &frame.rgb, sparse)?, None))
             }
             (Candidate::Method(Method::Lsdc), Some((completer, bases))) => {
-                Ok(completer.complete_with(bases, sparse, None)?.depth)
+                let Completion { depth, fit, .. } = completer.complete_with(bases, sparse, None)?;
+                let deviations = self
+                    .uncertainty
+                    .then(|| completer.deviation(bases, sparse, &fit, &depth));
+                Ok((depth, deviations.transpose()?))
             }
             (Candidate::Method(Method::Lsdc), None) => {
                 Err(Error::weights("method `lsdc` needs a network"))
@@ -46,7 +62,7 @@ impl<'a> Prepared<'a> {
             (Candidate::Files(folder), _) => {
                 let prediction = read(folder, &frame.id, seed)?;
                 check(&prediction, frame, folder)?;
-                Ok(prediction)
+                Ok((prediction, None))
             }
         }
     }

@@ -13,7 +13,7 @@ pub use shard::Shard;
 use crate::classic::distances;
 use crate::data::{Dataset, DepthMap, Frame};
 use crate::error::{Error, Result};
-use crate::metrics::{Metric, Profile, Rules, Scores};
+use crate::metrics::{Certainty, Metric, Profile, Rules, Scores};
 use crate::predict::{Completer, RANGE};
 use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
 use crate::sample::{Noise, Pattern, Protocol};
@@ -39,6 +39,8 @@ pub struct Evaluation<'a> {
     pub seeds: Vec<u64>,
     /// What the measures leave open.
     pub rules: Rules,
+    /// Whether the standard deviations of `lsdc` are measured.
+    pub uncertainty: bool,
     /// Only the first frames.
     pub limit: Option<usize>,
 }
@@ -139,7 +141,7 @@ impl Evaluation<'_> {
     /// One record for each seed.
     fn measure(&self, index: usize) -> Result<Vec<Record>> {
         let frame = self.frame(index)?;
-        let prepared = Prepared::new(self.completer, &frame)?;
+        let prepared = Prepared::new(self.completer, &frame, self.uncertainty)?;
         self.seeds
             .iter()
             .map(|&seed| {
@@ -149,10 +151,13 @@ impl Evaluation<'_> {
                     .candidates
                     .iter()
                     .map(|(_, candidate)| {
-                        let depth = prepared.predict(candidate, &frame, &sparse, seed)?;
+                        let (depth, deviations) =
+                            prepared.predict(candidate, &frame, &sparse, seed)?;
+                        let truth = &frame.depth;
                         Ok(Outcome {
-                            scores: Scores::of(&depth, &frame.depth, &self.rules)?,
-                            profile: Profile::of(&depth, &frame.depth, &far),
+                            scores: Scores::of(&depth, truth, &self.rules)?,
+                            profile: Profile::of(&depth, truth, &far),
+                            certainty: deviations.map(|d| Certainty::of(&depth, truth, &d)),
                         })
                     })
                     .collect::<Result<_>>()?;
@@ -177,12 +182,12 @@ impl Evaluation<'_> {
             .ok_or_else(|| Error::config(format!("there is no frame `{id}`")))?;
         let frame = self.frame(index)?;
         let sparse = self.points(&frame, seed)?;
-        let prepared = Prepared::new(self.completer, &frame)?;
+        let prepared = Prepared::new(self.completer, &frame, false)?;
         let predictions = self
             .candidates
             .iter()
             .map(|(name, candidate)| {
-                let depth = prepared.predict(candidate, &frame, &sparse, seed)?;
+                let (depth, _) = prepared.predict(candidate, &frame, &sparse, seed)?;
                 let scores = Scores::of(&depth, &frame.depth, &self.rules)?;
                 Ok((name.clone(), scores[Metric::Rmse], depth))
             })

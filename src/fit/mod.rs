@@ -7,6 +7,7 @@ mod outcome;
 mod points;
 mod prior;
 mod robust;
+mod running;
 mod shrink;
 mod space;
 #[cfg(test)]
@@ -19,6 +20,7 @@ pub use outcome::{Fit, root_mean_square};
 pub use points::Points;
 pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use robust::{Loss, Robust};
+pub use running::RunningFit;
 pub use shrink::Lambda;
 pub use space::Space;
 

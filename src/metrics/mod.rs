@@ -1,11 +1,13 @@
 //! Errors of a dense depth map against the truth, and their averages. No tensors.
 
+mod certainty;
 mod edge;
 mod paired;
 mod profile;
 mod scores;
 mod tally;
 
+pub use certainty::{Certainty, SLICES, Slice};
 pub use paired::Difference;
 pub use profile::{Axis, Bin, Profile};
 pub use scores::{Metric, Rules, Scores};

@@ -146,7 +146,26 @@ impl Report {
                 .map(|(i, v)| (share(i), v))
                 .collect()
         };
+        // By the prediction, and at best.
+        let mut left: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
+        for (name, certainty) in names.iter().zip(&self.certainties) {
+            if let Some(certainty) = certainty {
+                let curve = certainty.sparsification();
+                let line = |of: fn(&(f64, f64, f64)) -> f64| -> Vec<(f64, f64)> {
+                    curve.iter().map(|p| (100.0 * p.0, of(p))).collect()
+                };
+                left.push((name, line(|p| p.1)));
+                left.push(("at best", line(|p| p.2)));
+            }
+        }
         let charts = [
+            Chart {
+                title: "RMSE of the pixels that are left (lower line: at best)",
+                across: "most uncertain pixels removed, %",
+                up: "RMSE, m",
+                logarithmic: false,
+                lines: left,
+            },
             Chart {
                 title: "Mean absolute error against depth",
                 across: "true depth, m",

@@ -3,7 +3,7 @@
 use super::{Failure, FrameScores, Heading, Report};
 use crate::data::{Place, write_atomically};
 use crate::error::{Error, Result};
-use crate::metrics::{Metric, Profile, Scores};
+use crate::metrics::{Certainty, Metric, Profile, Scores};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -14,6 +14,8 @@ use std::path::Path;
 struct File {
     heading: Heading,
     profiles: BTreeMap<String, Profile>,
+    #[serde(default)]
+    certainties: BTreeMap<String, Certainty>,
     frames: Vec<Line>,
     failures: Vec<Failure>,
 }
@@ -43,6 +45,10 @@ impl Report {
             })
             .collect();
         let profiles: BTreeMap<String, &Profile> = methods().zip(&self.profiles).collect();
+        let certainties: BTreeMap<String, &Certainty> = methods()
+            .zip(&self.certainties)
+            .filter_map(|(method, certainty)| Some((method, certainty.as_ref()?)))
+            .collect();
         let units: Map<String, Value> = Metric::ALL
             .iter()
             .map(|m| {
@@ -71,6 +77,7 @@ impl Report {
             "places": places,
             "differences": self.all_differences(),
             "profiles": profiles,
+            "certainties": certainties,
             "frames": frames,
             "failures": self.failures,
         })
@@ -88,6 +95,8 @@ impl Report {
         for (sum, method) in report.profiles.iter_mut().zip(&report.heading.methods) {
             *sum = file.profiles.get(method).cloned().unwrap_or_default();
         }
+        let methods = report.heading.methods.iter();
+        report.certainties = methods.map(|m| file.certainties.get(m).cloned()).collect();
         for line in file.frames {
             let methods = report.heading.methods.iter();
             let scores = methods

@@ -12,7 +12,7 @@ pub use html::{Exhibit, Role};
 
 use crate::data::Place;
 use crate::error::{Error, Result};
-use crate::metrics::{Difference, Metric, Profile, Rules, Scores, Tally, deviation};
+use crate::metrics::{Certainty, Difference, Metric, Profile, Rules, Scores, Tally, deviation};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -55,6 +55,9 @@ pub struct Outcome {
     pub scores: Scores,
     /// Where the errors are.
     pub profile: Profile,
+    /// How well they were foretold, if they were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certainty: Option<Certainty>,
 }
 
 /// One frame with one draw of points.
@@ -101,6 +104,7 @@ pub struct Report {
     /// By frame and seed; every sum runs in this order, whatever the order of measuring.
     frames: BTreeMap<(String, u64), FrameScores>,
     profiles: Vec<Profile>,
+    certainties: Vec<Option<Certainty>>,
     failures: Vec<Failure>,
 }
 
@@ -120,6 +124,7 @@ impl Report {
     pub fn new(heading: Heading) -> Self {
         Self {
             profiles: vec![Profile::default(); heading.methods.len()],
+            certainties: vec![None; heading.methods.len()],
             heading,
             frames: BTreeMap::new(),
             failures: Vec::new(),
@@ -146,6 +151,9 @@ impl Report {
         }
         for (sum, outcome) in self.profiles.iter_mut().zip(&record.outcomes) {
             sum.add(&outcome.profile);
+        }
+        for (sum, outcome) in self.certainties.iter_mut().zip(&record.outcomes) {
+            add(sum, outcome.certainty.as_ref());
         }
         let scores = FrameScores {
             points: record.points,
@@ -177,6 +185,9 @@ impl Report {
         for (sum, profile) in self.profiles.iter_mut().zip(&other.profiles) {
             sum.add(profile);
         }
+        for (sum, certainty) in self.certainties.iter_mut().zip(&other.certainties) {
+            add(sum, certainty.as_ref());
+        }
         other.failures.into_iter().for_each(|f| self.fail(f));
         Ok(())
     }
@@ -206,6 +217,11 @@ impl Report {
     /// Where the errors of each method are.
     pub fn profiles(&self) -> &[Profile] {
         &self.profiles
+    }
+
+    /// How well each method foretold its errors, if it did.
+    pub fn certainties(&self) -> &[Option<Certainty>] {
+        &self.certainties
     }
 
     /// The number of frames measured, each counted once.
@@ -310,6 +326,12 @@ impl Report {
         .collect();
         picks.dedup_by_key(|(_, frame, _)| *frame);
         picks
+    }
+}
+
+fn add(sum: &mut Option<Certainty>, certainty: Option<&Certainty>) {
+    if let Some(certainty) = certainty {
+        sum.get_or_insert_default().add(certainty);
     }
 }
 

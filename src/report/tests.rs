@@ -17,6 +17,10 @@ fn record(i: usize, seed: u64) -> Record {
     let mut rng = Rng::stream(seed, &["record", &i.to_string()]);
     let mut outcome = || {
         let values = Metric::ALL.map(|_| f64::from(rng.unit()) / 3.0);
+        let certainty = Certainty {
+            within_one: u64::from(rng.below(99)),
+            ..Certainty::default()
+        };
         let mut bins = || vec![(u64::from(rng.below(9)), u64::from(rng.below(1000))).into()];
         Outcome {
             scores: Scores::default().map(|metric, _| values[metric as usize]),
@@ -25,6 +29,7 @@ fn record(i: usize, seed: u64) -> Record {
                 distance: bins(),
                 error: bins(),
             },
+            certainty: Some(certainty),
         }
     };
     Record {

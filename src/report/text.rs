@@ -2,7 +2,7 @@
 
 use super::{Mean, Report};
 use crate::data::Place;
-use crate::metrics::Metric;
+use crate::metrics::{Metric, SLICES};
 use std::fmt::{Display, Formatter, Result};
 
 /// The measures of each table.
@@ -67,6 +67,29 @@ impl Report {
         lines
     }
 
+    /// How well methods foretold their errors, in words.
+    pub(super) fn foretold(&self) -> Vec<String> {
+        let pairs = self.heading.methods.iter().zip(&self.certainties);
+        pairs
+            .filter_map(|(method, certainty)| {
+                let certainty = certainty.as_ref()?;
+                let (one, two) = certainty.coverage();
+                let curve = certainty.sparsification();
+                Some(format!(
+                    "{method}: {:.1} % of errors below the standard deviation (68.3 % if normal), {:.1} % below 1.96 \
+                     times it (95 %); RMSE over all pixels {:.4} m, without the most uncertain quarter {:.4} m, half \
+                     {:.4} m; AUSE {:.3}",
+                    100.0 * one,
+                    100.0 * two,
+                    curve[0].1,
+                    curve[SLICES / 4].1,
+                    curve[SLICES / 2].1,
+                    certainty.ause()
+                ))
+            })
+            .collect()
+    }
+
     /// The differences to the first method in words.
     pub(super) fn comparisons(&self) -> Vec<String> {
         let first = self.heading.methods.first().map_or("", String::as_str);
@@ -104,6 +127,9 @@ impl Display for Report {
                 write!(f, "\n{name}:")?;
                 tables(f, &self.means(Some(place)))?;
             }
+        }
+        for line in self.foretold() {
+            writeln!(f, "\n{line}")?;
         }
         let comparisons = self.comparisons();
         if !comparisons.is_empty() {

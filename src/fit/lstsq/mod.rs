@@ -150,7 +150,7 @@ pub(super) fn residuals<T: Copy + Into<f64>>(bases: &[T], depths: &[f64], x: &[f
 }
 
 /// Summed in eight lanes, which vector units can do.
-fn dot<T: Copy + Into<f64>>(a: &[T], b: &[f64]) -> f64 {
+pub(super) fn dot<T: Copy + Into<f64>>(a: &[T], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (a, b) = (a.chunks(8), b.chunks(8));
     for (a, b) in a.zip(b) {

@@ -1,0 +1,198 @@
+//! How well predicted standard deviations tell errors. Counted in whole numbers, so that the sum of
+//! shards is the whole, to the last bit.
+
+use crate::data::DepthMap;
+use serde::{Deserialize, Serialize};
+
+/// Slices that the pixels of a frame are cut into, from the most certain on.
+pub const SLICES: usize = 20;
+
+/// The multiple of the standard deviation that 95 % of normal errors are below.
+const TWO: f64 = 1.959_964;
+
+/// Errors of a method against the standard deviations that it predicted.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Certainty {
+    /// Pixels whose error is below the standard deviation: 68.3 % if errors are normal.
+    pub within_one: u64,
+    /// Pixels whose error is below 1.96 standard deviations: 95 % if errors are normal.
+    pub within_two: u64,
+    /// Pixels of each frame by the standard deviation, the most certain slice first.
+    pub predicted: [Slice; SLICES],
+    /// Pixels of each frame by the error itself: the best that could be predicted.
+    pub ideal: [Slice; SLICES],
+}
+
+/// Pixels, and the sum of their squared errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "(u64, u64)", into = "(u64, u64)")]
+pub struct Slice {
+    /// How many pixels.
+    pub pixels: u64,
+    /// Their squared errors, each in whole square millimetres, summed.
+    pub squares: u64,
+}
+
+impl From<(u64, u64)> for Slice {
+    fn from((pixels, squares): (u64, u64)) -> Self {
+        Self { pixels, squares }
+    }
+}
+
+impl From<Slice> for (u64, u64) {
+    fn from(slice: Slice) -> Self {
+        (slice.pixels, slice.squares)
+    }
+}
+
+impl Certainty {
+    /// Of a frame: pixels with a true depth and a standard deviation above 0.
+    pub fn of(depth: &DepthMap, truth: &DepthMap, deviations: &DepthMap) -> Self {
+        let mut certainty = Self::default();
+        let pixels = depth
+            .values()
+            .iter()
+            .zip(truth.values())
+            .zip(deviations.values());
+        let mut pairs: Vec<(f64, f64)> = pixels
+            .filter(|((_, truth), deviation)| **truth > 0.0 && **deviation > 0.0)
+            .map(|((depth, truth), deviation)| {
+                (f64::from(*deviation), f64::from(depth - truth).abs())
+            })
+            .collect();
+        for (deviation, error) in &pairs {
+            certainty.within_one += u64::from(error < deviation);
+            certainty.within_two += u64::from(*error < TWO * deviation);
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        slice(&mut certainty.predicted, &pairs);
+        pairs.sort_by(|a, b| a.1.total_cmp(&b.1));
+        slice(&mut certainty.ideal, &pairs);
+        certainty
+    }
+
+    /// Adds other frames.
+    pub fn add(&mut self, other: &Self) {
+        self.within_one += other.within_one;
+        self.within_two += other.within_two;
+        for (own, others) in [
+            (&mut self.predicted, &other.predicted),
+            (&mut self.ideal, &other.ideal),
+        ] {
+            for (slice, other) in own.iter_mut().zip(others) {
+                slice.pixels += other.pixels;
+                slice.squares += other.squares;
+            }
+        }
+    }
+
+    /// The shares of errors below one and 1.96 standard deviations.
+    pub fn coverage(&self) -> (f64, f64) {
+        let pixels: u64 = self.predicted.iter().map(|s| s.pixels).sum();
+        let share = |count: u64| count as f64 / pixels.max(1) as f64;
+        (share(self.within_one), share(self.within_two))
+    }
+
+    /// The RMSE in metres of what is left of each frame when the given share of its most uncertain pixels is
+    /// removed: by the prediction, and at best. One entry for each slice.
+    pub fn sparsification(&self) -> Vec<(f64, f64, f64)> {
+        (0..SLICES)
+            .map(|removed| {
+                let share = removed as f64 / SLICES as f64;
+                let left = SLICES - removed;
+                (
+                    share,
+                    rmse(&self.predicted[..left]),
+                    rmse(&self.ideal[..left]),
+                )
+            })
+            .collect()
+    }
+
+    /// The area between the two curves of the sparsification, over the RMSE of all pixels (AUSE, Ilg
+    /// et al. 2018): 0 if errors are ranked as they are.
+    pub fn ause(&self) -> f64 {
+        let curve = self.sparsification();
+        let all = curve[0].1;
+        let area: f64 = curve.iter().map(|(_, found, best)| found - best).sum();
+        area / (SLICES as f64 * all.max(f64::MIN_POSITIVE))
+    }
+}
+
+fn slice(slices: &mut [Slice; SLICES], pairs: &[(f64, f64)]) {
+    let cut = |i: usize| i * pairs.len() / SLICES;
+    for (i, slice) in slices.iter_mut().enumerate() {
+        let part = &pairs[cut(i)..cut(i + 1)];
+        slice.pixels = part.len() as u64;
+        slice.squares = part
+            .iter()
+            .map(|(_, error)| (error * error * 1e6).round() as u64)
+            .sum();
+    }
+}
+
+fn rmse(slices: &[Slice]) -> f64 {
+    let pixels: u64 = slices.iter().map(|s| s.pixels).sum();
+    let squares: u64 = slices.iter().map(|s| s.squares).sum();
+    (squares as f64 * 1e-6 / pixels.max(1) as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+
+    /// Errors drawn from the standard deviations that are predicted, times `factor`.
+    fn drawn(factor: f32, known: bool) -> Certainty {
+        let mut rng = Rng::stream(2, &["certainty"]);
+        let size = 200 * 200;
+        let (mut depth, mut deviations) = (Vec::new(), Vec::new());
+        for i in 0..size {
+            let deviation = if i % 2 == 0 { 0.05 } else { 0.3 };
+            depth.push(10.0 + factor * deviation * rng.normal());
+            deviations.push(if known { deviation } else { 0.2 });
+        }
+        let map = |values: Vec<f32>| DepthMap::new(200, 200, values).unwrap();
+        Certainty::of(&map(depth), &map(vec![10.0; size]), &map(deviations))
+    }
+
+    #[test]
+    fn normal_errors_are_covered_as_normal_errors_are() {
+        let (one, two) = drawn(1.0, true).coverage();
+        assert!(
+            (one - 0.6827).abs() < 0.007 && (two - 0.95).abs() < 0.004,
+            "{one} {two}"
+        );
+        // Half as large: P(|z| < 2) and P(|z| < 3.92).
+        let (one, two) = drawn(0.5, true).coverage();
+        assert!((one - 0.9545).abs() < 0.004 && two > 0.9998, "{one} {two}");
+    }
+
+    #[test]
+    fn removing_the_uncertain_half_leaves_the_errors_of_the_other() {
+        let certainty = drawn(1.0, true);
+        let curve = certainty.sparsification();
+        let all = (f64::midpoint(0.05 * 0.05, 0.3 * 0.3)).sqrt();
+        assert!((curve[0].1 - all).abs() < 3e-3, "{curve:?}");
+        assert_eq!(curve[0].1, curve[0].2);
+        assert!((curve[SLICES / 2].1 - 0.05).abs() < 1e-3);
+        assert!(curve.iter().all(|(_, found, best)| best <= found));
+        // A constant tells nothing: the curve stays where it is, and the area is larger.
+        let blind = drawn(1.0, false);
+        assert!((blind.sparsification()[SLICES / 2].1 - all).abs() < 0.01);
+        assert!(blind.ause() > 2.0 * certainty.ause());
+    }
+
+    #[test]
+    fn frames_add() {
+        let (a, b) = (drawn(1.0, true), drawn(0.5, true));
+        let mut sum = a.clone();
+        sum.add(&b);
+        assert_eq!(sum.within_one, a.within_one + b.within_one);
+        assert_eq!(
+            sum.ideal[3].squares,
+            a.ideal[3].squares + b.ideal[3].squares
+        );
+    }
+}
