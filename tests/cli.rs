@@ -158,19 +158,149 @@ fn any_output_size_works() {
 fn scaling_the_points_scales_the_result() {
     let folder = room();
     let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
-    let scaled = sparse.values().iter().map(|v| v * 3.7).collect();
-    let scaled = DepthMap::new(sparse.width(), sparse.height(), scaled).unwrap();
-    write_npy(&folder.path().join("scaled.npy"), &scaled).unwrap();
-    for (name, out) in [("sparse.npy", "a"), ("scaled.npy", "b")] {
+    let completed = |factor: f32, flags: &[&str]| {
+        let scaled = sparse.values().iter().map(|v| v * factor).collect();
+        let scaled = DepthMap::new(sparse.width(), sparse.height(), scaled).unwrap();
+        write_npy(&folder.path().join("scaled.npy"), &scaled).unwrap();
         lsdc(folder.path())
-            .args(["complete", "rgb.png", name, "-o", out])
+            .args(["complete", "rgb.png", "scaled.npy", "-o", "out", "--force"])
+            .args(flags)
             .assert()
             .success();
+        read_npy(&folder.path().join("out/rgb_depth.npy"), 1.0).unwrap()
+    };
+    for flags in [&[][..], &["--prior", "none"], &["--space", "log"]] {
+        let plain = completed(1.0, flags);
+        for factor in [0.1, 3.7, 10.0] {
+            let scaled = completed(factor, flags);
+            for (a, b) in plain.values().iter().zip(scaled.values()) {
+                assert!(
+                    (a * factor - b).abs() <= 1e-5 * b,
+                    "{flags:?} {factor}: {a} {b}"
+                );
+            }
+        }
     }
-    let read = |out: &str| read_npy(&folder.path().join(out).join("rgb_depth.npy"), 1.0).unwrap();
-    for (a, b) in read("a").values().iter().zip(read("b").values()) {
-        assert!((a * 3.7 - b).abs() <= 1e-5 * b, "{a} {b}");
+}
+
+#[test]
+fn any_number_of_points_will_do() {
+    let folder = room();
+    let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
+    for count in [1, 2, 7, 60] {
+        let points: Vec<_> = sparse.points().take(count).collect();
+        let few = DepthMap::from_points(sparse.width(), sparse.height(), &points);
+        write_npy(&folder.path().join("few.npy"), &few).unwrap();
+        lsdc(folder.path())
+            .args([
+                "complete",
+                "rgb.png",
+                "few.npy",
+                "-o",
+                "out",
+                "--force",
+                "--uncertainty",
+            ])
+            .assert()
+            .success();
+        let depth = read_npy(&folder.path().join("out/rgb_depth.npy"), 1.0).unwrap();
+        let sigma = read_npy(&folder.path().join("out/rgb_sigma.npy"), 1.0).unwrap();
+        let pixels = sparse.width() * sparse.height();
+        assert_eq!(
+            (depth.count(), sigma.count()),
+            (pixels, pixels),
+            "{count} points"
+        );
+        if count == 1 {
+            // The mean map, scaled to meet the point.
+            let (found, p) = (depth.at(points[0].x, points[0].y), points[0].depth);
+            assert!((found - p).abs() < 1e-4 * p, "{found} {p}");
+        }
     }
+}
+
+#[test]
+fn points_can_be_kept_judged_and_weighted() {
+    let folder = room();
+    let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
+    let (width, height) = (sparse.width(), sparse.height());
+    let wrong = sparse.points().nth(77).unwrap();
+    let mut values = sparse.values().to_vec();
+    values[wrong.y * width + wrong.x] *= 2.0;
+    let spoiled = DepthMap::new(width, height, values).unwrap();
+    write_npy(&folder.path().join("spoiled.npy"), &spoiled).unwrap();
+    let run = |out: &str, flags: &[&str]| {
+        lsdc(folder.path())
+            .args(["complete", "rgb.png", "spoiled.npy", "-o", out])
+            .args(flags)
+            .assert()
+            .success();
+        read_npy(&folder.path().join(out).join("rgb_depth.npy"), 1.0).unwrap()
+    };
+
+    let robust = run(
+        "robust",
+        &["--outliers", "--robust", "tukey", "--uncertainty"],
+    );
+    let list = std::fs::read_to_string(folder.path().join("robust/rgb_outliers.csv")).unwrap();
+    assert!(
+        list.starts_with("x,y,depth,depth_by_the_others,score,weight\n"),
+        "{list}"
+    );
+    let line = format!("{},{},", wrong.x, wrong.y);
+    let line = list
+        .lines()
+        .find(|l| l.starts_with(&line))
+        .expect("the point is listed");
+    let weight: f64 = line.rsplit(',').next().unwrap().parse().unwrap();
+    assert!(weight < 0.1, "{line}");
+    assert_eq!(names(&folder.path().join("robust")).len(), 5);
+
+    for how in ["exact", "blend"] {
+        let kept = run(how, &["--preserve-input", how]);
+        for p in spoiled.points() {
+            assert!((kept.at(p.x, p.y) - p.depth).abs() < 1e-4, "{how}");
+        }
+    }
+
+    // A point with a large deviation counts as if it were not there.
+    let sigma = |far: f32| {
+        let values = spoiled.values().iter().enumerate().map(|(i, d)| {
+            let own = if i == wrong.y * width + wrong.x {
+                far
+            } else {
+                0.01
+            };
+            if *d > 0.0 { own } else { 0.0 }
+        });
+        let sigma = DepthMap::new(width, height, values.collect()).unwrap();
+        write_npy(&folder.path().join("sigma.npy"), &sigma).unwrap();
+        run(
+            "sigma",
+            &["--sigma", "sigma.npy", "--prior", "none", "--force"],
+        )
+    };
+    let off = |map: &DepthMap| (map.at(wrong.x, wrong.y) - wrong.depth).abs();
+    let (ignored, trusted) = (sigma(10.0), sigma(0.01));
+    assert!(
+        off(&ignored) < 0.9 * off(&trusted),
+        "{} {}",
+        off(&ignored),
+        off(&trusted)
+    );
+    assert!(off(&robust) < 0.5 * wrong.depth);
+    refused(
+        folder.path(),
+        &[
+            "complete",
+            "rgb.png",
+            "spoiled.npy",
+            "--method",
+            "wls",
+            "--outliers",
+        ],
+        &["need method `lsdc`"],
+    );
 }
 
 #[test]

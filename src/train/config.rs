@@ -2,6 +2,7 @@
 
 use super::{LossConfig, Schedule};
 use crate::error::{Error, Result};
+use crate::fit::Reweighting;
 use crate::sample::{AugmentConfig, Protocol, SupervisionConfig};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -45,6 +46,8 @@ pub struct TrainConfig {
     pub augment: AugmentConfig,
     /// Points and patches.
     pub supervision: SupervisionConfig,
+    /// Fits that do not follow outliers, in training; absent = plain ones.
+    pub robust: Option<Reweighting>,
     /// Weights of the losses.
     pub loss: LossConfig,
 }
@@ -70,6 +73,7 @@ impl Default for TrainConfig {
             protocol: Protocol::nyu(),
             augment: AugmentConfig::default(),
             supervision: SupervisionConfig::default(),
+            robust: None,
             loss: LossConfig::default(),
         }
     }
@@ -95,6 +99,7 @@ impl TrainConfig {
         }
         self.augment.check()?;
         self.supervision.check()?;
+        self.robust.as_ref().map_or(Ok(()), Reweighting::check)?;
         self.loss.check()
     }
 }

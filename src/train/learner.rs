@@ -2,7 +2,7 @@
 
 use super::{LossConfig, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
-use crate::fit::{FitConfig, Solver};
+use crate::fit::{FitConfig, Reweighting, Solver};
 use crate::model::BasisNet;
 use crate::sample::Batch;
 use burn::grad_clipping::GradientClippingConfig;
@@ -15,6 +15,7 @@ pub struct Learner {
     pub(super) net: BasisNet,
     pub(super) optimiser: ModuleOptimizer,
     solver: Solver,
+    robust: Option<Reweighting>,
     loss: LossConfig,
 }
 
@@ -42,6 +43,7 @@ impl Learner {
             net,
             optimiser,
             solver: fit.solver(),
+            robust: config.robust,
             loss: config.loss,
         }
     }
@@ -63,7 +65,7 @@ impl Learner {
     /// # Errors
     /// A loss that is not finite.
     pub fn step(mut self, batch: &Batch, rate: f64) -> Result<(Self, Step)> {
-        let losses = losses(&self.net, batch, self.solver, &self.loss);
+        let losses = losses(&self.net, batch, self.solver, self.robust, &self.loss);
         let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
         let step = Step {
             loss: value(&losses.total),

@@ -1,7 +1,7 @@
 //! The three losses of the paper (section 3.4), on the pixels of a batch.
 
 use crate::error::{Error, Result};
-use crate::fit::{Solver, lstsq};
+use crate::fit::{Reweighting, Solver, lstsq, reweighted};
 use crate::model::BasisNet;
 use crate::sample::Batch;
 use burn::tensor::Tensor;
@@ -57,7 +57,13 @@ pub struct Losses {
 }
 
 /// Runs the network once and one fit per draw, and compares with the depths of the batch.
-pub fn losses(net: &BasisNet, batch: &Batch, solver: Solver, config: &LossConfig) -> Losses {
+pub fn losses(
+    net: &BasisNet,
+    batch: &Batch,
+    solver: Solver,
+    robust: Option<Reweighting>,
+    config: &LossConfig,
+) -> Losses {
     let [images, pixels] = batch.depths.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
@@ -71,14 +77,14 @@ pub fn losses(net: &BasisNet, batch: &Batch, solver: Solver, config: &LossConfig
         .slice([0..images, 0..points])
         .repeat_dim(0, draws);
     let depths = batch.depths.clone().slice([0..images, 0..points]);
-    let weights = lstsq(
-        at_points,
-        depths.repeat_dim(0, draws),
-        batch.draws.clone(),
-        solver,
-    )
-    .reshape([draws, images, functions])
-    .permute([1, 2, 0]);
+    let (depths, draw) = (depths.repeat_dim(0, draws), batch.draws.clone());
+    let weights = match robust {
+        None => lstsq(at_points, depths, draw, solver),
+        Some(settings) => reweighted(at_points, depths, draw, solver, settings).0,
+    };
+    let weights = weights
+        .reshape([draws, images, functions])
+        .permute([1, 2, 0]);
     // [images, pixels, draws]
     let fitted = bases.matmul(weights.clone());
 
