@@ -1,5 +1,5 @@
-//! The least-squares solve alone: 129 base functions, 500 and 1000 points, one thread; and a fit that
-//! takes points one at a time.
+//! The least-squares solve alone: 129 base functions, 500 and 1000 points, one thread; and a fit
+//! that takes points one at a time.
 //!
 //!     cargo bench --bench solve
 

@@ -31,8 +31,8 @@ impl Cells {
         }
     }
 
-    /// The `count` nearest places to a pixel (x, y), the nearest first: squared distance and index; the
-    /// first in order among equals.
+    /// The `count` nearest places to a pixel (x, y), the nearest first: squared distance and index;
+    /// the first in order among equals.
     pub fn nearest(&self, [x, y]: [usize; 2], count: usize) -> Vec<(usize, usize)> {
         let (column, row) = (x / self.side, y / self.side);
         let mut found: Vec<(usize, usize)> = Vec::with_capacity(4 * count);

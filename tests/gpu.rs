@@ -1,8 +1,8 @@
 //! The GPU against the CPU: the least-squares kernels, and whole completions.
 //!
-//! Without an adapter these tests say so and pass; with `LSDC_REQUIRE_GPU` set they fail. A software
-//! driver (lavapipe) is enough.
-#![cfg(feature = "wgpu")]
+//! Without an adapter these tests say so and pass; with `LSDC_REQUIRE_GPU` set they fail. A
+//! software driver (lavapipe) is enough. `LSDC_DEVICE` names another device, such as `cuda`.
+#![cfg(feature = "cube")]
 #![allow(clippy::unwrap_used, clippy::print_stderr)]
 
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -16,8 +16,13 @@ use std::sync::LazyLock;
 /// The GPU, or a software driver in its place.
 fn gpu() -> Option<Device> {
     static FOUND: LazyLock<Option<Device>> = LazyLock::new(|| {
-        let found = ["wgpu", "wgpu:software"].into_iter();
-        found.map(lsdc::device::device).find_map(Result::ok)
+        let named = std::env::var("LSDC_DEVICE").ok();
+        let names = named.map_or(vec!["wgpu".into(), "wgpu:software".into()], |name| {
+            vec![name]
+        });
+        names
+            .iter()
+            .find_map(|name| lsdc::device::device(name).ok())
     });
     if FOUND.is_none() {
         let required = std::env::var_os("LSDC_REQUIRE_GPU").is_some();
@@ -110,8 +115,8 @@ impl Batch {
         .collect()
     }
 
-    /// Compares the GPU in f32 with the CPU in f64: fitted values and gradients, each relative to the
-    /// largest.
+    /// Compares the GPU in f32 with the CPU in f64: fitted values and gradients, each relative to
+    /// the largest.
     fn check(&self, solver: Solver, tolerance: f64) {
         let Some(gpu) = gpu() else { return };
         let found = self.run(&gpu, DType::F32, solver);

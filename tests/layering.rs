@@ -25,7 +25,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "model", "fit", "classic", "sample", "nearest", "data", "simd", "error", "rng",
         ],
     ),
-    ("metrics", &["data", "error"]),
+    ("metrics", &["data", "error", "rng"]),
     ("report", &["metrics", "data", "error", "rng"]),
     (
         "eval",

@@ -136,8 +136,8 @@ impl Plane {
         Self { values, ..*self }
     }
 
-    /// A 5x5 binomial blur, which is OpenCV's Gaussian for 5 pixels; the border is mirrored about the
-    /// outermost pixel.
+    /// A 5x5 binomial blur, which is OpenCV's Gaussian for 5 pixels; the border is mirrored about
+    /// the outermost pixel.
     fn blurred(&self) -> Self {
         const WEIGHTS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
         let mirrored = |i: isize, length: usize| {

@@ -1,6 +1,6 @@
-//! Steering kernel regression (Takeda, Farsiu, Milanfar 2007): a local plane is fitted to the points
-//! around each pixel, with Gaussian weights that are stretched along the edges of the image at the
-//! point. Here the edges are those of the colour image, and the points are scattered.
+//! Steering kernel regression (Takeda, Farsiu, Milanfar 2007): a local plane is fitted to the
+//! points around each pixel, with Gaussian weights that are stretched along the edges of the image
+//! at the point. Here the edges are those of the colour image, and the points are scattered.
 
 use super::neighbours::{Neighbours, each_pixel};
 use crate::data::{DepthMap, Point};

@@ -32,8 +32,8 @@ pub(super) enum Command {
     Report(ReportCommand),
     /// Train a network.
     Train(Train),
-    /// Learn which weights are likely, and how far predictions are off: what training does after its last
-    /// step, for weights that exist.
+    /// Learn which weights are likely, and how far predictions are off: what training does after
+    /// its last step, for weights that exist.
     Calibrate(Calibrate),
     /// Write frames of a dataset at the protocol's size, with the points of `eval`, as files.
     Export(Export),
@@ -64,8 +64,8 @@ pub(super) struct Complete {
     pub(super) method: Method,
     #[command(flatten)]
     pub(super) fit: FitFlags,
-    /// What becomes of the given depths: none (the fit need not meet them), exact (at their pixels),
-    /// blend (and their neighbourhood follows).
+    /// What becomes of the given depths: none (the fit need not meet them), exact (at their
+    /// pixels), blend (and their neighbourhood follows).
     #[arg(long, value_enum, default_value = "none", value_name = "HOW")]
     pub(super) preserve_input: Preserve,
     /// The standard deviation of each sparse depth in metres, an npy array as large as the image.
@@ -103,8 +103,8 @@ pub(super) struct FitFlags {
 }
 
 impl FitFlags {
-    /// Lays the flags over settings. A learned prior is one over weights of depths: in another space
-    /// the flat one takes its place.
+    /// Lays the flags over settings. A learned prior is one over weights of depths: in another
+    /// space the flat one takes its place.
     pub(super) fn apply(&self, fit: &mut FitConfig) {
         fit.robust = self.robust.map_or(fit.robust, Robustness::settings);
         fit.space = self.space.unwrap_or(fit.space);
@@ -120,7 +120,8 @@ pub(super) struct Model {
     /// Weights file [default: the weights in the program].
     #[arg(long, value_name = "FILE")]
     pub(super) weights: Option<PathBuf>,
-    /// Where to compute: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray.
+    /// Where to compute: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, and in builds with them
+    /// cuda, cuda:N, ndarray.
     #[arg(long, default_value = "cpu", env = "LSDC_DEVICE")]
     pub(super) device: String,
 }
@@ -185,8 +186,8 @@ pub(super) struct Eval {
     pub(super) method: Vec<Method>,
     #[command(flatten)]
     pub(super) fit: FitFlags,
-    /// Measure the standard deviations of `lsdc` too: how many errors they cover, and how well they rank
-    /// them.
+    /// Measure the standard deviations of `lsdc` too: how many errors they cover, and how well they
+    /// rank them.
     #[arg(long)]
     pub(super) uncertainty: bool,
     /// Score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
@@ -309,8 +310,8 @@ pub(super) struct Bench {
     /// Completions or steps to measure, after one that is not.
     #[arg(long, default_value_t = 15)]
     pub(super) runs: usize,
-    /// What becomes of the given depths: none (the fit need not meet them), exact (at their pixels),
-    /// blend (and their neighbourhood follows).
+    /// What becomes of the given depths: none (the fit need not meet them), exact (at their
+    /// pixels), blend (and their neighbourhood follows).
     #[arg(long, value_enum, default_value = "none", value_name = "HOW")]
     pub(super) preserve_input: Preserve,
     /// The standard deviation of each sparse depth in metres, an npy array as large as the image.

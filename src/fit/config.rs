@@ -42,10 +42,11 @@ pub struct FitConfig {
     pub rcond: f64,
     /// Added to the normal equations, as a share of their mean diagonal; 0 is the paper's fit.
     pub ridge: f64,
-    /// What is assumed of the weights: "none", "flat" or "learned". Takes the place of `rcond` and `ridge`.
+    /// What is assumed of the weights: "none", "flat" or "learned". Takes the place of `rcond` and
+    /// `ridge`.
     pub prior: PriorKind,
-    /// How strongly the fit is drawn towards the prior: "evidence", "gcv", or the ratio of the variances of noise and
-    /// prior.
+    /// How strongly the fit is drawn towards the prior: "evidence", "gcv", or the ratio of the
+    /// variances of noise and prior.
     pub lambda: Lambda,
     /// What base functions add up to: "depth" (the paper's), "log" or "inverse" depth.
     pub space: Space,

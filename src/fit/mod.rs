@@ -67,11 +67,12 @@ impl Estimator<'_> {
     }
 }
 
-/// Fits base functions to points. `prior` is the one that was learned with the base functions, if any.
+/// Fits base functions to points. `prior` is the one that was learned with the base functions, if
+/// any.
 ///
 /// # Errors
-/// No point, values that are not finite, a prior that is asked for and not given, or a decomposition
-/// that does not converge.
+/// No point, values that are not finite, a prior that is asked for and not given, or a
+/// decomposition that does not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
     let rows = points.rows(config.space)?;
     let flat;

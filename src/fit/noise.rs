@@ -3,10 +3,10 @@
 use super::Fit;
 use rayon::prelude::*;
 
-/// The variance of depths about a fit, which differs from place to place: what base functions cannot follow is
-/// large at some and small at others. Around a pixel it is the sum of squared residuals over their
-/// degrees of freedom, both under a Gaussian window as wide as the points are apart, and drawn
-/// to that of the whole image by one degree of freedom.
+/// The variance of depths about a fit, which differs from place to place: what base functions
+/// cannot follow is large at some and small at others. Around a pixel it is the sum of squared
+/// residuals over their degrees of freedom, both under a Gaussian window as wide as the points are
+/// apart, and drawn to that of the whole image by one degree of freedom.
 #[derive(Clone, Debug)]
 pub struct LocalNoise {
     /// Variances in the squared unit of the fit's space, at the centres of square cells.

@@ -3,6 +3,8 @@
 use super::points::Rows;
 use super::robust::deviation;
 use super::{Estimate, Solution, Space};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
 
 /// The outcome of a fit.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,15 +62,16 @@ impl Fit {
         root_mean_square(&self.residuals)
     }
 
-    /// How much of its own depth the fitted depth at each point is, from 0 to 1. `bases` are those that
-    /// were fitted.
+    /// How much of its own depth the fitted depth at each point is, from 0 to 1. `bases` are those
+    /// that were fitted.
     pub fn leverages(&self, bases: &[f32]) -> Vec<f64> {
         self.solution.leverages(bases, &self.point_weights)
     }
 
-    /// What the residual of each point would be, in metres, had it been left out of the fit: the residual over
-    /// 1 - leverage (Allen 1974). Their root mean square, the PRESS error, says without a true depth
-    /// map how far the depth is off between the points, where these are spread as the pixels are.
+    /// What the residual of each point would be, in metres, had it been left out of the fit: the
+    /// residual over 1 - leverage (Allen 1974). Their root mean square, the PRESS error, says
+    /// without a true depth map how far the depth is off between the points, where these are spread
+    /// as the pixels are.
     pub fn left_out(&self, leverages: &[f64]) -> Vec<f64> {
         metres(
             &self.values,
@@ -77,8 +80,8 @@ impl Fit {
         )
     }
 
-    /// How many robust standard deviations each point lies off what the others say (the modified score of
-    /// Iglewicz and Hoaglin 1993): positive where it is farther.
+    /// How many robust standard deviations each point lies off what the others say (the modified
+    /// score of Iglewicz and Hoaglin 1993): positive where it is farther.
     pub fn scores(&self, leverages: &[f64]) -> Vec<f64> {
         let off = without_own(&self.rests, leverages);
         let deviation = deviation(&off).max(f64::MIN_POSITIVE);
@@ -91,9 +94,26 @@ impl Fit {
         off.iter().map(|r| sign * r / deviation).collect()
     }
 
-    /// The variance of the fitted value for each row of base functions, for points whose noise has variance 1.
-    pub fn spreads(&self, bases: &[f32]) -> Vec<f64> {
-        self.solution.spreads(bases)
+    /// The variance of the fitted value for each row of base functions, for points whose noise has
+    /// variance 1. In f32: there is one row for each pixel.
+    pub fn spreads(&self, bases: &[f32]) -> Vec<f32> {
+        let k = self.weights.len().max(1);
+        let factor = &self.solution.factor;
+        let factor = Mat::from_fn(k, factor.ncols(), |i, j| factor[(i, j)] as f32);
+        // Transposed, so that the values of a pixel lie together.
+        let mut product = Mat::<f32>::zeros(factor.ncols(), bases.len() / k);
+        let rows = MatRef::from_row_major_slice(bases, bases.len() / k, k);
+        let (accum, par) = (Accum::Replace, Par::Seq);
+        matmul(
+            product.as_mut(),
+            accum,
+            factor.transpose(),
+            rows.transpose(),
+            1.0,
+            par,
+        );
+        let columns = product.col_iter();
+        columns.map(|column| column.squared_norm_l2()).collect()
     }
 }
 

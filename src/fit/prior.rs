@@ -1,7 +1,7 @@
 //! What weights are likely before any depth is seen: a Gaussian, up to the scale of the scene.
 //!
-//! Weights are s (m + L u) with u normal: m and L L^T are mean and covariance over training images at a
-//! mean depth of 1, and nothing is assumed of the scale s. So the fit stays exactly scale
+//! Weights are s (m + L u) with u normal: m and L L^T are mean and covariance over training images
+//! at a mean depth of 1, and nothing is assumed of the scale s. So the fit stays exactly scale
 //! equivariant, and a single point scales a plausible map.
 
 use super::lstsq::{Moments, Problem};
@@ -101,9 +101,9 @@ impl Prior {
         Self { noise, ..self }
     }
 
-    /// Learns mean and covariance from images whose depths were divided by their mean: the maximum of the
-    /// likelihood, by expectation and maximisation (Dempster, Laird and Rubin 1977), starting from a
-    /// constant depth. The noise, in the same unit, is the same for all images.
+    /// Learns mean and covariance from images whose depths were divided by their mean: the maximum
+    /// of the likelihood, by expectation and maximisation (Dempster, Laird and Rubin 1977),
+    /// starting from a constant depth. The noise, in the same unit, is the same for all images.
     ///
     /// # Errors
     /// Fewer than two images, or base functions that are not finite.

@@ -17,8 +17,8 @@ pub enum RobustGradient {
     Implicit,
 }
 
-/// Settings of reweighted least squares in training (paper Algorithm 2, whose weights are Huber's up to a
-/// factor).
+/// Settings of reweighted least squares in training (paper Algorithm 2, whose weights are Huber's
+/// up to a factor).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Reweighting {

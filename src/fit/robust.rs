@@ -81,9 +81,9 @@ pub struct Robust {
     /// Standard deviations of the noise at which the other losses bend; the classic constant of
     /// each if absent.
     pub tuning: Option<f64>,
-    /// The other losses look at how far a residual is from the median of those of so many nearest points:
-    /// what base functions cannot follow is alike among neighbours, outliers are not. 0 looks at the
-    /// residual itself.
+    /// The other losses look at how far a residual is from the median of those of so many nearest
+    /// points: what base functions cannot follow is alike among neighbours, outliers are not. 0
+    /// looks at the residual itself.
     pub neighbours: usize,
     /// The largest number of solves after the first.
     pub iterations: usize,
@@ -128,12 +128,13 @@ impl Robust {
     }
 }
 
-/// Continues from the plain estimate. Returns the last one, and the point weights it was found with.
+/// Continues from the plain estimate. Returns the last one, and the point weights it was found
+/// with.
 ///
-/// Losses other than the paper's look at what the residuals would be had each point been left out, so
-/// that an outlier which bends the fit towards itself is not overlooked, and take their scale from
-/// the median of their absolute values. Those that redescend start from Huber's solution
-/// with a scale that takes in every point, which shrinks by a constant factor from round to round
+/// Losses other than the paper's look at what the residuals would be had each point been left out,
+/// so that an outlier which bends the fit towards itself is not overlooked, and take their scale
+/// from the median of their absolute values. Those that redescend start from Huber's solution with
+/// a scale that takes in every point, which shrinks by a constant factor from round to round
 /// (graduated non-convexity, Blake and Zisserman 1987) until it is that of the noise. With no more
 /// points than directions nothing can be told from an outlier: all points count.
 ///

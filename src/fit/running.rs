@@ -9,13 +9,14 @@ use faer::{Mat, Side};
 /// Updates after which the factor is made anew from the normal equations.
 const RENEW: usize = 500;
 
-/// Least squares with a prior over points that come and go, one at a time: each costs the square of the number of
-/// base functions, where a solve from the start costs its cube and the number of points.
+/// Least squares with a prior over points that come and go, one at a time: each costs the square of
+/// the number of base functions, where a solve from the start costs its cube and the number of
+/// points.
 ///
-/// Keeps the normal equations `A = F^T W F + P` and `b = F^T W d`, whose sums are exact to rounding,
-/// and a Cholesky factor of `A` that follows by rank-one updates and downdates (Gill, Golub, Murray
-/// and Saunders 1974, method C1). A step of refinement against `A` takes out what the factor has drifted by; every so
-/// often it is made anew.
+/// Keeps the normal equations `A = F^T W F + P` and `b = F^T W d`, whose sums are exact to
+/// rounding, and a Cholesky factor of `A` that follows by rank-one updates and downdates (Gill,
+/// Golub, Murray and Saunders 1974, method C1). A step of refinement against `A` takes out what the
+/// factor has drifted by; every so often it is made anew.
 #[derive(Clone, Debug)]
 pub struct RunningFit {
     /// Both halves, row by row.
@@ -29,8 +30,8 @@ pub struct RunningFit {
 }
 
 impl RunningFit {
-    /// A fit of `columns` weights without points, drawn towards zero by `strength` times their squares. Above 0: it is
-    /// what makes the first points solvable.
+    /// A fit of `columns` weights without points, drawn towards zero by `strength` times their
+    /// squares. Above 0: it is what makes the first points solvable.
     ///
     /// # Errors
     /// A strength that is not positive.
@@ -47,8 +48,9 @@ impl RunningFit {
         Self::begin(&precision)
     }
 
-    /// A fit without points under a prior, whose scale is free but for `scale`, in metres: the standard deviation
-    /// of how many metres its mean map stands for. `noise` is the standard deviation of points.
+    /// A fit without points under a prior, whose scale is free but for `scale`, in metres: the
+    /// standard deviation of how many metres its mean map stands for. `noise` is the standard
+    /// deviation of points.
     ///
     /// # Errors
     /// Numbers that are not positive, or a prior without full rank.
@@ -91,8 +93,8 @@ impl RunningFit {
         self.count
     }
 
-    /// Takes points: base functions `[n, k]`, row by row, their depths in metres, and a weight for all of
-    /// them.
+    /// Takes points: base functions `[n, k]`, row by row, their depths in metres, and a weight for
+    /// all of them.
     ///
     /// # Errors
     /// Lengths that do not go together, or values that are not finite.
@@ -121,8 +123,8 @@ impl RunningFit {
         Ok(())
     }
 
-    /// Multiplies the weights of all that is known so far, prior included, by `factor` in (0, 1]: exponential
-    /// forgetting. The solution stays as it is.
+    /// Multiplies the weights of all that is known so far, prior included, by `factor` in (0, 1]:
+    /// exponential forgetting. The solution stays as it is.
     ///
     /// # Errors
     /// A factor out of range.

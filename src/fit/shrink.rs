@@ -22,8 +22,8 @@ pub enum Lambda {
     Fixed(f64),
 }
 
-/// A problem in the coordinates of its prior: minimise `|d - s A m - A L u|^2 + lambda |u|^2` over s and u.
-/// With s eliminated, each direction of u is alone.
+/// A problem in the coordinates of its prior: minimise `|d - s A m - A L u|^2 + lambda |u|^2` over
+/// s and u. With s eliminated, each direction of u is alone.
 struct Spectrum<'a> {
     prior: &'a Prior,
     /// `|A m|^2`, and `s` were u 0.
@@ -63,6 +63,9 @@ impl Problem {
     }
 }
 
+/// The share of a sum of squares that rounding leaves where nothing should be left.
+const ROUNDING: f64 = 1e-13;
+
 impl<'a> Spectrum<'a> {
     fn new(moments: &Moments, prior: &'a Prior) -> Result<Self> {
         if prior.columns() != moments.right.len() {
@@ -98,20 +101,29 @@ impl<'a> Spectrum<'a> {
             .map(|i| right[(i, 0)] - overlap[i] * toward_mean)
             .collect();
         let directions = eigen.U().to_owned();
+        let mut squares: Vec<f64> = eigen.S().column_vector().iter().copied().collect();
         let along = (0..rank).map(|j| (0..rank).map(|i| directions[(i, j)] * right[i]).sum());
+        let mut along: Vec<f64> = along.collect();
+        // What rounding leaves of directions that the points do not see.
+        let all: f64 = (0..rank).map(|i| inner[(i, i)]).sum();
+        for (square, along) in squares.iter_mut().zip(&mut along) {
+            if *square <= ROUNDING * all {
+                (*square, *along) = (0.0, 0.0);
+            }
+        }
+        let rest = moments.square - over(toward_mean * toward_mean);
         Ok(Self {
             prior,
             mean_square,
             scale: over(toward_mean),
-            squares: eigen
-                .S()
-                .column_vector()
-                .iter()
-                .map(|v| v.max(0.0))
-                .collect(),
-            along: along.collect(),
+            squares,
+            along,
             directions,
-            rest: (moments.square - over(toward_mean * toward_mean)).max(0.0),
+            rest: if rest > ROUNDING * moments.square {
+                rest
+            } else {
+                0.0
+            },
             freedom: moments.count as f64 - f64::from(u8::from(seen)),
             overlap,
         })

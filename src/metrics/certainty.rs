@@ -94,8 +94,8 @@ impl Certainty {
         (share(self.within_one), share(self.within_two))
     }
 
-    /// The RMSE in metres of what is left of each frame when the given share of its most uncertain pixels is
-    /// removed: by the prediction, and at best. One entry for each slice.
+    /// The RMSE in metres of what is left of each frame when the given share of its most uncertain
+    /// pixels is removed: by the prediction, and at best. One entry for each slice.
     pub fn sparsification(&self) -> Vec<(f64, f64, f64)> {
         (0..SLICES)
             .map(|removed| {
@@ -110,8 +110,8 @@ impl Certainty {
             .collect()
     }
 
-    /// The area between the two curves of the sparsification, over the RMSE of all pixels (AUSE, Ilg
-    /// et al. 2018): 0 if errors are ranked as they are.
+    /// The area between the two curves of the sparsification, over the RMSE of all pixels (AUSE,
+    /// Ilg et al. 2018): 0 if errors are ranked as they are.
     pub fn ause(&self) -> f64 {
         let curve = self.sparsification();
         let all = curve[0].1;

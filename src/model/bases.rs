@@ -36,8 +36,8 @@ impl BasisHead {
     }
 }
 
-/// The base functions of a batch of images: features `[batch, height / 4, width / 4, channels]`, and the MLP
-/// that turns them into values at any pixel of any output size (paper section 4.5).
+/// The base functions of a batch of images: features `[batch, height / 4, width / 4, channels]`,
+/// and the MLP that turns them into values at any pixel of any output size (paper section 4.5).
 #[derive(Clone, Debug)]
 pub struct Bases {
     features: Tensor<4>,

@@ -11,8 +11,9 @@ use rayon::prelude::*;
 const STRIP: usize = 1 << 13;
 
 impl Completer {
-    /// The standard deviation of each pixel of `depth`, in metres: that of the noise around it and that of the
-    /// weights, which grows away from what the points determine. `depth` is the dense depth of `fit` to
+    /// The standard deviation of each pixel of `depth`, in metres: that of the noise around it and
+    /// that of the weights, which grows away from what the points determine. `depth` is the dense
+    /// depth of `fit` to
     /// `sparse`, at any size.
     ///
     /// # Errors
@@ -43,7 +44,7 @@ impl Completer {
                 let spreads = fit.spreads(&bases.at((height, width), &pixels));
                 for ((value, spread), pixel) in values.iter_mut().zip(spreads).zip(first..) {
                     let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
-                    let variance = noise.at(x * right, y * down) * (1.0 + spread);
+                    let variance = noise.at(x * right, y * down) * (1.0 + f64::from(spread));
                     let slope = fit.space.slope(f64::from(depth.values()[pixel]));
                     *value = (self.deviation * variance.sqrt() * slope) as f32;
                 }

@@ -242,8 +242,8 @@ impl Completer {
         })
     }
 
-    /// Fits base functions to points, without a dense depth map. `deviations` has the standard deviation
-    /// of each point in metres at its pixel.
+    /// Fits base functions to points, without a dense depth map. `deviations` has the standard
+    /// deviation of each point in metres at its pixel.
     ///
     /// # Errors
     /// No point, deviations of another size or not one to a point, or damaged weights.

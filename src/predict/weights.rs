@@ -25,7 +25,8 @@ const FACTOR: &str = "prior.factor";
 pub struct Calibration {
     /// What is known of the noise before any depth is seen.
     pub noise: NoisePrior,
-    /// Standard deviations of pixels, as they come from the fit, times this are those of the errors.
+    /// Standard deviations of pixels, as they come from the fit, times this are those of the
+    /// errors.
     pub deviation: f64,
 }
 

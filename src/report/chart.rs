@@ -12,8 +12,18 @@ pub(super) struct Chart<'a> {
     pub(super) up: &'a str,
     /// Whether the horizontal axis is logarithmic.
     pub(super) logarithmic: bool,
-    /// Name and points of each line.
-    pub(super) lines: Vec<(&'a str, Vec<(f64, f64)>)>,
+    /// What is drawn.
+    pub(super) lines: Vec<Line>,
+}
+
+/// A line of a chart.
+pub(super) struct Line {
+    /// Its place among [`COLOURS`].
+    pub(super) colour: usize,
+    /// Whether it is a limit, drawn dashed, rather than a measurement.
+    pub(super) dashed: bool,
+    /// From left to right.
+    pub(super) points: Vec<(f64, f64)>,
 }
 
 /// Colours of the lines, apart for colour-blind eyes as well (Okabe and Ito 2008).
@@ -32,7 +42,7 @@ const RIGHT: f64 = 12.0;
 impl Chart<'_> {
     /// The chart as an `svg` element.
     pub(super) fn svg(&self) -> String {
-        let all = || self.lines.iter().flat_map(|(_, points)| points);
+        let all = || self.lines.iter().flat_map(|line| &line.points);
         let range = |of: fn(&(f64, f64)) -> f64| {
             all()
                 .map(of)
@@ -99,15 +109,21 @@ impl Chart<'_> {
                 number(tick)
             );
         }
-        for (i, (_, points)) in self.lines.iter().enumerate() {
-            let path: Vec<String> = points
+        for line in &self.lines {
+            let path: Vec<String> = line
+                .points
                 .iter()
                 .map(|&(u, v)| format!("{:.1} {:.1}", x(u), y(v)))
                 .collect();
-            let colour = COLOURS[i % COLOURS.len()];
+            let colour = COLOURS[line.colour % COLOURS.len()];
+            let dashes = if line.dashed {
+                " stroke-dasharray='5 4'"
+            } else {
+                ""
+            };
             let _ = write!(
                 svg,
-                "<polyline points='{}' fill='none' stroke='{colour}' stroke-width='1.8'/>",
+                "<polyline points='{}' fill='none' stroke='{colour}' stroke-width='1.8'{dashes}/>",
                 path.join(" ")
             );
         }

@@ -1,6 +1,6 @@
 //! One page that needs nothing else: tables, charts, and pictures of remarkable frames.
 
-use super::chart::{COLOURS, Chart};
+use super::chart::{COLOURS, Chart, Line};
 use super::colour::{coloured, errors};
 use super::text::{TABLES, shown};
 use super::{Mean, Report};
@@ -69,7 +69,7 @@ impl Report {
                 let _ = write!(page, "<h3>{name}</h3>{}", tables(&self.means(Some(place))));
             }
         }
-        for line in self.comparisons() {
+        for line in self.comparisons().into_iter().chain(self.foretold()) {
             let _ = write!(page, "<p>{}.</p>", escaped(&line));
         }
         page.push_str("\n<h2>Where the errors are</h2>");
@@ -107,12 +107,13 @@ impl Report {
             );
         }
         legend.push_str("</p>");
-        let lines = |of: &dyn Fn(usize) -> Vec<(f64, f64)>| -> Vec<(&str, Vec<(f64, f64)>)> {
-            names
-                .iter()
-                .enumerate()
-                .map(|(i, name)| (name.as_str(), of(i)))
-                .collect()
+        let lines = |of: &dyn Fn(usize) -> Vec<(f64, f64)>| -> Vec<Line> {
+            let line = |colour: usize| Line {
+                colour,
+                dashed: false,
+                points: of(colour),
+            };
+            (0..names.len()).map(line).collect()
         };
         // A bin with few pixels says nothing: it needs a thousandth of all.
         let curve = |axis: Axis, method: usize| -> Vec<(f64, f64)> {
@@ -147,20 +148,23 @@ impl Report {
                 .collect()
         };
         // By the prediction, and at best.
-        let mut left: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
-        for (name, certainty) in names.iter().zip(&self.certainties) {
-            if let Some(certainty) = certainty {
-                let curve = certainty.sparsification();
-                let line = |of: fn(&(f64, f64, f64)) -> f64| -> Vec<(f64, f64)> {
-                    curve.iter().map(|p| (100.0 * p.0, of(p))).collect()
-                };
-                left.push((name, line(|p| p.1)));
-                left.push(("at best", line(|p| p.2)));
+        let mut left = Vec::new();
+        for (colour, certainty) in self.certainties.iter().enumerate() {
+            let curve = certainty.iter().flat_map(|c| c.sparsification());
+            let (found, best) = curve
+                .map(|(share, found, best)| ((100.0 * share, found), (100.0 * share, best)))
+                .unzip();
+            for (dashed, points) in [(false, found), (true, best)] {
+                left.push(Line {
+                    colour,
+                    dashed,
+                    points,
+                });
             }
         }
         let charts = [
             Chart {
-                title: "RMSE of the pixels that are left (lower line: at best)",
+                title: "RMSE of the pixels that are left (dashed: at best)",
                 across: "most uncertain pixels removed, %",
                 up: "RMSE, m",
                 logarithmic: false,

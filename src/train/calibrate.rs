@@ -1,5 +1,5 @@
-//! What is learned about base functions once they are trained: which weights are likely, and how far
-//! predictions are off.
+//! What is learned about base functions once they are trained: which weights are likely, and how
+//! far predictions are off.
 
 use super::TrainConfig;
 use crate::data::{Dataset, Frame};
@@ -32,9 +32,10 @@ pub fn divide(frames: &dyn Dataset, count: usize) -> (Vec<usize>, Vec<usize>) {
     (training, order)
 }
 
-/// Learns the prior over weights from the frames that `config` trained on, the strength of the noise and the
-/// scale of standard deviations from those that it held out (from all, if it held out none), with 500 points each,
-/// and keeps them in `weights`. Calls `progress` with the number of frames seen and of all.
+/// Learns the prior over weights from the frames that `config` trained on, the strength of the
+/// noise and the scale of standard deviations from those that it held out (from all, if it held out
+/// none), with 500 points each, and keeps them in `weights`. Calls `progress` with the number of
+/// frames seen and of all.
 ///
 /// # Errors
 /// Frames that cannot be read, or fewer than two.

@@ -11,8 +11,8 @@ use std::path::Path;
 /// Reads a depth map of shape `[height, width]` or `[height, width, 1]`, as metres = value x
 /// `scale`.
 ///
-/// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, bool. NaN, infinite and
-/// negative values mean no measurement.
+/// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, bool. NaN, infinite
+/// and negative values mean no measurement.
 ///
 /// # Errors
 /// Not an `.npy` file, another shape or element type, or fewer bytes than the header declares.
@@ -74,9 +74,9 @@ pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
     DepthMap::new(width, height, scaled)
 }
 
-/// The length that the header declares, which npyz asks memory for before it reads; the file is left
-/// at its beginning. `None` if there is no header (NumPy's format 1.0 has two bytes of length, later
-/// ones four).
+/// The length that the header declares, which npyz asks memory for before it reads; the file is
+/// left at its beginning. `None` if there is no header (NumPy's format 1.0 has two bytes of length,
+/// later ones four).
 fn header_length(file: &mut BufReader<File>) -> Option<u64> {
     let mut start = [0; 12];
     file.read_exact(&mut start).ok()?;

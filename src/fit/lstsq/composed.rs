@@ -69,10 +69,11 @@ impl<B: Backend> Scaled<B> {
     }
 }
 
-/// The gradients of `bases` and `depths` from the solution x and the factor K. With r = d - F x,
-/// v = (F^T F + mu)^+ g, q = (F^+)^T g, u = (F^+)^T x and P the projection on the directions left out:
-/// grad d = q, grad F = r v^T - q x^T + u (P g)^T - 2 mu / trace (v . x) F (Golub and Pereyra 1973; the
-/// last term is that of a ridge which follows the trace). Directions left out are taken for exactly zero.
+/// The gradients of `bases` and `depths` from the solution x and the factor K. With r = d - F x, v
+/// = (F^T F + mu)^+ g, q = (F^+)^T g, u = (F^+)^T x and P the projection on the directions left
+/// out: grad d = q, grad F = r v^T - q x^T + u (P g)^T - 2 mu / trace (v . x) F (Golub and Pereyra
+/// 1973; the last term is that of a ridge which follows the trace). Directions left out are taken
+/// for exactly zero.
 ///
 /// q, u and v are refined once, as products with K K^T alone lose digits with the condition.
 pub(super) fn backward<B: Backend>(
@@ -137,8 +138,8 @@ pub(super) fn backward<B: Backend>(
     )
 }
 
-/// The part of `g [batch, k, 1]` within the directions that were kept: those of the columns of K, which
-/// are orthogonal where any was left out. Where none was it is `g`.
+/// The part of `g [batch, k, 1]` within the directions that were kept: those of the columns of K,
+/// which are orthogonal where any was left out. Where none was it is `g`.
 fn projected<B: Backend>(factor: &FloatTensor<B>, g: &FloatTensor<B>) -> FloatTensor<B> {
     let k = factor.shape()[2] as f64;
     let squares = B::float_sum_dim(B::float_mul(factor.clone(), factor.clone()), 1);

@@ -5,9 +5,9 @@
 //! arithmetic is f64 on the host.
 
 mod autodiff;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "cube")]
 mod composed;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "cube")]
 mod cube;
 mod host;
 mod problem;
@@ -26,7 +26,7 @@ use burn::tensor::Tensor;
     Autodiff,
     Flex,
     NdArray: cfg(feature = "ndarray"),
-    Cube: cfg(feature = "wgpu"),
+    Cube: cfg(feature = "cube"),
 )]
 pub trait LstsqBackend: Backend {
     /// `bases [b, n, k]`, `depths [b, n]`, `weights [b, n]` to the solution `[b, k]`, which can be
@@ -40,8 +40,8 @@ pub trait LstsqBackend: Backend {
         Self::lstsq_factor(bases, depths, weights, solver).0
     }
 
-    /// The solution `[b, k]` and K `[b, k, k]` with `K K^T` the pseudo-inverse of the normal matrix:
-    /// columns of 0 stand for directions that were left out. Not differentiated.
+    /// The solution `[b, k]` and K `[b, k, k]` with `K K^T` the pseudo-inverse of the normal
+    /// matrix: columns of 0 stand for directions that were left out. Not differentiated.
     fn lstsq_factor(
         bases: FloatTensor<Self>,
         depths: FloatTensor<Self>,
@@ -113,8 +113,8 @@ pub fn lstsq(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: So
 pub struct Factored {
     /// As of [`lstsq`], `[batch, k]`, without its history.
     pub solution: Tensor<2>,
-    /// K `[batch, k, k]`: `K K^T` is the covariance of the solution for points whose noise has variance
-    /// 1. Columns of 0 stand for directions that were left out.
+    /// K `[batch, k, k]`: `K K^T` is the covariance of the solution for points whose noise has
+    /// variance 1. Columns of 0 stand for directions that were left out.
     pub factor: Tensor<3>,
 }
 

@@ -29,7 +29,8 @@ pub struct Problem {
     pub(super) depths: Vec<f64>,
 }
 
-/// What a problem comes down to when only its weights are asked for; those of two sets of points add.
+/// What a problem comes down to when only its weights are asked for; those of two sets of points
+/// add.
 #[derive(Clone, Debug)]
 pub(in crate::fit) struct Moments {
     /// `M^T M`, both halves.
@@ -65,9 +66,9 @@ impl Solution {
             .collect()
     }
 
-    /// The leverage of each row that was fitted with a weight: how much of its own depth a fitted value is, from 0
-    /// (also for rows of weight 0) to 1. A residual divided by 1 - leverage is what it would be had the
-    /// row been left out (Allen 1974).
+    /// The leverage of each row that was fitted with a weight: how much of its own depth a fitted
+    /// value is, from 0 (also for rows of weight 0) to 1. A residual divided by 1 - leverage is
+    /// what it would be had the row been left out (Allen 1974).
     pub fn leverages<T: Copy + Into<f64>>(&self, bases: &[T], weights: &[f64]) -> Vec<f64> {
         let spreads = self.spreads(bases).into_iter().zip(weights);
         // Rounding may go a little beyond.

@@ -4,8 +4,9 @@
 use super::UNITS;
 use burn_cubecl::cubecl::{self, prelude::*};
 
-/// Steps `first..last` of a sweep over `r [batch, k, k + 1]`: rotates pairs of rows until they are orthogonal, the
-/// last column with them. Batches that are `done` are left alone. `lanes` units work on a pair.
+/// Steps `first..last` of a sweep over `r [batch, k, k + 1]`: rotates pairs of rows until they are
+/// orthogonal, the last column with them. Batches that are `done` are left alone. `lanes` units
+/// work on a pair.
 #[cube(launch)]
 pub(super) fn rotate(r: &mut [f32], done: &[f32], k: u32, lanes: u32, first: u32, last: u32) {
     let k = k as usize;

@@ -1,5 +1,5 @@
-//! The op on GPUs, in f32 and without leaving the device: tall-skinny QR (Demmel et al. 2012), then triangular
-//! inversion where the condition allows and one-sided Jacobi where not.
+//! The op on GPUs, in f32 and without leaving the device: tall-skinny QR (Demmel et al. 2012), then
+//! triangular inversion where the condition allows and one-sided Jacobi where not.
 
 mod jacobi;
 mod qr;
@@ -139,8 +139,8 @@ fn solve(rows: Floats, solver: Solver) -> (Floats, Floats) {
     (x, factor)
 }
 
-/// R and `Q^T d` `[batch, k, k + 1]` of `rows [batch, n, k + 1]`: blocks of rows first, then the R's of
-/// the blocks.
+/// R and `Q^T d` `[batch, k, k + 1]` of `rows [batch, n, k + 1]`: blocks of rows first, then the
+/// R's of the blocks.
 fn triangle(mut rows: Floats) -> Floats {
     loop {
         let shape = rows.shape();

@@ -3,8 +3,9 @@
 use super::{COLUMNS, UNITS};
 use burn_cubecl::cubecl::{self, prelude::*};
 
-/// Factors `work [batch, rows, k + 1]` in place, columns `first..last`: reflectors below the diagonal,
-/// and R with `Q^T d` as its last column in `r [batch, k, k + 1]`, whose other rows stay as they are.
+/// Factors `work [batch, rows, k + 1]` in place, columns `first..last`: reflectors below the
+/// diagonal, and R with `Q^T d` as its last column in `r [batch, k, k + 1]`, whose other rows stay
+/// as they are.
 ///
 /// A unit owns every second row of one column at a time: 2 x [`COLUMNS`] units.
 #[cube(launch)]
