@@ -9,18 +9,14 @@ pub fn names() -> Vec<&'static str> {
     if cfg!(feature = "ndarray") {
         names.push("ndarray");
     }
-    if cfg!(feature = "cuda") {
-        names.extend(["cuda", "cuda:N"]);
-    }
     if cfg!(feature = "wgpu") {
         names.extend(["wgpu", "wgpu:N", "wgpu:integrated", "wgpu:software"]);
     }
     names
 }
 
-/// Opens a device: `cpu` (burn's flex), `ndarray`, `wgpu` (the best GPU), `wgpu:N` (discrete GPU
-/// N),
-/// `wgpu:integrated`, `wgpu:software`, `cuda` or `cuda:N` (NVIDIA GPU N).
+/// Opens a device: `cpu` (burn's flex), `ndarray`, `wgpu` (the best GPU), `wgpu:N` (discrete GPU N),
+/// `wgpu:integrated`, `wgpu:software`.
 ///
 /// # Errors
 /// An unknown name, or a device that this machine does not have.
@@ -30,8 +26,6 @@ pub fn device(name: &str) -> Result<Device> {
         "cpu" if which.is_empty() => Ok(Device::flex()),
         #[cfg(feature = "ndarray")]
         "ndarray" if which.is_empty() => Ok(ndarray()),
-        #[cfg(feature = "cuda")]
-        "cuda" => cuda(name, which),
         #[cfg(feature = "wgpu")]
         "wgpu" => wgpu(name, which),
         _ => Err(Error::device(format!("unknown device `{name}`"))
@@ -42,20 +36,6 @@ pub fn device(name: &str) -> Result<Device> {
 #[cfg(feature = "ndarray")]
 fn ndarray() -> Device {
     Device::ndarray()
-}
-
-#[cfg(feature = "cuda")]
-fn cuda(name: &str, which: &str) -> Result<Device> {
-    let number = if which.is_empty() {
-        Ok(0)
-    } else {
-        which.parse()
-    };
-    let number: usize = number.map_err(|_| {
-        Error::device(format!("unknown device `{name}`"))
-            .hint(format!("devices of this build: {}", names().join(", ")))
-    })?;
-    Ok(Device::cuda(number))
 }
 
 #[cfg(feature = "wgpu")]

@@ -120,8 +120,7 @@ pub(super) struct Model {
     /// Weights file [default: the weights in the program].
     #[arg(long, value_name = "FILE")]
     pub(super) weights: Option<PathBuf>,
-    /// Where to compute: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, and in builds with them
-    /// cuda, cuda:N, ndarray.
+    /// Where to compute: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray.
     #[arg(long, default_value = "cpu", env = "LSDC_DEVICE")]
     pub(super) device: String,
 }
@@ -249,6 +248,21 @@ impl Eval {
 pub(super) enum ReportCommand {
     /// Join the reports of shards, exactly, and print the whole.
     Merge(Merge),
+    /// Show the error against the number of points, from one report for each number.
+    Curve(Curves),
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct Curves {
+    /// Reports of `lsdc eval --json` with different --points.
+    #[arg(required = true)]
+    pub(super) files: Vec<PathBuf>,
+    /// Write a page with the curves here [default: only print the table].
+    #[arg(long, value_name = "FILE")]
+    pub(super) html: Option<PathBuf>,
+    /// Replace an existing page.
+    #[arg(long)]
+    pub(super) force: bool,
 }
 
 #[derive(Debug, ClapArgs)]

@@ -56,6 +56,7 @@ fn run(args: Args) -> Result<Exit> {
         Command::Complete(args) => complete::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Report(ReportCommand::Merge(args)) => report::merge(&args),
+        Command::Report(ReportCommand::Curve(args)) => report::curve(&args),
         Command::Train(args) => train::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Export(args) => export::run(&args),

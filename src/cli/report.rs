@@ -1,10 +1,10 @@
 //! `lsdc report`: reports joined and shown.
 
-use super::args::Merge;
+use super::args::{Curves, Merge};
 use super::eval::Outputs;
 use super::{Exit, ui};
 use crate::error::{Error, Result};
-use crate::report::Report;
+use crate::report::{Curve, Report};
 
 pub(super) fn merge(args: &Merge) -> Result<Exit> {
     let mut whole: Option<Report> = None;
@@ -26,5 +26,19 @@ pub(super) fn merge(args: &Merge) -> Result<Exit> {
         Outputs::folder(folder).write(&whole, &[])?;
     }
     ui::print(&whole.to_string());
+    Ok(Exit::Done)
+}
+
+pub(super) fn curve(args: &Curves) -> Result<Exit> {
+    let reports = args.files.iter().map(|path| Report::read_json(path));
+    let curve = Curve::of(&reports.collect::<Result<Vec<_>>>()?)?;
+    if let Some(path) = &args.html {
+        if path.exists() && !args.force {
+            return Err(Error::config(format!("`{}` exists", path.display()))
+                .hint("give --force to replace it, or another name"));
+        }
+        curve.write_html(path)?;
+    }
+    ui::print(&curve.to_string());
     Ok(Exit::Done)
 }

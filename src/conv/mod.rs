@@ -79,7 +79,7 @@ impl ConvSpec {
     Autodiff,
     Flex,
     NdArray: cfg(feature = "ndarray"),
-    Cube: cfg(feature = "cube"),
+    Cube: cfg(feature = "wgpu"),
 )]
 pub trait ConvBackend: Backend {
     /// `x [b, h, w, c]` with `weight [o, c, k, k]` to `[b, h', w', o]`.
@@ -158,7 +158,7 @@ fn channels_last<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
 #[cfg(feature = "ndarray")]
 impl ConvBackend for burn_ndarray::NdArray {}
 
-#[cfg(feature = "cube")]
+#[cfg(feature = "wgpu")]
 impl ConvBackend for burn_cubecl::CubeBackend {}
 
 /// The product of `x [rows, in]` and `weight [in, out]`.

@@ -27,7 +27,7 @@ pub struct NormSpec {
     Autodiff,
     Flex,
     NdArray: cfg(feature = "ndarray"),
-    Cube: cfg(feature = "cube"),
+    Cube: cfg(feature = "wgpu"),
 )]
 pub trait NormBackend: Backend {
     /// Mean and biased variance of each channel of `x [.., channels]`; not differentiated.
@@ -157,7 +157,7 @@ fn reference_backward<B: Backend>(
 #[cfg(feature = "ndarray")]
 impl NormBackend for burn_ndarray::NdArray {}
 
-#[cfg(feature = "cube")]
+#[cfg(feature = "wgpu")]
 impl NormBackend for burn_cubecl::CubeBackend {}
 
 /// Mean and biased variance `[channels]` of `x [.., channels]`; not differentiated.

@@ -6,7 +6,7 @@ use super::text::{TABLES, shown};
 use super::{Mean, Report};
 use crate::data::{DepthMap, Place, write_atomically};
 use crate::error::{Cause, Error, Result};
-use crate::metrics::{Axis, Bin, Metric};
+use crate::metrics::{Axis, Bin, Certainty, Metric};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::{ImageFormat, RgbImage};
@@ -46,13 +46,7 @@ impl Report {
 
     /// The page.
     pub fn to_html(&self, exhibits: &[Exhibit]) -> String {
-        let mut page = format!(
-            "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>\
-             <meta name='viewport' content='width=device-width'>\
-             <title>{title}</title><style>{style}</style></head><body><h1>{title}</h1>\n",
-            title = escaped(&format!("Depth completion on {}", self.heading.dataset)),
-            style = include_str!("page.css"),
-        );
+        let mut page = begin(&format!("Depth completion on {}", self.heading.dataset));
         page.push_str("<table class='preface'>");
         for (name, text) in self.preface() {
             let _ = write!(page, "<tr><td>{name}</td><td>{}</td></tr>", escaped(&text));
@@ -97,23 +91,14 @@ impl Report {
     }
 
     fn charts(&self) -> String {
-        let names: Vec<String> = self.heading.methods.iter().map(|m| escaped(m)).collect();
-        let mut legend = String::from("<p class='legend'>");
-        for (i, name) in names.iter().enumerate() {
-            let colour = COLOURS[i % COLOURS.len()];
-            let _ = write!(
-                legend,
-                "<span><i style='background:{colour}'></i>{name}</span>"
-            );
-        }
-        legend.push_str("</p>");
+        let methods = &self.heading.methods;
         let lines = |of: &dyn Fn(usize) -> Vec<(f64, f64)>| -> Vec<Line> {
             let line = |colour: usize| Line {
                 colour,
                 dashed: false,
                 points: of(colour),
             };
-            (0..names.len()).map(line).collect()
+            (0..methods.len()).map(line).collect()
         };
         // A bin with few pixels says nothing: it needs a thousandth of all.
         let curve = |axis: Axis, method: usize| -> Vec<(f64, f64)> {
@@ -150,7 +135,7 @@ impl Report {
         // By the prediction, and at best.
         let mut left = Vec::new();
         for (colour, certainty) in self.certainties.iter().enumerate() {
-            let curve = certainty.iter().flat_map(|c| c.sparsification());
+            let curve = certainty.iter().flat_map(Certainty::sparsification);
             let (found, best) = curve
                 .map(|(share, found, best)| ((100.0 * share, found), (100.0 * share, best)))
                 .unzip();
@@ -200,11 +185,36 @@ impl Report {
             },
         ];
         let drawn: String = charts.iter().map(Chart::svg).collect();
-        format!("{legend}<div class='charts'>{drawn}</div>")
+        format!("{}<div class='charts'>{drawn}</div>", legend(methods))
     }
 }
 
 /// All measures of each method, errors and shares apart; the best of each column stands out.
+/// The page up to its title.
+pub(super) fn begin(title: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>\
+         <meta name='viewport' content='width=device-width'>\
+         <title>{title}</title><style>{style}</style></head><body><h1>{title}</h1>\n",
+        title = escaped(title),
+        style = include_str!("page.css"),
+    )
+}
+
+/// The colours of the methods.
+pub(super) fn legend(methods: &[String]) -> String {
+    let mut legend = String::from("<p class='legend'>");
+    for (name, i) in methods.iter().zip(0..) {
+        let (name, colour): (String, &str) = (escaped(name), COLOURS[i % COLOURS.len()]);
+        let _ = write!(
+            legend,
+            "<span><i style='background:{colour}'></i>{name}</span>"
+        );
+    }
+    legend.push_str("</p>");
+    legend
+}
+
 fn tables(means: &[Mean]) -> String {
     TABLES.iter().map(|metrics| table(means, metrics)).collect()
 }
@@ -344,7 +354,7 @@ fn png(image: &RgbImage) -> Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

@@ -3,11 +3,13 @@
 mod chart;
 mod colour;
 mod csv;
+mod curve;
 mod html;
 mod json;
 mod text;
 
 pub use colour::coloured;
+pub use curve::Curve;
 pub use html::{Exhibit, Role};
 
 use crate::data::Place;

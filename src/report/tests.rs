@@ -56,6 +56,35 @@ fn report(frames: impl Iterator<Item = usize>) -> Report {
 }
 
 #[test]
+fn a_curve_runs_from_few_points_to_many() {
+    let of = |points: usize, rmse: f64| {
+        let mut report = Report::new(heading());
+        for i in 0..3 {
+            let mut record = record(i, 0);
+            record.points = points;
+            for outcome in &mut record.outcomes {
+                outcome.scores = Scores::default().map(|_, _| rmse);
+            }
+            report.add(record).unwrap();
+        }
+        report
+    };
+    let curve = Curve::of(&[of(500, 0.25), of(5, 0.75)]).unwrap();
+    let text = curve.to_string();
+    let lines: Vec<Vec<&str>> = text
+        .lines()
+        .map(|l| l.split_whitespace().collect())
+        .collect();
+    assert_eq!(lines[0], ["RMSE", "a", "b"]);
+    assert_eq!(lines[1], ["5", "0.7500", "0.7500"]);
+    assert_eq!(lines[2], ["500", "0.2500", "0.2500"]);
+    let mut other = heading();
+    other.dataset = "another".into();
+    assert!(Curve::of(&[of(5, 0.5), Report::new(other)]).is_err());
+    assert!(Curve::of(&[]).is_err());
+}
+
+#[test]
 fn joined_shards_are_the_whole_bit_for_bit() {
     let whole = report(0..9);
     let mut shards = report([8, 1, 5].into_iter());

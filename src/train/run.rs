@@ -219,17 +219,18 @@ impl Trainer {
         };
         let mut weights = Weights::of(&net.valid(), record);
         record_fit(&mut weights, &self.fit)?;
-        if self.config.calibrate {
-            calibrate(
-                &mut weights,
-                self.frames.as_ref(),
-                &self.config,
-                &self.device,
-                |_, _| {},
-            )?;
-        }
-        let bytes = weights.to_bytes()?;
         let path = self.folder.join("weights.safetensors");
-        write_atomically(&path, |out| out.write_all(&bytes))
+        let write = |weights: &Weights| {
+            let bytes = weights.to_bytes()?;
+            write_atomically(&path, |out| out.write_all(&bytes))
+        };
+        // What was trained is not lost if its calibration fails.
+        write(&weights)?;
+        if self.config.calibrate {
+            let (frames, config) = (self.frames.as_ref(), &self.config);
+            calibrate(&mut weights, frames, config, &self.device, |_, _| {})?;
+            write(&weights)?;
+        }
+        Ok(())
     }
 }

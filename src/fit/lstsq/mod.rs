@@ -5,9 +5,9 @@
 //! arithmetic is f64 on the host.
 
 mod autodiff;
-#[cfg(feature = "cube")]
+#[cfg(feature = "wgpu")]
 mod composed;
-#[cfg(feature = "cube")]
+#[cfg(feature = "wgpu")]
 mod cube;
 mod host;
 mod problem;
@@ -26,7 +26,7 @@ use burn::tensor::Tensor;
     Autodiff,
     Flex,
     NdArray: cfg(feature = "ndarray"),
-    Cube: cfg(feature = "cube"),
+    Cube: cfg(feature = "wgpu"),
 )]
 pub trait LstsqBackend: Backend {
     /// `bases [b, n, k]`, `depths [b, n]`, `weights [b, n]` to the solution `[b, k]`, which can be
