@@ -37,7 +37,7 @@ const HEIGHT: f64 = 300.0;
 const LEFT: f64 = 58.0;
 const BOTTOM: f64 = 42.0;
 const TOP: f64 = 28.0;
-const RIGHT: f64 = 12.0;
+const RIGHT: f64 = 22.0;
 
 impl Chart<'_> {
     /// The chart as an `svg` element.
