@@ -256,6 +256,24 @@ fn points_can_be_kept_judged_and_weighted() {
     assert!(weight < 0.1, "{line}");
     assert_eq!(names(&folder.path().join("robust")).len(), 5);
 
+    // What is there is not replaced unasked, and nothing is written beside it.
+    let list = folder.path().join("robust/rgb_outliers.csv");
+    std::fs::write(&list, "mine").unwrap();
+    std::fs::remove_file(folder.path().join("robust/rgb_depth.npy")).unwrap();
+    lsdc(folder.path())
+        .args([
+            "complete",
+            "rgb.png",
+            "spoiled.npy",
+            "-o",
+            "robust",
+            "--outliers",
+        ])
+        .assert()
+        .code(2);
+    assert_eq!(std::fs::read_to_string(&list).unwrap(), "mine");
+    assert!(!folder.path().join("robust/rgb_depth.npy").exists());
+
     for how in ["exact", "blend"] {
         let kept = run(how, &["--preserve-input", how]);
         for p in spoiled.points() {

@@ -44,10 +44,10 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     };
     let depth = args.preserve_input.apply(&depth, &sparse)?;
     let writing = Instant::now();
-    outputs.write(&depth)?;
-    if let Some(fitted) = &fitted {
-        outputs.write_extras(args, fitted, &sparse)?;
-    }
+    let deviations = fitted.as_ref().and_then(|f| f.deviations.as_ref());
+    let list = fitted.as_ref().filter(|_| args.outliers);
+    let list = list.map(|f| outliers(&f.fit, &f.leverages, &sparse));
+    outputs.write(&depth, deviations, list.as_deref())?;
     let ignored = match sparse.ignored() {
         0 => String::new(),
         count => format!(" ({count} NaN, infinite or negative values ignored)"),
@@ -188,32 +188,36 @@ impl Outputs {
         })
     }
 
-    /// Writes the depth in three forms.
-    fn write(&self, depth: &DepthMap) -> Result<()> {
-        self.replaceable(&self.npy, depth)?;
+    /// Writes the depth in three forms, and what was asked for beside it. An existing result is
+    /// replaced only by an equal one, or with `--force`; else nothing is written.
+    fn write(
+        &self,
+        depth: &DepthMap,
+        deviations: Option<&DepthMap>,
+        outliers: Option<&str>,
+    ) -> Result<()> {
+        let maps = [(&self.npy, Some(depth)), (&self.sigma, deviations)];
+        for (path, map) in maps {
+            let same = |map: &DepthMap| data::read_npy(path, 1.0).is_ok_and(|old| old == *map);
+            self.replaceable(path, map.is_none_or(same))?;
+        }
+        let same =
+            |text: &str| std::fs::read_to_string(&self.outliers).is_ok_and(|old| old == text);
+        self.replaceable(&self.outliers, outliers.is_none_or(same))?;
+
         data::write_depth_png(&self.png, depth, MILLIMETRE)?;
         let (low, high) = depth.range().unwrap_or((0.0, 1.0));
         data::write_rgb(&self.colour, &coloured(depth, low, high))?;
-        data::write_npy(&self.npy, depth)
+        if let Some(text) = outliers {
+            data::write_atomically(&self.outliers, |out| out.write_all(text.as_bytes()))?;
+        }
+        maps.into_iter()
+            .filter_map(|(path, map)| Some((path, map?)))
+            .try_for_each(|(path, map)| data::write_npy(path, map))
     }
 
-    /// Writes what was asked for beside the depth.
-    fn write_extras(&self, args: &Complete, fitted: &Fitted, sparse: &DepthMap) -> Result<()> {
-        if let Some(deviations) = &fitted.deviations {
-            self.replaceable(&self.sigma, deviations)?;
-            data::write_npy(&self.sigma, deviations)?;
-        }
-        if args.outliers {
-            let table = outliers(&fitted.fit, &fitted.leverages, sparse);
-            data::write_atomically(&self.outliers, |out| out.write_all(table.as_bytes()))?;
-        }
-        Ok(())
-    }
-
-    /// An existing result is replaced only by an equal one, or with `--force`.
-    fn replaceable(&self, path: &Path, values: &DepthMap) -> Result<()> {
-        let same = || data::read_npy(path, 1.0).is_ok_and(|old| old == *values);
-        if self.force || !path.exists() || same() {
+    fn replaceable(&self, path: &Path, same: bool) -> Result<()> {
+        if self.force || same || !path.exists() {
             return Ok(());
         }
         Err(Error::config(format!("`{}` exists", path.display()))

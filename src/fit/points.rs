@@ -1,5 +1,6 @@
 //! What is fitted.
 
+use super::robust::median;
 use super::{Space, lstsq};
 use crate::error::{Error, Result};
 
@@ -24,6 +25,7 @@ pub(super) struct Rows<'a> {
     /// By the deviations; 1 on average.
     pub(super) weights: Vec<f64>,
     pub(super) places: Option<&'a [[usize; 2]]>,
+    space: Space,
 }
 
 impl<'a> Points<'a> {
@@ -66,6 +68,7 @@ impl<'a> Points<'a> {
             values,
             weights,
             places: self.places,
+            space,
         })
     }
 }
@@ -89,6 +92,14 @@ fn precisions(depths: &[f32], deviations: &[f32], space: Space) -> Result<Vec<f6
 impl Rows<'_> {
     pub(super) fn columns(&self) -> usize {
         self.bases.len() / self.values.len().max(1)
+    }
+
+    /// What a relative residual is relative to. Differences of logarithms are relative already.
+    pub(super) fn unit(&self) -> f64 {
+        match self.space {
+            Space::Log => 1.0,
+            Space::Depth | Space::Inverse => median(self.values.iter().copied()),
+        }
     }
 
     pub(super) fn residuals(&self, weights: &[f64]) -> Vec<f64> {

@@ -75,7 +75,7 @@ impl Loss {
 pub struct Robust {
     /// How weights fall.
     pub loss: Loss,
-    /// For `irls`: residuals below this share of the median depth weigh alike. Relative, so that
+    /// For `irls`: residuals below this share of the median depth (inverse depth) weigh alike. Relative, so that
     /// scaling all depths scales the result. The other losses find their scale in the residuals.
     pub threshold: f64,
     /// Standard deviations of the noise at which the other losses bend; the classic constant of
@@ -168,7 +168,7 @@ pub(super) fn robust(
     for _ in 0..settings.iterations {
         let mut found = rows.residuals(&estimate.solution.weights);
         let scale = if loss == Loss::Irls {
-            settings.threshold * median(rows.values.iter().map(|v| v.abs()))
+            settings.threshold * rows.unit()
         } else {
             found = without_own(&found, &estimate.solution.leverages(rows.bases, &weights));
             if let Some(neighbourhood) = &neighbourhood {
@@ -262,7 +262,7 @@ pub(super) fn deviation(residuals: &[f64]) -> f64 {
     1.4826 * median(residuals.iter().map(|r| r.abs()))
 }
 
-fn median(values: impl Iterator<Item = f64>) -> f64 {
+pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
@@ -271,7 +271,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::{FitConfig, Points, fit};
+    use crate::fit::{FitConfig, Points, Space, fit};
     use crate::rng::Rng;
 
     fn fitted(bases: &[f32], depths: &[f32], robust: Option<Robust>) -> (Vec<f64>, Vec<f64>) {
@@ -355,6 +355,26 @@ mod tests {
             for (a, b) in near.iter().zip(&far) {
                 assert!((8.0 * a - b).abs() < 1e-9 * b.abs(), "{loss:?} {a} {b}");
             }
+        }
+    }
+
+    #[test]
+    fn in_logarithms_the_paper_s_threshold_is_a_ratio() {
+        let (bases, depths) = line(60, 0.2);
+        let weights = |factor: f32| {
+            let depths: Vec<f32> = depths.iter().map(|d| factor * d).collect();
+            let config = FitConfig {
+                space: Space::Log,
+                robust: Some(Robust::default()),
+                ..FitConfig::default()
+            };
+            fit(&Points::new(&bases, &depths), &config, None)
+                .unwrap()
+                .point_weights
+        };
+        // Scaling adds a constant to every logarithm, which the first function takes.
+        for (a, b) in weights(1.0).iter().zip(weights(8.0)) {
+            assert!((a - b).abs() < 1e-6, "{a} {b}");
         }
     }
 

@@ -70,15 +70,11 @@ pub fn calibrate(
         images.extend(found);
         progress(images.len(), total);
     }
-    let unknown = NoisePrior {
-        mean: 0.0,
-        deviation: None,
-        trust: TRUST,
-    };
     let prior = Prior::learn(&images)?;
     let unknown = NoisePrior {
         mean: prior.noise().mean,
-        ..unknown
+        deviation: None,
+        trust: TRUST,
     };
 
     // With 500 points there is no need to know the noise beforehand.
