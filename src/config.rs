@@ -18,6 +18,8 @@ pub enum Preset {
     Paper,
     /// Fewer blocks and a narrower MLP: 2.5 M parameters, about half of the compute.
     Medium,
+    /// The medium network with features at full resolution.
+    Sharp,
     /// About a tenth of the compute, for weak machines.
     Small,
 }
@@ -79,6 +81,7 @@ impl Config {
         self.network.clone().unwrap_or(match self.preset {
             Preset::Paper => BasisNetConfig::paper(),
             Preset::Medium => BasisNetConfig::medium(),
+            Preset::Sharp => BasisNetConfig::sharp(),
             Preset::Small => BasisNetConfig::small(),
         })
     }

@@ -26,6 +26,7 @@ pub mod data;
 pub mod device;
 pub mod error;
 pub mod eval;
+pub mod field;
 pub mod fit;
 pub mod metrics;
 pub mod model;

@@ -17,7 +17,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("norm", &["simd", "rng"]),
     ("model", &["conv", "norm", "simd", "error", "rng"]),
     ("nearest", &["rng"]),
-    ("fit", &["nearest", "error", "rng"]),
+    ("field", &["rng"]),
+    ("fit", &["field", "nearest", "error", "rng"]),
     ("classic", &["nearest", "data", "error", "rng"]),
     (
         "predict",

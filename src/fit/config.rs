@@ -1,7 +1,7 @@
 //! Settings of the fit.
 
 use super::lstsq::Solver;
-use super::{Lambda, Robust, Space};
+use super::{JointConfig, Lambda, Robust, Space};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
@@ -33,10 +33,42 @@ impl PriorKind {
     }
 }
 
+/// What depth is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FitMethod {
+    /// Base functions alone: the paper's least squares.
+    #[default]
+    Lse,
+    /// A field that is smooth but for edges, alone: weighted least squares.
+    Wls,
+    /// Both, fitted together.
+    Joint,
+}
+
+impl FitMethod {
+    /// All methods.
+    pub const ALL: [Self; 3] = [Self::Lse, Self::Wls, Self::Joint];
+
+    /// The name in configs and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Lse => "lse",
+            Self::Wls => "wls",
+            Self::Joint => "joint",
+        }
+    }
+}
+
 /// How weights are found; the defaults are the paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitConfig {
+    /// What depth is made of: "lse" (the paper's base functions), "wls" (a field that is smooth but
+    /// for edges) or "joint" (both).
+    pub method: FitMethod,
+    /// How base functions and field share the depths.
+    pub joint: JointConfig,
     /// Singular values below this share of the largest are left out (paper Algorithm 1). The
     /// default is 129 times the epsilon of f32.
     pub rcond: f64,
@@ -58,6 +90,8 @@ pub struct FitConfig {
 impl Default for FitConfig {
     fn default() -> Self {
         Self {
+            method: FitMethod::Lse,
+            joint: JointConfig::default(),
             rcond: 1.5e-5,
             ridge: 0.0,
             prior: PriorKind::None,
@@ -94,12 +128,21 @@ impl FitConfig {
         {
             return Err(Error::config("`fit.lambda` must be above 0"));
         }
+        if self.method != FitMethod::Lse && self.space != Space::Depth {
+            return Err(Error::config("a field is fitted to depths: `fit.space = \"depth\"`"));
+        }
+        self.joint.check()?;
         self.robust.map_or(Ok(()), Robust::check)
     }
 }
 
 impl Display for FitConfig {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self.method {
+            FitMethod::Lse => {}
+            FitMethod::Wls => return write!(f, "edge-aware field"),
+            FitMethod::Joint => write!(f, "joint with an edge-aware field, ")?,
+        }
         match self.space {
             Space::Depth => write!(f, "fit")?,
             space => write!(f, "fit in {} depth", space.name())?,

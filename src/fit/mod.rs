@@ -1,6 +1,7 @@
 //! Base functions and sparse depths to weights: the least-squares fit (paper section 3.3).
 
 mod config;
+mod joint;
 mod lstsq;
 mod noise;
 mod outcome;
@@ -9,12 +10,14 @@ mod prior;
 mod reweighted;
 mod robust;
 mod running;
+mod scene;
 mod shrink;
 mod space;
 #[cfg(test)]
 mod tests;
 
-pub use config::{FitConfig, PriorKind};
+pub use config::{FitConfig, FitMethod, PriorKind};
+pub use joint::{JointBackend, JointConfig, JointFit, Scenes, joint};
 pub use lstsq::{Factored, LstsqBackend, Problem, Solution, Solver, lstsq};
 pub use noise::LocalNoise;
 pub use outcome::{Fit, root_mean_square};
@@ -23,6 +26,7 @@ pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use reweighted::{Reweighting, RobustGradient, reweighted};
 pub use robust::{Loss, Robust};
 pub use running::RunningFit;
+pub use scene::{Edges, Scene, Smooth};
 pub use shrink::Lambda;
 pub use space::Space;
 
@@ -50,7 +54,7 @@ impl Estimator<'_> {
     fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let problem = Problem::new(rows.bases, &rows.values, weights);
         match self {
-            Self::Shrunk(prior, lambda) => problem.shrunk(prior, lambda),
+            Self::Shrunk(prior, lambda) => problem.moments().shrunk(prior, lambda),
             Self::Plain(solver) => {
                 let solution = problem.solve(solver)?;
                 let residuals = rows.residuals(&solution.weights);
@@ -75,6 +79,9 @@ impl Estimator<'_> {
 /// decomposition that does not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
     let rows = points.rows(config.space)?;
+    if config.method != FitMethod::Lse {
+        return fit_field(&rows, points.scene, config, prior);
+    }
     let flat;
     let estimator = match config.prior {
         PriorKind::None => Estimator::Plain(config.solver()),
@@ -90,6 +97,34 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
         Some(settings) => robust::robust(&rows, estimator, plain, settings)?,
     };
     Ok(Fit::new(&rows, estimate, point_weights, config.space))
+}
+
+/// Fits with a field.
+fn fit_field(
+    rows: &Rows<'_>,
+    scene: Option<Scene<'_>>,
+    config: &FitConfig,
+    prior: Option<&Prior>,
+) -> Result<Fit> {
+    let scene = scene.ok_or_else(|| {
+        Error::config(format!(
+            "`fit.method = \"{}\"` needs the image that the points lie in",
+            config.method.name()
+        ))
+    })?;
+    let flat;
+    let prior = match (config.method, config.prior) {
+        (FitMethod::Wls, _) => None,
+        (_, PriorKind::Learned) => Some(learned(prior, config.space)?),
+        _ => {
+            flat = Prior::flat(rows.columns());
+            Some(&flat)
+        }
+    };
+    let prior = prior.map(|prior| (prior, config.lambda));
+    let found = joint::solve(rows, &rows.weights, scene, config.joint.data, prior)?;
+    let fit = Fit::new(rows, found.estimate, rows.weights.clone(), config.space);
+    Ok(fit.with_field(found.smooth, &found.at_points))
 }
 
 /// A prior over the weights of depths says nothing of the weights of their logarithms.

@@ -2,7 +2,7 @@
 
 use super::points::Rows;
 use super::robust::deviation;
-use super::{Estimate, Solution, Space};
+use super::{Estimate, Smooth, Solution, Space};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
@@ -22,6 +22,8 @@ pub struct Fit {
     pub lambda: Option<f64>,
     /// What base functions add up to.
     pub space: Space,
+    /// The field that base functions x weights are added to, if there is one.
+    pub smooth: Option<Smooth>,
     /// The variance of a point of weight 1 about the fit, in the squared unit of the space.
     pub(super) noise: f64,
     /// Depths, and residuals, in the space of the fit.
@@ -50,10 +52,23 @@ impl Fit {
             rank: solution.rank,
             lambda,
             space,
+            smooth: None,
             noise,
             values: rows.values.clone(),
             rests,
             solution,
+        }
+    }
+
+    /// With a field, which has these values at the points.
+    pub(super) fn with_field(self, smooth: Smooth, at_points: &[f64]) -> Self {
+        let pairs = self.rests.iter().zip(at_points);
+        let rests: Vec<f64> = pairs.map(|(rest, value)| rest - value).collect();
+        Self {
+            residuals: metres(&self.values, &rests, self.space),
+            rests,
+            smooth: Some(smooth),
+            ..self
         }
     }
 

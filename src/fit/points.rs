@@ -1,7 +1,7 @@
 //! What is fitted.
 
 use super::robust::median;
-use super::{Space, lstsq};
+use super::{Scene, Space, lstsq};
 use crate::error::{Error, Result};
 
 /// Sparse depths with the base functions at them.
@@ -16,6 +16,8 @@ pub struct Points<'a> {
     pub deviations: Option<&'a [f32]>,
     /// The pixel (x, y) of each, by which robust fits find neighbours.
     pub places: Option<&'a [[usize; 2]]>,
+    /// The image that they lie in, which fits with a field need.
+    pub scene: Option<Scene<'a>>,
 }
 
 /// Points in the space of the fit.
@@ -36,6 +38,7 @@ impl<'a> Points<'a> {
             depths,
             deviations: None,
             places: None,
+            scene: None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Fits that are drawn towards a prior, so that few points are enough.
 
 use super::Estimate;
-use super::lstsq::{Moments, Problem, Solution};
+use super::lstsq::{Moments, Solution};
 use super::prior::Prior;
 use crate::error::{Error, Result};
 use faer::{Mat, Side};
@@ -43,13 +43,13 @@ struct Spectrum<'a> {
     freedom: f64,
 }
 
-impl Problem {
+impl Moments {
     /// Solves the problem with a prior over its weights.
     ///
     /// # Errors
     /// Values that are not finite, or a prior for another number of weights.
     pub(super) fn shrunk(&self, prior: &Prior, lambda: Lambda) -> Result<Estimate> {
-        let spectrum = Spectrum::new(&self.moments(), prior)?;
+        let spectrum = Spectrum::new(self, prior)?;
         let lambda = match lambda {
             Lambda::Fixed(lambda) => lambda,
             Lambda::Evidence => spectrum.best(|lambda| spectrum.surprise(lambda)),

@@ -5,10 +5,11 @@
 //! 32, 16 and 8 pixels, and they run in ceil mode, averaging only the pixels inside the map.
 
 use super::layers::{Conv, ConvNorm, Init};
+use super::resample::{pooling, enlarging};
 use crate::conv::ConvSpec;
 use crate::error::{Error, Result};
 use burn::module::Module;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
 /// A run of residual blocks of equal width.
@@ -146,20 +147,27 @@ pub struct Extractor {
 impl Extractor {
     /// `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
+        self.forward_both(images).0
+    }
+
+    /// The same, and the features at half the resolution on the way, as wide as the first stage.
+    pub(super) fn forward_both(&self, images: Tensor<4>) -> (Tensor<4>, Tensor<4>) {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
         let x = self
             .stem
             .iter()
             .fold(images, |x, conv| conv.forward_relu(x));
-        let raw = run(run(x, &self.half), &self.quarter);
+        let half = run(x, &self.half);
+        let raw = run(half.clone(), &self.quarter);
         let skip = run(run(raw.clone(), &self.wide), &self.dilated);
         let pooled = self.branches.iter().zip(&self.pools).map(|(conv, &pool)| {
-            let (down, up) = resampling(skip.dims(), pool, &skip.device());
-            up.apply(conv.forward_relu(down.apply(skip.clone())))
+            let [_, height, width, _] = skip.dims();
+            let pooled = pooling(skip.clone(), pool);
+            enlarging(conv.forward_relu(pooled), (height, width))
         });
         let all = [raw, skip.clone()].into_iter().chain(pooled).collect();
-        self.project
-            .forward(self.merge.forward_relu(Tensor::cat(all, 3)))
+        let merged = self.merge.forward_relu(Tensor::cat(all, 3));
+        (self.project.forward(merged), half)
     }
 }
 
@@ -211,91 +219,4 @@ fn stage(
             }
         })
         .collect()
-}
-
-/// A linear map along rows and one along columns: pooling or bilinear enlargement of a whole map.
-struct Separable {
-    /// `[height', height]`
-    rows: Tensor<2>,
-    /// `[width', width]`
-    columns: Tensor<2>,
-}
-
-impl Separable {
-    /// `[batch, height, width, channels]` to `[batch, height', width', channels]`.
-    fn apply(&self, x: Tensor<4>) -> Tensor<4> {
-        let [batch, height, width, channels] = x.dims();
-        let [new_height, new_width] = [self.rows.dims()[0], self.columns.dims()[0]];
-        let x = x.reshape([batch, height, width * channels]);
-        let x = self.rows.clone().unsqueeze::<3>().matmul(x);
-        let x = x.reshape([batch * new_height, width, channels]);
-        let x = self.columns.clone().unsqueeze::<3>().matmul(x);
-        x.reshape([batch, new_height, new_width, channels])
-    }
-}
-
-/// Average pooling of `[_, height, width, _]` by `pool` and the bilinear way back.
-fn resampling(dims: [usize; 4], pool: usize, device: &Device) -> (Separable, Separable) {
-    let [_, height, width, _] = dims;
-    let tensor = |values: Vec<f32>, rows: usize, columns: usize| {
-        Tensor::<2>::from_data(TensorData::new(values, [rows, columns]), device)
-    };
-    let (short, narrow) = (height.div_ceil(pool), width.div_ceil(pool));
-    let down = Separable {
-        rows: tensor(averages(height, pool), short, height),
-        columns: tensor(averages(width, pool), narrow, width),
-    };
-    let up = Separable {
-        rows: tensor(enlargement(short, height), height, short),
-        columns: tensor(enlargement(narrow, width), width, narrow),
-    };
-    (down, up)
-}
-
-/// Matrix `[ceil(length / pool), length]` of averages over windows cut off at the end.
-fn averages(length: usize, pool: usize) -> Vec<f32> {
-    let windows = length.div_ceil(pool);
-    let mut matrix = vec![0.0; windows * length];
-    for i in 0..length {
-        let window = i / pool;
-        let count = pool.min(length - window * pool);
-        matrix[window * length + i] = 1.0 / count as f32;
-    }
-    matrix
-}
-
-/// Matrix `[to, from]` of bilinear interpolation between pixel centres.
-fn enlargement(from: usize, to: usize) -> Vec<f32> {
-    let mut matrix = vec![0.0; to * from];
-    for i in 0..to {
-        let (low, high, t) = super::grid::neighbours(i, to, from);
-        matrix[i * from + low] += 1.0 - t;
-        matrix[i * from + high] += t;
-    }
-    matrix
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pools_count_only_pixels_inside() {
-        assert_eq!(
-            averages(5, 2),
-            [
-                0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
-            ]
-        );
-    }
-
-    #[test]
-    fn enlargement_is_exact_on_ramps_inside() {
-        let matrix = enlargement(4, 8);
-        let row = |i: usize| (0..4).map(|j| matrix[i * 4 + j] * j as f32).sum::<f32>();
-        for i in 1..7 {
-            assert!((row(i) - (f32::midpoint(i as f32, 0.5) - 0.5)).abs() < 1e-6);
-        }
-        assert!(row(0).abs() < 1e-6 && (row(7) - 3.0).abs() < 1e-6);
-    }
 }

@@ -201,6 +201,20 @@ impl Conv {
         }
     }
 
+    /// Yields 0 before any training.
+    pub(super) fn zero(
+        from: usize,
+        to: usize,
+        kernel: usize,
+        spec: ConvSpec,
+        init: &mut Init,
+    ) -> Self {
+        Self {
+            weight: init.normal([to, from, kernel, kernel], 0.0),
+            spec,
+        }
+    }
+
     /// `[batch, height, width, from]` to `[batch, height', width', to]`.
     pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         conv2d(x, self.weight.val(), self.spec)
@@ -279,6 +293,13 @@ impl Linear {
         }
     }
 
+    /// Yields 0 before any training.
+    pub(super) fn zero(from: usize, to: usize, init: &mut Init) -> Self {
+        Self {
+            weight: init.normal([from, to], 0.0),
+        }
+    }
+
     /// `[rows, from]` to `[rows, to]`.
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         linear(x, self.weight.val())
@@ -323,6 +344,11 @@ impl Hidden {
 
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         self.norm.forward(self.linear.forward(x), true)
+    }
+
+    /// The same, with something added before normalisation.
+    pub(super) fn forward_with(&self, x: Tensor<2>, more: Tensor<2>) -> Tensor<2> {
+        self.norm.forward(self.linear.forward(x) + more, true)
     }
 
     /// Linear map and normalisation as one, if the statistics are fixed.

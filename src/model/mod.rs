@@ -1,16 +1,20 @@
 //! Image to base functions. Knows no file, no dataset, and never sees a sparse depth.
 
 mod bases;
+mod detail;
+mod edges;
 mod encoding;
 mod extractor;
 mod grid;
 mod layers;
 mod plan;
+mod resample;
 #[cfg(test)]
 mod tests;
 mod weights;
 
 pub use bases::{Bases, BasisHead};
+pub use edges::edges_of_colours;
 pub use encoding::encode;
 pub use extractor::{Extractor, ExtractorConfig, StageConfig};
 pub use layers::NormKind;
@@ -21,6 +25,7 @@ use crate::error::{Error, Result};
 use crate::rng::Rng;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
+use detail::Detail;
 use layers::Init;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +42,9 @@ pub struct BasisNetConfig {
     pub hidden: Vec<usize>,
     /// N, the number of learned base functions; the constant 1 comes in addition.
     pub bases: usize,
+    /// Channels of the features at full resolution, which the base functions and the edges read
+    /// beside the extractor's; 0 leaves them out, as the paper has it.
+    pub detail: usize,
     /// Normalisation after every convolution and hidden layer.
     pub norm: NormKind,
 }
@@ -55,6 +63,7 @@ impl BasisNetConfig {
             octaves: 5,
             hidden: vec![512, 128, 128],
             bases: 128,
+            detail: 0,
             norm: NormKind::Batch,
         }
     }
@@ -77,7 +86,16 @@ impl BasisNetConfig {
             // At least as wide as `bases` at the end: fewer would make the bases dependent.
             hidden: vec![128, 128],
             bases: 128,
+            detail: 0,
             norm: NormKind::Batch,
+        }
+    }
+
+    /// The medium network with features at full resolution.
+    pub fn sharp() -> Self {
+        Self {
+            detail: 16,
+            ..Self::medium()
         }
     }
 
@@ -99,6 +117,9 @@ impl BasisNetConfig {
                 self.bases
             )));
         }
+        if self.detail > 0 && self.hidden.is_empty() {
+            return Err(Error::config("`detail` needs a layer in `hidden`"));
+        }
         if self.octaves > 16 {
             return Err(Error::config("`octaves` must be at most 16"));
         }
@@ -106,7 +127,8 @@ impl BasisNetConfig {
             self.extractor
                 .widths()
                 .into_iter()
-                .chain(self.hidden.iter().copied()),
+                .chain(self.hidden.iter().copied())
+                .chain([self.detail]),
         )
     }
 
@@ -134,6 +156,8 @@ impl BasisNetConfig {
         Ok(BasisNet {
             extractor: self.extractor.init(&mut init),
             head: BasisHead::init(self, &mut init),
+            detail: (self.detail > 0)
+                .then(|| Detail::init(self.detail, &self.extractor, &mut init)),
         })
     }
 }
@@ -143,13 +167,22 @@ impl BasisNetConfig {
 pub struct BasisNet {
     extractor: Extractor,
     head: BasisHead,
+    detail: Option<Detail>,
 }
 
 impl BasisNet {
     /// Computes the base functions of normalised images `[batch, height, width, 3]`.
     pub fn bases(&self, images: Tensor<4>) -> Bases {
-        let features = self.extractor.forward(images);
-        Bases::new(features, self.head.clone())
+        let (features, half) = self.extractor.forward_both(images.clone());
+        let (detail, changes) = match &self.detail {
+            None => (None, None),
+            Some(detail) => {
+                let (detail, changes) = detail.forward(images.clone(), half, features.clone());
+                (Some(detail), Some(changes))
+            }
+        };
+        let edges = edges::strengths(images, changes);
+        Bases::new(features, detail, edges, self.head.clone())
     }
 
     /// Lets batch normalisation use its running statistics from now on, in training too, so that

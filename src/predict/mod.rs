@@ -13,8 +13,10 @@ pub use weights::{
 
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
-use crate::fit::{Fit, FitConfig, ImageMoments, Points, Prior, fit};
-use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
+use crate::fit::{Edges, Fit, FitConfig, FitMethod, ImageMoments, Points, Prior, Scene, fit};
+use crate::model::{
+    Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights, edges_of_colours,
+};
 use crate::sample::{Interpolation, Size, image_tensor, image_values, resize_rgb};
 use crate::simd::Level;
 use burn::tensor::Device;
@@ -48,7 +50,11 @@ enum Engine {
 
 /// The base functions of an image, ready to be fitted to any points.
 #[derive(Clone, Debug)]
-pub struct ImageBases(Values);
+pub struct ImageBases {
+    values: Values,
+    /// What fits with a field need.
+    edges: Option<Edges>,
+}
 
 #[derive(Clone, Debug)]
 enum Values {
@@ -59,7 +65,7 @@ enum Values {
 impl ImageBases {
     /// Values `[pixels, N + 1]` at pixels `y * width + x` of an output of `size` (height, width).
     pub fn at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
-        match &self.0 {
+        match &self.values {
             Values::Plan(bases) => bases.at(size, pixels),
             Values::Net(_) if pixels.is_empty() => Vec::new(),
             Values::Net(bases) => {
@@ -71,7 +77,7 @@ impl ImageBases {
 
     /// Bases x weights at every pixel of an output of `size` (height, width).
     pub fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        match &self.0 {
+        match &self.values {
             Values::Plan(bases) => bases.combine(size, weights),
             Values::Net(bases) => {
                 let weights: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
@@ -224,7 +230,7 @@ impl Completer {
         let (fit, reading) = rayon::scope(|_| {
             let gathered = Gathered::new(bases, sparse, None)?;
             let reading = started.elapsed();
-            self.fit_gathered(&gathered).map(|fit| (fit, reading))
+            self.fit_gathered(bases, &gathered).map(|fit| (fit, reading))
         })?;
         let fitting = started.elapsed();
 
@@ -253,11 +259,11 @@ impl Completer {
         sparse: &DepthMap,
         deviations: Option<&DepthMap>,
     ) -> Result<Fit> {
-        self.fit_gathered(&Gathered::new(bases, sparse, deviations)?)
+        self.fit_gathered(bases, &Gathered::new(bases, sparse, deviations)?)
     }
 
-    fn fit_gathered(&self, gathered: &Gathered) -> Result<Fit> {
-        fit(&gathered.points(), &self.fit, self.prior.as_ref())
+    fn fit_gathered(&self, bases: &ImageBases, gathered: &Gathered) -> Result<Fit> {
+        fit(&gathered.points(bases), &self.fit, self.prior.as_ref())
     }
 
     /// The dense depth of a fit to `sparse`, at `size` or the size of `sparse`.
@@ -273,6 +279,9 @@ impl Completer {
     ) -> Result<DepthMap> {
         let size = size.unwrap_or_else(|| size_of(sparse));
         let mut values = bases.combine((size.height, size.width), &fit.weights);
+        if let Some(smooth) = &fit.smooth {
+            smooth.add_to((size.height, size.width), &mut values);
+        }
         let (low, high) = sparse.range().unwrap_or((0.0, 0.0));
         for value in &mut values {
             *value = (fit.space.depth(f64::from(*value)) as f32).clamp(low / RANGE, high * RANGE);
@@ -286,7 +295,7 @@ impl Completer {
     /// No point, or damaged weights.
     pub fn moments(&self, bases: &ImageBases, sparse: &DepthMap) -> Result<ImageMoments> {
         let gathered = Gathered::new(bases, sparse, None)?;
-        ImageMoments::new(&gathered.points())
+        ImageMoments::new(&gathered.points(bases))
     }
 
     /// The leverage of each point, in the order of [`DepthMap::points`].
@@ -313,17 +322,33 @@ impl Completer {
         let Normalisation {
             mean, deviation, ..
         } = self.normalisation;
-        Ok(ImageBases(match &self.engine {
+        let with_field = self.fit.method != FitMethod::Lse;
+        let (values, edges) = match &self.engine {
             Engine::Net(net, device) => {
                 let image = image_tensor(&[&working], mean, deviation, device)?;
-                Values::Net(Box::new(net.bases(image)))
+                let bases = net.bases(image);
+                let edges = with_field.then(|| bases.edges());
+                (Values::Net(Box::new(bases)), edges)
             }
             Engine::Plan(plan) => {
                 let (width, height) = working.dimensions();
                 let image = image_values(&working, mean, deviation);
-                Values::Plan(plan.bases(&image, (height as usize, width as usize)))
+                let bases = plan.bases(&image, (height as usize, width as usize));
+                let edges = if with_field {
+                    let image = image_tensor(&[&working], mean, deviation, &Device::flex())?;
+                    Some(edges_of_colours(image))
+                } else {
+                    None
+                };
+                (Values::Plan(bases), edges)
             }
-        }))
+        };
+        let edges = edges.map(|strengths| {
+            let [_, height, width, _] = strengths.dims();
+            let values: Vec<f32> = strengths.into_data().iter::<f32>().collect();
+            Edges::new((height, width), &values)
+        });
+        Ok(ImageBases { values, edges })
     }
 }
 
@@ -333,6 +358,7 @@ struct Gathered {
     depths: Vec<f32>,
     deviations: Option<Vec<f32>>,
     places: Vec<[usize; 2]>,
+    size: (usize, usize),
 }
 
 impl Gathered {
@@ -356,15 +382,21 @@ impl Gathered {
             depths,
             deviations: deviations.transpose()?,
             places,
+            size: (sparse.height(), sparse.width()),
         })
     }
 
-    fn points(&self) -> Points<'_> {
+    fn points<'a>(&'a self, bases: &'a ImageBases) -> Points<'a> {
+        let scene = |edges| Scene {
+            edges,
+            size: self.size,
+        };
         Points {
             bases: &self.bases,
             depths: &self.depths,
             deviations: self.deviations.as_deref(),
             places: Some(&self.places),
+            scene: bases.edges.as_ref().map(scene),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{LossConfig, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
-use crate::fit::{FitConfig, Reweighting, Solver};
+use crate::fit::{FitConfig, Reweighting};
 use crate::model::BasisNet;
 use crate::sample::Batch;
 use burn::grad_clipping::GradientClippingConfig;
@@ -14,7 +14,7 @@ use burn::tensor::Tensor;
 pub struct Learner {
     pub(super) net: BasisNet,
     pub(super) optimiser: ModuleOptimizer,
-    solver: Solver,
+    fit: FitConfig,
     robust: Option<Reweighting>,
     loss: LossConfig,
 }
@@ -42,7 +42,7 @@ impl Learner {
         Self {
             net,
             optimiser,
-            solver: fit.solver(),
+            fit: *fit,
             robust: config.robust,
             loss: config.loss,
         }
@@ -65,7 +65,7 @@ impl Learner {
     /// # Errors
     /// A loss that is not finite.
     pub fn step(mut self, batch: &Batch, rate: f64) -> Result<(Self, Step)> {
-        let losses = losses(&self.net, batch, self.solver, self.robust, &self.loss);
+        let losses = losses(&self.net, batch, &self.fit, self.robust, &self.loss);
         let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
         let step = Step {
             loss: value(&losses.total),

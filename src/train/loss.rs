@@ -1,10 +1,10 @@
 //! The three losses of the paper (section 3.4), on the pixels of a batch.
 
 use crate::error::{Error, Result};
-use crate::fit::{Reweighting, Solver, lstsq, reweighted};
+use crate::fit::{FitConfig, FitMethod, Reweighting, joint, lstsq, reweighted};
 use crate::model::BasisNet;
 use crate::sample::Batch;
-use burn::tensor::Tensor;
+use burn::tensor::{Int, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 
 /// Weights of the losses.
@@ -60,16 +60,15 @@ pub struct Losses {
 pub fn losses(
     net: &BasisNet,
     batch: &Batch,
-    solver: Solver,
+    fit: &FitConfig,
     robust: Option<Reweighting>,
     config: &LossConfig,
 ) -> Losses {
     let [images, pixels] = batch.depths.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
-    let bases = net
-        .bases(batch.images.clone())
-        .at(batch.size, &batch.pixels);
+    let computed = net.bases(batch.images.clone());
+    let bases = computed.at(batch.size, &batch.pixels);
     let functions = bases.dims()[2];
 
     let at_points = bases
@@ -78,15 +77,26 @@ pub fn losses(
         .repeat_dim(0, draws);
     let depths = batch.depths.clone().slice([0..images, 0..points]);
     let (depths, draw) = (depths.repeat_dim(0, draws), batch.draws.clone());
-    let weights = match robust {
-        None => lstsq(at_points, depths, draw, solver),
-        Some(settings) => reweighted(at_points, depths, draw, solver, settings).0,
+    let (weights, field) = match (fit.method, robust) {
+        (FitMethod::Lse, None) => (lstsq(at_points, depths, draw, fit.solver()), None),
+        (FitMethod::Lse, Some(settings)) => {
+            let solver = fit.solver();
+            (reweighted(at_points, depths, draw, solver, settings).0, None)
+        }
+        (FitMethod::Joint | FitMethod::Wls, _) => {
+            let candidates = batch.pixels.iter().map(|p| p[..points].to_vec()).collect();
+            let found = joint(at_points, depths, draw, computed.edges(), candidates, fit.joint);
+            (found.weights, Some(at_pixels(found.field, &batch.pixels)))
+        }
     };
     let weights = weights
         .reshape([draws, images, functions])
         .permute([1, 2, 0]);
     // [images, pixels, draws]
-    let fitted = bases.matmul(weights.clone());
+    let mut fitted = bases.matmul(weights.clone());
+    if let Some(field) = field {
+        fitted = fitted + field;
+    }
 
     let depths = batch.depths.clone().reshape([images, pixels, 1]);
     let valid = depths.clone().greater_elem(0.0).float();
@@ -102,6 +112,18 @@ pub fn losses(
         total = total + weights.abs().mean() * config.regularisation;
     }
     Losses { total, l1, l2 }
+}
+
+/// Fields `[draws * images, height * width]` at pixels of each image: `[images, pixels, draws]`.
+fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
+    let [problems, _] = field.dims();
+    let (images, count) = (pixels.len(), pixels.first().map_or(0, Vec::len));
+    let draws = problems / images;
+    let places: Vec<i32> = pixels.iter().flatten().map(|&p| p as i32).collect();
+    let places = TensorData::new(places, [images, count]);
+    let places = Tensor::<2, Int>::from_data(places, &field.device()).repeat_dim(0, draws);
+    let values = field.gather(1, places);
+    values.reshape([draws, images, count]).permute([1, 2, 0])
 }
 
 /// Differences of the error between horizontal and vertical neighbours inside the patches, where

@@ -35,6 +35,9 @@ impl Plan {
     /// Prepares a network, or `None` if it has no fixed statistics to fold: group normalisation, or
     /// no hidden layer.
     pub fn new(net: &BasisNet, level: Level) -> Option<Self> {
+        if net.detail.is_some() {
+            return None;
+        }
         Some(Self(Arc::new(Inner {
             extractor: ExtractorPlan::new(&net.extractor, level)?,
             head: HeadPlan::new(&net.head, level)?,
