@@ -17,9 +17,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("norm", &["simd", "rng"]),
     ("model", &["conv", "norm", "simd", "error", "rng"]),
     ("nearest", &["rng"]),
-    ("field", &["rng"]),
+    ("field", &["simd", "rng"]),
     ("fit", &["field", "nearest", "error", "rng"]),
-    ("classic", &["nearest", "data", "error", "rng"]),
+    ("classic", &["field", "nearest", "data", "error", "rng"]),
     (
         "predict",
         &[

@@ -5,9 +5,10 @@
 //!
 //! where `w_ij` falls with the difference in colour.
 
-use super::equations::Equations;
+use super::equations::singular;
 use crate::data::DepthMap;
 use crate::error::Result;
+use crate::field::{Field, Grid, Observations};
 use image::RgbImage;
 
 /// Difference in colour (of 255 a channel) at which a weight is half. This and the next were chosen
@@ -22,36 +23,37 @@ const DATA: f64 = 100.0;
 
 pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
     let (width, height) = (sparse.width(), sparse.height());
-    let mut equations = Equations::new(width * height);
     let colour = |i: usize| rgb.get_pixel((i % width) as u32, (i / width) as u32).0;
-    let mut join = |i: usize, j: usize| {
-        let weight = alike(colour(i), colour(j));
-        equations.add(i, i, weight);
-        equations.add(j, j, weight);
-        equations.add(j, i, -weight);
+    let joined = |step: usize, last: &dyn Fn(usize) -> bool| -> Vec<f64> {
+        let pixels = 0..width * height;
+        let strength = |i| {
+            if last(i) {
+                0.0
+            } else {
+                alike(colour(i), colour(i + step))
+            }
+        };
+        pixels.map(strength).collect()
     };
-    for y in 0..height {
-        for x in 0..width {
-            let i = y * width + x;
-            if x + 1 < width {
-                join(i, i + 1);
-            }
-            if y + 1 < height {
-                join(i, i + width);
-            }
-        }
-    }
-    for point in sparse.points() {
-        let i = point.y * width + point.x;
-        equations.add(i, i, DATA);
-        equations.add_right(i, DATA * f64::from(point.depth));
-    }
-    let values = equations.solve_symmetric()?;
-    DepthMap::new(
-        width,
+    let (pixels, depths): (Vec<u32>, Vec<f64>) = sparse
+        .points()
+        .map(|point| ((point.y * width + point.x) as u32, f64::from(point.depth)))
+        .unzip();
+    let grid = Grid {
         height,
-        values.into_iter().map(|v| v as f32).collect(),
-    )
+        width,
+        right: &joined(1, &|i| (i + 1).is_multiple_of(width)),
+        down: &joined(width, &|i| i + width >= width * height),
+    };
+    let seen = Observations {
+        pixels: &pixels,
+        weights: &vec![DATA; pixels.len()],
+        columns: &depths,
+        count: 1,
+    };
+    let field = Field::new(&grid, &seen).ok_or_else(singular)?;
+    let values = field.extend(&[1.0]).into_iter().map(|v| v as f32);
+    DepthMap::new(width, height, values.collect())
 }
 
 fn alike(a: [u8; 3], b: [u8; 3]) -> f64 {

@@ -3,7 +3,8 @@
 use crate::data::{DatasetKind, Split};
 use crate::error::{Error, Result};
 use crate::eval::{EvalConfig, Shard};
-use crate::fit::{FitConfig, Loss, PriorKind, Robust, Space};
+use crate::fit::{FitConfig, FitMethod, Lambda, Loss, PriorKind, Robust, Space};
+use crate::model::Precision;
 use crate::predict::{Method, Preserve};
 use crate::sample::{Interpolation, Noise, Pattern, Size};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
@@ -32,6 +33,9 @@ pub(super) enum Command {
     Report(ReportCommand),
     /// Train a network.
     Train(Train),
+    /// List, describe and convert weights.
+    #[command(subcommand)]
+    Weights(WeightsCommand),
     /// Learn which weights are likely, and how far predictions are off: what training does after
     /// its last step, for weights that exist.
     Calibrate(Calibrate),
@@ -90,6 +94,10 @@ pub(super) struct Complete {
 /// Settings of the fit, laid over those of the weights.
 #[derive(Debug, ClapArgs)]
 pub(super) struct FitFlags {
+    /// What depth is made of: lse (the paper's base functions), wls (a field that is smooth but for
+    /// the image's edges), joint (both) [default: as the weights say].
+    #[arg(long = "fit", value_enum, value_name = "METHOD")]
+    fit_method: Option<FitMethod>,
     /// Fit without following outliers [default: as the weights say].
     #[arg(long, value_enum, value_name = "LOSS")]
     robust: Option<Robustness>,
@@ -104,8 +112,13 @@ pub(super) struct FitFlags {
 
 impl FitFlags {
     /// Lays the flags over settings. A learned prior is one over weights of depths: in another
-    /// space the flat one takes its place.
+    /// space the flat one takes its place. A lambda that was chosen for base functions beside a
+    /// field says nothing of base functions alone, and the reverse.
     pub(super) fn apply(&self, fit: &mut FitConfig) {
+        if let Some(method) = self.fit_method.filter(|&method| method != fit.method) {
+            fit.method = method;
+            fit.lambda = Lambda::Evidence;
+        }
         fit.robust = self.robust.map_or(fit.robust, Robustness::settings);
         fit.space = self.space.unwrap_or(fit.space);
         if fit.space != Space::Depth && fit.prior == PriorKind::Learned {
@@ -274,6 +287,36 @@ pub(super) struct Merge {
     #[arg(short, long, value_name = "DIR")]
     pub(super) output: Option<PathBuf>,
     /// Replace existing files.
+    #[arg(long)]
+    pub(super) force: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum WeightsCommand {
+    /// List the weights that come with the program.
+    List,
+    /// Describe weights: network, input, fit, how they were trained, and how well.
+    Info {
+        /// Weights file, or a name that `list` shows [default: the weights in the program].
+        file: Option<PathBuf>,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Write weights in another precision.
+    Convert(Convert),
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct Convert {
+    /// Weights file, or a name that `list` shows.
+    pub(super) input: PathBuf,
+    /// Weights file to write.
+    pub(super) output: PathBuf,
+    /// Of the network's numbers: f16 or f32.
+    #[arg(long, value_enum, default_value = "f16", value_name = "TYPE")]
+    pub(super) precision: Precision,
+    /// Replace the file if it exists.
     #[arg(long)]
     pub(super) force: bool,
 }
@@ -463,8 +506,10 @@ by_name!(
         Self(Some(Loss::Tukey)),
     ]
 );
+by_name!(FitMethod, Self::ALL);
 by_name!(PriorKind, Self::ALL);
 by_name!(Space, Self::ALL);
+by_name!(Precision, [Self::Half, Self::Single]);
 by_name!(Preserve, Self::ALL);
 by_name!(Split, [Self::Train, Self::Val]);
 by_name!(DatasetKind, Self::ALL);

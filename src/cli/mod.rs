@@ -10,6 +10,7 @@ mod report;
 mod settings;
 mod train;
 mod ui;
+mod weights;
 
 use crate::error::{Cause, Error, Result};
 use args::{Args, Command, ReportCommand};
@@ -58,6 +59,7 @@ fn run(args: Args) -> Result<Exit> {
         Command::Report(ReportCommand::Merge(args)) => report::merge(&args),
         Command::Report(ReportCommand::Curve(args)) => report::curve(&args),
         Command::Train(args) => train::run(&args),
+        Command::Weights(command) => weights::run(&command),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Bench(args) => bench::run(&args),

@@ -1,7 +1,9 @@
 //! One step of the elimination: a dense block of pixels, and what it leaves to later ones.
 
+use super::columns::Columns;
 use super::dissection::{Dissection, Region};
 use super::{Grid, Sites};
+use crate::simd::Level;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
@@ -14,14 +16,25 @@ const MOST_POINTS: usize = 150;
 /// Halves of larger regions are eliminated in parallel.
 const FORK: usize = 2048;
 
+/// Larger fronts are worth blocked algorithms.
+const SMALL: usize = 160;
+
 /// Variables are pixels, then columns.
 #[derive(Clone, Debug)]
 pub(super) struct Front {
-    eliminated: Vec<u32>,
-    /// Later variables that these depend on.
+    pub(super) eliminated: Vec<u32>,
+    /// Later variables that these depend on: pixels, then columns.
     kept: Vec<u32>,
     /// The columns of the Cholesky factor: rows `eliminated`, then `kept`.
-    factor: Mat<f64>,
+    pub(super) factor: Columns,
+    /// Whether the columns are among `kept`.
+    pub(super) joined: bool,
+    /// Where each of `kept`, but for columns, is in the front of the whole that this is a half of:
+    /// among its eliminated, then its kept.
+    pub(super) inherited: Vec<u32>,
+    /// How many fronts directly before this one are of its halves.
+    pub(super) descendants: usize,
+    columns: usize,
 }
 
 /// What is left of a region.
@@ -30,7 +43,7 @@ pub(super) struct Part {
     pub(super) fronts: Vec<Front>,
     pub(super) log_determinant: f64,
     /// The equations of `kept` that the region leaves, lower half.
-    pub(super) rest: Mat<f64>,
+    pub(super) rest: Columns,
     kept: Vec<u32>,
     /// Whether the columns are among `kept`.
     joined: bool,
@@ -42,14 +55,59 @@ pub(super) struct Parent<'a> {
     pub(super) grid: &'a Grid<'a>,
     pub(super) sites: &'a Sites<'a>,
     pub(super) cuts: &'a Dissection,
+    pub(super) level: Level,
+}
+
+/// Memory that the fronts of a thread use one after the other. Its values do not matter.
+pub(super) struct Room {
+    /// Where each variable is in a front.
+    places: Vec<u32>,
+    /// A front, column by column.
+    equations: Vec<f64>,
+}
+
+impl Room {
+    pub(super) fn new(variables: usize) -> Self {
+        Self {
+            places: vec![0; variables],
+            equations: Vec::new(),
+        }
+    }
+
+    /// A front with nothing in its lower half.
+    fn clear(&mut self, size: usize) {
+        if self.equations.len() < size * size {
+            self.equations.resize(size * size, 0.0);
+        }
+        for (j, column) in self
+            .equations
+            .chunks_exact_mut(size.max(1))
+            .take(size)
+            .enumerate()
+        {
+            column[j..].fill(0.0);
+        }
+    }
+}
+
+/// A square matrix of which the lower half counts, column by column.
+struct Lower<'a> {
+    values: &'a mut [f64],
+    size: usize,
+}
+
+impl Lower<'_> {
+    fn add(&mut self, i: usize, j: usize, value: f64) {
+        self.values[i.min(j) * self.size + i.max(j)] += value;
+    }
 }
 
 impl Parent<'_> {
-    /// Eliminates a region. `places` has room for every variable, its values do not matter.
-    pub(super) fn eliminate(&self, region: Region, places: &mut [u32]) -> Option<Part> {
+    /// Eliminates a region.
+    pub(super) fn eliminate(&self, region: Region, room: &mut Room) -> Option<Part> {
         let (halves, own) = match region.cut() {
             None => (None, region),
-            Some(([one, two], line)) => (Some(self.both(region, one, two, places)?), line),
+            Some(([one, two], line)) => (Some(self.both(region, one, two, room)?), line),
         };
         let halves: Vec<Part> = halves.into_iter().flatten().collect();
         let columns = self.sites.seen.count;
@@ -80,8 +138,7 @@ impl Parent<'_> {
         later.sort_unstable();
         later.dedup();
         let mut kept = later;
-        let joined =
-            whole || points.len() > MOST_POINTS || halves.iter().any(|half| half.joined);
+        let joined = whole || points.len() > MOST_POINTS || halves.iter().any(|half| half.joined);
         if joined {
             eliminated.extend_from_slice(&points);
             kept.extend((0..columns as u32).map(|column| pixels + column));
@@ -90,26 +147,31 @@ impl Parent<'_> {
         }
 
         for (place, &variable) in eliminated.iter().chain(&kept).enumerate() {
-            places[variable as usize] = place as u32;
+            room.places[variable as usize] = place as u32;
         }
+        let (count, size) = (eliminated.len(), eliminated.len() + kept.len());
+        room.clear(size);
+        let Room { places, equations } = room;
         let place = |variable: u32| places[variable as usize] as usize;
-        let size = eliminated.len() + kept.len();
-        let mut equations = Mat::<f64>::zeros(size, size);
+        let mut lower = Lower {
+            values: &mut equations[..size * size],
+            size,
+        };
         for &pixel in &mine {
             self.neighbours(pixel, |other, strength| {
                 let order = self.cuts.turn(other).cmp(&turn);
                 if order.then(other.cmp(&pixel)).is_gt() {
                     let (i, j) = (place(pixel), place(other));
-                    equations[(i, i)] += strength;
-                    equations[(j, j)] += strength;
-                    equations[(i.max(j), i.min(j))] -= strength;
+                    lower.add(i, i, strength);
+                    lower.add(j, j, strength);
+                    lower.add(i, j, -strength);
                 }
             });
         }
         let mut fronts = Vec::new();
         let mut log_determinant = 0.0;
-        for half in halves {
-            add(&mut equations, &half, place);
+        for mut half in halves {
+            half.add_to(&mut lower, place);
             log_determinant += half.log_determinant;
             if fronts.is_empty() {
                 fronts = half.fronts;
@@ -118,18 +180,23 @@ impl Parent<'_> {
             }
         }
         if joined {
-            let first = size - columns;
-            self.observe(&mut equations, &points, place, first);
+            self.observe(&mut lower, &points, place, size - columns);
         }
-        let count = eliminated.len();
-        factorise(equations.as_mut(), count)?;
-        let factor = equations.get(.., ..count).to_owned();
-        log_determinant += (0..count).map(|i| 2.0 * factor[(i, i)].ln()).sum::<f64>();
-        let rest = equations.get(count.., count..).to_owned();
+        factorise(lower.values, size, count, self.level)?;
+        let factor = Columns::of(lower.values, size, 0..count);
+        log_determinant += (0..count)
+            .map(|i| 2.0 * factor.column(i)[0].ln())
+            .sum::<f64>();
+        let rest = Columns::of(lower.values, size, count..size);
+        let descendants = fronts.len();
         fronts.push(Front {
             eliminated,
             kept: kept.clone(),
             factor,
+            joined,
+            inherited: Vec::new(),
+            descendants,
+            columns: if joined { columns } else { 0 },
         });
         Some(Part {
             fronts,
@@ -140,20 +207,14 @@ impl Parent<'_> {
         })
     }
 
-    fn both(
-        &self,
-        region: Region,
-        one: Region,
-        two: Region,
-        places: &mut [u32],
-    ) -> Option<[Part; 2]> {
+    fn both(&self, region: Region, one: Region, two: Region, room: &mut Room) -> Option<[Part; 2]> {
         if region.area() <= FORK {
-            return Some([self.eliminate(one, places)?, self.eliminate(two, places)?]);
+            return Some([self.eliminate(one, room)?, self.eliminate(two, room)?]);
         }
-        let room = places.len();
+        let variables = room.places.len();
         let (one, two) = rayon::join(
-            || self.eliminate(one, places),
-            || self.eliminate(two, &mut vec![0; room]),
+            || self.eliminate(one, room),
+            || self.eliminate(two, &mut Room::new(variables)),
         );
         Some([one?, two?])
     }
@@ -166,7 +227,7 @@ impl Parent<'_> {
     /// Adds what points say: `weight (y - column x)^2` each.
     fn observe(
         &self,
-        equations: &mut Mat<f64>,
+        lower: &mut Lower<'_>,
         points: &[u32],
         place: impl Fn(u32) -> usize,
         first: usize,
@@ -179,13 +240,17 @@ impl Parent<'_> {
                 continue;
             };
             let (weight, at) = (seen.weights[point], place(pixel));
-            equations[(at, at)] += weight;
-            for (i, &value) in seen.columns[point * columns..][..columns].iter().enumerate() {
-                equations[(first + i, at)] -= weight * value;
-                rows[(i, j)] = weight.sqrt() * value;
+            lower.add(at, at, weight);
+            let values = &seen.columns[point * columns..][..columns];
+            for (i, &value) in values.iter().enumerate() {
+                lower.add(first + i, at, -weight * value);
             }
+            let row = rows.col_as_slice_mut(j).iter_mut();
+            row.zip(values).for_each(|(r, v)| *r = weight.sqrt() * v);
         }
-        let block = equations.get_mut(first.., first..);
+        let size = lower.size;
+        let all = MatMut::from_column_major_slice_mut(lower.values, size, size);
+        let (_, _, _, block) = all.split_at_mut(first, first);
         add_product(block, rows.as_ref(), 1.0);
     }
 
@@ -213,19 +278,32 @@ impl Parent<'_> {
     }
 }
 
-/// Adds what a half leaves.
-fn add(equations: &mut Mat<f64>, half: &Part, place: impl Fn(u32) -> usize) {
-    let places: Vec<usize> = half.kept.iter().map(|&variable| place(variable)).collect();
-    for (column, &j) in places.iter().enumerate() {
-        let values = &half.rest.col_as_slice(column)[column..];
-        for (value, &i) in values.iter().zip(&places[column..]) {
-            equations[(i.max(j), i.min(j))] += value;
+impl Part {
+    /// Adds what the region leaves, and tells its front where.
+    fn add_to(&mut self, lower: &mut Lower<'_>, place: impl Fn(u32) -> usize) {
+        let places: Vec<usize> = self.kept.iter().map(|&variable| place(variable)).collect();
+        for (column, &j) in places.iter().enumerate() {
+            let values = self.rest.column(column);
+            for (&value, &i) in values.iter().zip(&places[column..]) {
+                lower.add(i, j, value);
+            }
+        }
+        if let Some(front) = self.fronts.last_mut() {
+            let pixels = front.kept_pixels().len();
+            front.inherited = places[..pixels].iter().map(|&place| place as u32).collect();
         }
     }
 }
 
 /// Cholesky of the first `count` columns; the rest becomes its Schur complement.
-fn factorise(equations: MatMut<'_, f64>, count: usize) -> Option<()> {
+fn factorise(values: &mut [f64], size: usize, count: usize, level: Level) -> Option<()> {
+    if size <= SMALL {
+        return level.vectorised(
+            #[inline(always)]
+            || eliminate_by_columns(values, size, count),
+        );
+    }
+    let equations = MatMut::from_column_major_slice_mut(values, size, size);
     let (left, right) = equations.split_at_col_mut(count);
     let (mut top, mut bottom) = left.split_at_row_mut(count);
     let scratch = cholesky_in_place_scratch::<f64>(count, Par::Seq, faer::prelude::default());
@@ -241,6 +319,53 @@ fn factorise(equations: MatMut<'_, f64>, count: usize) -> Option<()> {
     solve_lower_triangular_in_place(top.as_ref(), transposed, Par::Seq);
     let (_, rest) = right.split_at_row_mut(count);
     add_product(rest, bottom.as_ref(), -1.0);
+    Some(())
+}
+
+/// The same, without what is 0: in small fronts most pixels are not joined yet. A few columns at
+/// once, which spares memory traffic.
+#[inline(always)]
+fn eliminate_by_columns(values: &mut [f64], size: usize, count: usize) -> Option<()> {
+    const TOGETHER: usize = 4;
+    let mut first = 0;
+    while first < count {
+        let end = (first + TOGETHER).min(count);
+        for j in first..end {
+            let (known, later) = values.split_at_mut((j + 1) * size);
+            let column = &mut known[j * size + j..];
+            let pivot = column[0];
+            if !(pivot > 0.0 && pivot.is_finite()) {
+                return None;
+            }
+            let scale = pivot.sqrt().recip();
+            column.iter_mut().for_each(|v| *v *= scale);
+            for (k, target) in later.chunks_exact_mut(size).take(end - j - 1).enumerate() {
+                let own = &column[k + 1..];
+                let factor = own[0];
+                let targets = target[j + k + 1..].iter_mut();
+                targets.zip(own).for_each(|(t, v)| *t -= factor * v);
+            }
+        }
+        let (known, later) = values.split_at_mut(end * size);
+        let column = |j: usize| &known[j.min(end - 1) * size..][..size];
+        let block: [&[f64]; TOGETHER] = std::array::from_fn(|i| column(first + i));
+        for (k, target) in (end..).zip(later.chunks_exact_mut(size)) {
+            let factors: [f64; TOGETHER] =
+                std::array::from_fn(|i| if first + i < end { block[i][k] } else { 0.0 });
+            if factors == [0.0; TOGETHER] {
+                continue;
+            }
+            let [a, b, c, d] = block.map(|column| &column[k..]);
+            let target = &mut target[k..];
+            let length = target.len();
+            let (a, b, c, d) = (&a[..length], &b[..length], &c[..length], &d[..length]);
+            for (i, target) in target.iter_mut().enumerate() {
+                let sum = factors[0] * a[i] + factors[1] * b[i];
+                *target -= sum + (factors[2] * c[i] + factors[3] * d[i]);
+            }
+        }
+        first = end;
+    }
     Some(())
 }
 
@@ -261,10 +386,22 @@ fn add_product(block: MatMut<'_, f64>, rows: MatRef<'_, f64>, scale: f64) {
 }
 
 impl Front {
+    /// The fronts of the halves, of which this one is at `at`.
+    pub(super) fn halves(&self, at: usize, fronts: &[Self]) -> Vec<usize> {
+        if self.descendants == 0 {
+            return Vec::new();
+        }
+        let two = at - 1;
+        vec![two - fronts[two].descendants - 1, two]
+    }
+
+    pub(super) fn kept_pixels(&self) -> &[u32] {
+        &self.kept[..self.kept.len() - self.columns]
+    }
+
     pub(super) fn forward(&self, values: &mut [f64]) {
-        let count = self.eliminated.len();
         for (j, &variable) in self.eliminated.iter().enumerate() {
-            let column = &self.factor.col_as_slice(j)[j..];
+            let column = self.factor.column(j);
             let value = values[variable as usize] / column[0];
             values[variable as usize] = value;
             let later = self.eliminated[j + 1..].iter().chain(&self.kept);
@@ -272,22 +409,15 @@ impl Front {
                 values[other as usize] -= factor * value;
             }
         }
-        debug_assert!(count <= self.factor.nrows());
     }
 
-    pub(super) fn backward(&self, values: &mut [f64], later: &mut Vec<f64>) {
-        let size = self.factor.nrows();
-        later.clear();
-        later.resize(size, 0.0);
-        let count = self.eliminated.len();
-        for (value, &variable) in later[count..].iter_mut().zip(&self.kept) {
-            *value = values[variable as usize];
-        }
+    /// Completes `values`: of the kept variables after room for the eliminated, whose right-hand
+    /// sides are in `right`.
+    pub(super) fn backward(&self, right: &[f64], values: &mut [f64]) {
         for (j, &variable) in self.eliminated.iter().enumerate().rev() {
-            let column = &self.factor.col_as_slice(j)[j..];
-            let known = dot(&column[1..], &later[j + 1..]);
-            later[j] = (values[variable as usize] - known) / column[0];
-            values[variable as usize] = later[j];
+            let column = self.factor.column(j);
+            let known = dot(&column[1..], &values[j + 1..]);
+            values[j] = (right[variable as usize] - known) / column[0];
         }
     }
 }

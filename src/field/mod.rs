@@ -7,14 +7,19 @@
 //! the halves are eliminated first, in parallel, and the line last. Points are eliminated where
 //! more than a few have gathered, so that the columns meet only the last and largest steps.
 
+mod columns;
 mod dissection;
 mod front;
+mod spread;
 #[cfg(test)]
 mod tests;
 
+pub use spread::{Reach, Spread};
+
+use crate::simd::Level;
 use dissection::{Dissection, Region};
 use faer::Mat;
-use front::{Front, Parent};
+use front::{Front, Parent, Room};
 
 /// How strongly neighbours are joined, `[height * width]` each, none negative.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +56,9 @@ pub struct Field {
     log_determinant: f64,
 }
 
+/// Fronts with more descendants share them among threads.
+const FORK: usize = 16;
+
 /// Observations by pixel.
 struct Sites<'a> {
     seen: &'a Observations<'a>,
@@ -77,20 +85,23 @@ impl Field {
         for (place, &pixel) in seen.pixels.iter().enumerate() {
             places[pixel as usize] = place as u32 + 1;
         }
+        if seen.pixels.is_empty() {
+            return None;
+        }
         let sites = Sites { seen, places };
         let cuts = Dissection::new(grid.height, grid.width);
         let whole = Region::whole(grid.height, grid.width);
-        let mut places = vec![0; pixels + seen.count];
         let parent = Parent {
             grid,
             sites: &sites,
             cuts: &cuts,
+            level: Level::here(),
         };
-        let part = parent.eliminate(whole, &mut places)?;
+        let part = parent.eliminate(whole, &mut Room::new(pixels + seen.count))?;
         Some(Self {
             fronts: part.fronts,
             pixels,
-            moments: part.rest,
+            moments: part.rest.matrix(0..seen.count, seen.count),
             log_determinant: part.log_determinant,
         })
     }
@@ -108,30 +119,66 @@ impl Field {
 
     /// The field for targets `columns x`.
     pub fn extend(&self, x: &[f64]) -> Vec<f64> {
-        let mut values = vec![0.0; self.pixels];
-        values.extend_from_slice(x);
-        self.substitute(&mut values);
-        values.truncate(self.pixels);
-        values
+        self.substitute(&vec![0.0; self.pixels], x)
     }
 
     /// The answer of the equations of y, for a right-hand side at every pixel.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let columns = self.moments.ncols();
         let mut values = right.to_vec();
-        values.resize(self.pixels + self.moments.ncols(), 0.0);
+        values.resize(self.pixels + columns, 0.0);
         for front in &self.fronts {
             front.forward(&mut values);
         }
-        values[self.pixels..].fill(0.0);
-        self.substitute(&mut values);
-        values.truncate(self.pixels);
+        self.substitute(&values, &vec![0.0; columns])
+    }
+
+    /// What is left of the equations once they are triangular, from the last front to the first.
+    fn substitute(&self, right: &[f64], columns: &[f64]) -> Vec<f64> {
+        let mut values = vec![0.0; self.pixels];
+        let Some(last) = self.fronts.len().checked_sub(1) else {
+            return values;
+        };
+        for (at, found) in self.descend_values(last, &[], right, columns) {
+            let pixels = &self.fronts[at].eliminated;
+            for (&pixel, value) in pixels.iter().zip(found) {
+                values[pixel as usize] = value;
+            }
+        }
         values
     }
 
-    fn substitute(&self, values: &mut [f64]) {
-        let mut kept = Vec::new();
-        for front in self.fronts.iter().rev() {
-            front.backward(values, &mut kept);
+    /// The values of the variables of a front and its descendants, those that it eliminates first;
+    /// `later` are those of the front that it is a half of.
+    fn descend_values(
+        &self,
+        at: usize,
+        later: &[f64],
+        right: &[f64],
+        columns: &[f64],
+    ) -> Vec<(usize, Vec<f64>)> {
+        let front = &self.fronts[at];
+        let mut values = vec![0.0; front.eliminated.len()];
+        values.extend(front.inherited.iter().map(|&place| later[place as usize]));
+        if front.joined {
+            values.extend_from_slice(columns);
         }
+        front.backward(right, &mut values);
+        let run = |half: usize| self.descend_values(half, &values, right, columns);
+        let mut found = match front.halves(at, &self.fronts)[..] {
+            [one, two] if front.descendants > FORK => {
+                let (mut one, two) = rayon::join(|| run(one), || run(two));
+                one.extend(two);
+                one
+            }
+            [one, two] => {
+                let mut one = run(one);
+                one.extend(run(two));
+                one
+            }
+            _ => Vec::new(),
+        };
+        found.push((at, values));
+        found
     }
 }

@@ -148,7 +148,10 @@ fn moments_are_the_sum_at_its_minimum() {
                 quadratic += moments[(i.max(j), i.min(j))] * x[i] * x[j];
             }
         }
-        assert!((quadratic - sum).abs() < 1e-9 * sum.max(1.0), "{quadratic} {sum}");
+        assert!(
+            (quadratic - sum).abs() < 1e-9 * sum.max(1.0),
+            "{quadratic} {sum}"
+        );
     }
 }
 
@@ -188,4 +191,37 @@ fn what_cannot_be_solved_is_refused() {
         ..grid
     };
     assert!(Field::new(&grid, &nothing).is_none());
+}
+
+#[test]
+fn variances_and_responses_are_those_of_the_dense_inverse() {
+    for example in examples() {
+        let field = example.field();
+        let size = example.size[0] * example.size[1];
+        let dense = example.dense().llt(Side::Lower).unwrap();
+        let inverse = dense.solve(Mat::<f64>::identity(size, size));
+        let combinations = Mat::from_fn(COLUMNS, 2, |i, j| (1 + i) as f64 - 3.0 * j as f64);
+        let expected: Vec<Vec<f64>> = (0..2)
+            .map(|j| field.extend(combinations.col_as_slice(j)))
+            .collect();
+        for reach in [Reach::Points, Reach::All] {
+            let mut seen = vec![0; size];
+            for spread in field.spreads(combinations.as_ref(), reach) {
+                for (i, &pixel) in spread.pixels.iter().enumerate() {
+                    let at = pixel as usize;
+                    seen[at] += 1;
+                    let variance = inverse[(at, at)];
+                    assert!((spread.variances[i] - variance).abs() < 1e-9 * variance.max(1.0));
+                    for (j, expected) in expected.iter().enumerate() {
+                        assert!((spread.responses[(i, j)] - expected[at]).abs() < 1e-9);
+                    }
+                }
+            }
+            let asked = match reach {
+                Reach::All => (0..size as u32).collect(),
+                Reach::Points => example.pixels.clone(),
+            };
+            assert!(asked.iter().all(|&pixel| seen[pixel as usize] == 1));
+        }
+    }
 }

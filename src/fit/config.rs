@@ -112,6 +112,15 @@ impl FitConfig {
         }
     }
 
+    /// How strongly weights are drawn to their prior beside a field: as in training, if nothing is
+    /// assumed of them.
+    pub(super) fn field_lambda(&self) -> Lambda {
+        match self.prior {
+            PriorKind::None => Lambda::Fixed(self.joint.ridge),
+            PriorKind::Flat | PriorKind::Learned => self.lambda,
+        }
+    }
+
     /// Checks every setting.
     ///
     /// # Errors
@@ -129,7 +138,9 @@ impl FitConfig {
             return Err(Error::config("`fit.lambda` must be above 0"));
         }
         if self.method != FitMethod::Lse && self.space != Space::Depth {
-            return Err(Error::config("a field is fitted to depths: `fit.space = \"depth\"`"));
+            return Err(Error::config(
+                "a field is fitted to depths: `fit.space = \"depth\"`",
+            ));
         }
         self.joint.check()?;
         self.robust.map_or(Ok(()), Robust::check)
@@ -140,14 +151,17 @@ impl Display for FitConfig {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         match self.method {
             FitMethod::Lse => {}
-            FitMethod::Wls => return write!(f, "edge-aware field"),
-            FitMethod::Joint => write!(f, "joint with an edge-aware field, ")?,
+            FitMethod::Wls => return write!(f, "an edge-aware field alone"),
+            FitMethod::Joint => write!(f, "with an edge-aware field, ")?,
         }
         match self.space {
             Space::Depth => write!(f, "fit")?,
             space => write!(f, "fit in {} depth", space.name())?,
         }
         match (self.prior, self.lambda) {
+            (PriorKind::None, _) if self.method == FitMethod::Joint => {
+                write!(f, " with a ridge of {}", self.joint.ridge)?;
+            }
             (PriorKind::None, _) if self.ridge > 0.0 => {
                 write!(f, " with a ridge of {}", self.ridge)?;
             }

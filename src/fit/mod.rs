@@ -31,40 +31,68 @@ pub use shrink::Lambda;
 pub use space::Space;
 
 use crate::error::{Error, Result};
+use joint::{FieldEstimator, FieldFit};
 use points::Rows;
+use std::sync::Arc;
 
 /// How the weights are found for points that count by given weights.
 #[derive(Clone, Copy, Debug)]
 enum Estimator<'a> {
     Plain(Solver),
     Shrunk(&'a Prior, Lambda),
+    Field(FieldEstimator<'a>),
 }
 
 /// What an estimator finds.
 #[derive(Clone, Debug)]
 struct Estimate {
     solution: Solution,
+    /// What is left of each value.
+    rests: Vec<f64>,
     /// The variance of a point of weight 1 about the fit, in the squared unit of the space.
     noise: f64,
     /// How strongly the weights were drawn towards a prior.
     lambda: Option<f64>,
+    /// What base functions x weights are added to.
+    field: Option<Arc<FieldFit>>,
+}
+
+impl Estimate {
+    fn leverages(&self, bases: &[f32], weights: &[f64]) -> Vec<f64> {
+        match &self.field {
+            None => self.solution.leverages(bases, weights),
+            Some(field) => field.leverages(&self.solution, weights),
+        }
+    }
 }
 
 impl Estimator<'_> {
     fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
-        let problem = Problem::new(rows.bases, &rows.values, weights);
+        let problem = || Problem::new(rows.bases, &rows.values, weights);
         match self {
-            Self::Shrunk(prior, lambda) => problem.moments().shrunk(prior, lambda),
+            Self::Field(estimator) => estimator.solve(rows, weights),
+            Self::Shrunk(prior, lambda) => {
+                let found = problem().moments().shrunk(prior, lambda)?;
+                Ok(Estimate {
+                    rests: rows.residuals(&found.solution.weights),
+                    solution: found.solution,
+                    noise: found.noise,
+                    lambda: Some(found.lambda),
+                    field: None,
+                })
+            }
             Self::Plain(solver) => {
-                let solution = problem.solve(solver)?;
-                let residuals = rows.residuals(&solution.weights);
-                let squares: f64 = residuals.iter().zip(weights).map(|(r, w)| w * r * r).sum();
+                let solution = problem().solve(solver)?;
+                let rests = rows.residuals(&solution.weights);
+                let squares: f64 = rests.iter().zip(weights).map(|(r, w)| w * r * r).sum();
                 let used = weights.iter().filter(|w| **w > 0.0).count();
                 let freedom = used.saturating_sub(solution.rank).max(1);
                 Ok(Estimate {
                     solution,
+                    rests,
                     noise: squares / freedom as f64,
                     lambda: None,
+                    field: None,
                 })
             }
         }
@@ -79,17 +107,24 @@ impl Estimator<'_> {
 /// decomposition that does not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
     let rows = points.rows(config.space)?;
-    if config.method != FitMethod::Lse {
-        return fit_field(&rows, points.scene, config, prior);
-    }
-    let flat;
-    let estimator = match config.prior {
-        PriorKind::None => Estimator::Plain(config.solver()),
-        PriorKind::Flat => {
-            flat = Prior::flat(rows.columns());
-            Estimator::Shrunk(&flat, config.lambda)
+    let flat = Prior::flat(rows.columns());
+    let prior = match config.prior {
+        PriorKind::Learned if config.method != FitMethod::Wls => {
+            Some(learned(prior, config.space)?)
         }
-        PriorKind::Learned => Estimator::Shrunk(learned(prior, config.space)?, config.lambda),
+        PriorKind::None if config.method == FitMethod::Lse => None,
+        _ => Some(&flat),
+    };
+    let estimator = match (config.method, prior) {
+        (FitMethod::Lse, None) => Estimator::Plain(config.solver()),
+        (FitMethod::Lse, Some(prior)) => Estimator::Shrunk(prior, config.lambda),
+        (method, prior) => Estimator::Field(FieldEstimator {
+            scene: points.scene.ok_or_else(|| no_scene(method))?,
+            data: config.joint.data,
+            prior: prior
+                .filter(|_| method == FitMethod::Joint)
+                .map(|prior| (prior, config.field_lambda())),
+        }),
     };
     let plain = estimator.solve(&rows, &rows.weights)?;
     let (estimate, point_weights) = match config.robust {
@@ -99,32 +134,11 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
     Ok(Fit::new(&rows, estimate, point_weights, config.space))
 }
 
-/// Fits with a field.
-fn fit_field(
-    rows: &Rows<'_>,
-    scene: Option<Scene<'_>>,
-    config: &FitConfig,
-    prior: Option<&Prior>,
-) -> Result<Fit> {
-    let scene = scene.ok_or_else(|| {
-        Error::config(format!(
-            "`fit.method = \"{}\"` needs the image that the points lie in",
-            config.method.name()
-        ))
-    })?;
-    let flat;
-    let prior = match (config.method, config.prior) {
-        (FitMethod::Wls, _) => None,
-        (_, PriorKind::Learned) => Some(learned(prior, config.space)?),
-        _ => {
-            flat = Prior::flat(rows.columns());
-            Some(&flat)
-        }
-    };
-    let prior = prior.map(|prior| (prior, config.lambda));
-    let found = joint::solve(rows, &rows.weights, scene, config.joint.data, prior)?;
-    let fit = Fit::new(rows, found.estimate, rows.weights.clone(), config.space);
-    Ok(fit.with_field(found.smooth, &found.at_points))
+fn no_scene(method: FitMethod) -> Error {
+    Error::config(format!(
+        "`fit.method = \"{}\"` needs the image that the points lie in",
+        method.name()
+    ))
 }
 
 /// A prior over the weights of depths says nothing of the weights of their logarithms.

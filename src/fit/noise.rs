@@ -27,6 +27,8 @@ impl LocalNoise {
     ) -> Self {
         /// Standard deviation of the window, in mean distances between points.
         const WINDOW: f64 = 0.75;
+        /// Less freedom than this is rounding.
+        const LEAST: f64 = 1e-9;
         /// Cells to a standard deviation.
         const FINENESS: f64 = 4.0;
         let area = (height * width) as f64;
@@ -39,10 +41,20 @@ impl LocalNoise {
         let cell = |v: usize, count: usize| (((v as f64 + 0.5) / side) as usize).min(count - 1);
         for (i, &[x, y]) in places.iter().enumerate() {
             let at = cell(y, rows) * columns + cell(x, columns);
-            squares[at] += fit.point_weights[i] * fit.rests[i].powi(2);
+            let weight = fit.data() * fit.point_weights[i];
             // Points that were given no weight tell nothing of the others.
-            if fit.point_weights[i] > 0.0 {
-                freedom[at] += 1.0 - leverages[i];
+            if weight == 0.0 {
+                continue;
+            }
+            let left = 1.0 - leverages[i];
+            if fit.field.is_none() {
+                squares[at] += weight * fit.rests[i].powi(2);
+                freedom[at] += left;
+            } else if left > LEAST {
+                // A field follows every point nearly, so that each has next to no freedom left;
+                // what it would be off, had it been left out, is worth one degree all the same.
+                squares[at] += weight * fit.rests[i].powi(2) / left;
+                freedom[at] += 1.0;
             }
         }
         let kernel = gaussian(window / side);

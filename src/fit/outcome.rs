@@ -2,12 +2,13 @@
 
 use super::points::Rows;
 use super::robust::deviation;
-use super::{Estimate, Smooth, Solution, Space};
+use super::{Estimate, FieldFit, Smooth, Solution, Space};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
+use std::sync::Arc;
 
 /// The outcome of a fit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Fit {
     /// Weights of the base functions, the constant first, in metres (in the unit of the space).
     pub weights: Vec<f64>,
@@ -22,14 +23,13 @@ pub struct Fit {
     pub lambda: Option<f64>,
     /// What base functions add up to.
     pub space: Space,
-    /// The field that base functions x weights are added to, if there is one.
-    pub smooth: Option<Smooth>,
     /// The variance of a point of weight 1 about the fit, in the squared unit of the space.
     pub(super) noise: f64,
     /// Depths, and residuals, in the space of the fit.
     values: Vec<f64>,
     pub(super) rests: Vec<f64>,
     solution: Solution,
+    pub(super) field: Option<Arc<FieldFit>>,
 }
 
 impl Fit {
@@ -41,10 +41,11 @@ impl Fit {
     ) -> Self {
         let Estimate {
             solution,
+            rests,
             noise,
             lambda,
+            field,
         } = estimate;
-        let rests = rows.residuals(&solution.weights);
         Self {
             weights: solution.weights.clone(),
             residuals: metres(&rows.values, &rests, space),
@@ -52,24 +53,17 @@ impl Fit {
             rank: solution.rank,
             lambda,
             space,
-            smooth: None,
             noise,
             values: rows.values.clone(),
             rests,
             solution,
+            field,
         }
     }
 
-    /// With a field, which has these values at the points.
-    pub(super) fn with_field(self, smooth: Smooth, at_points: &[f64]) -> Self {
-        let pairs = self.rests.iter().zip(at_points);
-        let rests: Vec<f64> = pairs.map(|(rest, value)| rest - value).collect();
-        Self {
-            residuals: metres(&self.values, &rests, self.space),
-            rests,
-            smooth: Some(smooth),
-            ..self
-        }
+    /// The field that base functions x weights are added to, if there is one.
+    pub fn smooth(&self) -> Option<&Smooth> {
+        self.field.as_ref().map(|field| &field.smooth)
     }
 
     /// Root mean square of the residuals, in metres.
@@ -80,7 +74,10 @@ impl Fit {
     /// How much of its own depth the fitted depth at each point is, from 0 to 1. `bases` are those
     /// that were fitted.
     pub fn leverages(&self, bases: &[f32]) -> Vec<f64> {
-        self.solution.leverages(bases, &self.point_weights)
+        match &self.field {
+            None => self.solution.leverages(bases, &self.point_weights),
+            Some(field) => field.leverages(&self.solution, &self.point_weights),
+        }
     }
 
     /// What the residual of each point would be, in metres, had it been left out of the fit: the
@@ -90,7 +87,7 @@ impl Fit {
     pub fn left_out(&self, leverages: &[f64]) -> Vec<f64> {
         metres(
             &self.values,
-            &without_own(&self.rests, leverages),
+            &without_own(&self.rests, leverages, self.field.is_some()),
             self.space,
         )
     }
@@ -98,7 +95,7 @@ impl Fit {
     /// How many robust standard deviations each point lies off what the others say (the modified
     /// score of Iglewicz and Hoaglin 1993): positive where it is farther.
     pub fn scores(&self, leverages: &[f64]) -> Vec<f64> {
-        let off = without_own(&self.rests, leverages);
+        let off = without_own(&self.rests, leverages, self.field.is_some());
         let deviation = deviation(&off).max(f64::MIN_POSITIVE);
         // Inverses fall as depths grow.
         let sign = if self.space == Space::Inverse {
@@ -132,6 +129,26 @@ impl Fit {
     }
 }
 
+impl Fit {
+    /// The standard deviation at every pixel of the field of a fit, for steps between equal
+    /// neighbours of variance 1; `None` for a fit without a field. `bases` gives the base functions
+    /// `[pixels, N + 1]` at pixels of a map of that height and width.
+    pub fn field_deviations(
+        &self,
+        bases: impl Fn((usize, usize), &[u32]) -> Vec<f32> + Sync,
+    ) -> Option<Smooth> {
+        let field = self.field.as_ref()?;
+        let variances = field.variances(&self.solution, |pixels| bases(field.size, pixels));
+        let deviations: Vec<f64> = variances.iter().map(|v| f64::from(*v).sqrt()).collect();
+        Some(Smooth::new(field.size, &deviations))
+    }
+
+    /// How much a point of weight 1 counts: 1, or as the field has it.
+    pub(super) fn data(&self) -> f64 {
+        self.field.as_ref().map_or(1.0, |field| field.data)
+    }
+}
+
 /// Residuals in metres, of values and residuals in the space of a fit.
 fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
     let pairs = values.iter().zip(rests);
@@ -143,12 +160,13 @@ fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
 }
 
 /// Residuals over 1 - leverage. A point that a fit meets whatever its depth is says nothing: its
-/// residual is 0 over 0, and stays small.
-pub(super) fn without_own(residuals: &[f64], leverages: &[f64]) -> Vec<f64> {
-    const LEAST_FREEDOM: f64 = 1e-3;
+/// residual is 0 over 0, and stays small. A field meets every point nearly, but for what its
+/// neighbours say, which is exact to rounding.
+pub(super) fn without_own(residuals: &[f64], leverages: &[f64], field: bool) -> Vec<f64> {
+    let least_freedom = if field { 1e-9 } else { 1e-3 };
     let pairs = residuals.iter().zip(leverages);
     pairs
-        .map(|(r, h)| r / (1.0 - h).max(LEAST_FREEDOM))
+        .map(|(r, h)| r / (1.0 - h).max(least_freedom))
         .collect()
 }
 

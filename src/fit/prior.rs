@@ -4,6 +4,7 @@
 //! at a mean depth of 1, and nothing is assumed of the scale s. So the fit stays exactly scale
 //! equivariant, and a single point scales a plausible map.
 
+use super::joint::field_moments;
 use super::lstsq::{Moments, Problem};
 use super::{Points, Space};
 use crate::error::{Error, Result};
@@ -172,13 +173,17 @@ impl Prior {
 pub struct ImageMoments(Moments);
 
 impl ImageMoments {
-    /// Of points whose depths are divided by their mean.
+    /// Of points whose depths are divided by their mean; of points in a field, where `data` is how
+    /// much each counts, if there is a scene.
     ///
     /// # Errors
     /// No point, or values that are not finite.
-    pub fn new(points: &Points<'_>) -> Result<Self> {
+    pub fn new(points: &Points<'_>, data: f64) -> Result<Self> {
         let rows = points.rows(Space::Depth)?;
         let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;
+        if let Some(scene) = points.scene {
+            return Ok(Self(field_moments(&rows, scene, data, mean)?));
+        }
         let depths: Vec<f64> = rows.values.iter().map(|d| d / mean).collect();
         Ok(Self(
             Problem::new(rows.bases, &depths, &rows.weights).moments(),

@@ -166,11 +166,12 @@ pub(super) fn robust(
     };
     let mut widening = f64::INFINITY;
     for _ in 0..settings.iterations {
-        let mut found = rows.residuals(&estimate.solution.weights);
+        let mut found = estimate.rests.clone();
         let scale = if loss == Loss::Irls {
             settings.threshold * rows.unit()
         } else {
-            found = without_own(&found, &estimate.solution.leverages(rows.bases, &weights));
+            let leverages = estimate.leverages(rows.bases, &weights);
+            found = without_own(&found, &leverages, estimate.field.is_some());
             if let Some(neighbourhood) = &neighbourhood {
                 found = neighbourhood.apart(&found, &weights);
             }
@@ -194,9 +195,8 @@ pub(super) fn robust(
             .map(|(r, own)| own * loss.weight(r / (widening * scale)))
             .collect();
         let next = estimator.solve(rows, &weights)?;
-        let (old, new) = (&estimate.solution.weights, &next.solution.weights);
-        let largest = new.iter().fold(0.0, |m: f64, w| m.max(w.abs()));
-        let pairs = old.iter().zip(new);
+        let largest = rows.values.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        let pairs = estimate.rests.iter().zip(&next.rests);
         let change = pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
         estimate = next;
         if widening == 1.0 && change <= settings.tolerance * largest {

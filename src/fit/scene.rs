@@ -47,7 +47,10 @@ impl Edges {
 
     /// The pixel at which (x, y) of a map of `size` (height, width) lies.
     pub(super) fn pixel(&self, [x, y]: [usize; 2], size: (usize, usize)) -> u32 {
-        let (column, row) = (scaled(x, size.1, self.width), scaled(y, size.0, self.height));
+        let (column, row) = (
+            scaled(x, size.1, self.width),
+            scaled(y, size.0, self.height),
+        );
         (row * self.width + column) as u32
     }
 }
@@ -87,7 +90,9 @@ impl Smooth {
     /// Adds the field to a map of `size` (height, width), by bilinear interpolation between pixel
     /// centres.
     pub fn add_to(&self, size: (usize, usize), map: &mut [f32]) {
-        let columns: Vec<_> = (0..size.1).map(|x| between(x, size.1, self.width)).collect();
+        let columns: Vec<_> = (0..size.1)
+            .map(|x| between(x, size.1, self.width))
+            .collect();
         for (y, row) in map.chunks_exact_mut(size.1.max(1)).enumerate() {
             let (top, bottom, v) = between(y, size.0, self.height);
             let [upper, lower] = [top, bottom].map(|y| &self.values[y * self.width..]);

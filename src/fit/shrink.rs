@@ -1,6 +1,5 @@
 //! Fits that are drawn towards a prior, so that few points are enough.
 
-use super::Estimate;
 use super::lstsq::{Moments, Solution};
 use super::prior::Prior;
 use crate::error::{Error, Result};
@@ -39,8 +38,18 @@ struct Spectrum<'a> {
     along: Vec<f64>,
     /// `|P d|^2`.
     rest: f64,
+    /// `|d|^2`: in its unit, scaling depths changes no bit of what lambda is chosen by.
+    square: f64,
     /// Rows, less the one that the scale takes.
     freedom: f64,
+}
+
+/// A solution drawn towards a prior.
+pub(super) struct Shrunk {
+    pub(super) solution: Solution,
+    /// The variance of a row of weight 1.
+    pub(super) noise: f64,
+    pub(super) lambda: f64,
 }
 
 impl Moments {
@@ -48,17 +57,17 @@ impl Moments {
     ///
     /// # Errors
     /// Values that are not finite, or a prior for another number of weights.
-    pub(super) fn shrunk(&self, prior: &Prior, lambda: Lambda) -> Result<Estimate> {
+    pub(super) fn shrunk(&self, prior: &Prior, lambda: Lambda) -> Result<Shrunk> {
         let spectrum = Spectrum::new(self, prior)?;
         let lambda = match lambda {
             Lambda::Fixed(lambda) => lambda,
             Lambda::Evidence => spectrum.best(|lambda| spectrum.surprise(lambda)),
             Lambda::Gcv => spectrum.best(|lambda| spectrum.cross_validation(lambda)),
         };
-        Ok(Estimate {
+        Ok(Shrunk {
             solution: spectrum.solution(lambda),
             noise: spectrum.noise(lambda),
-            lambda: Some(lambda),
+            lambda,
         })
     }
 }
@@ -124,6 +133,7 @@ impl<'a> Spectrum<'a> {
             } else {
                 0.0
             },
+            square: moments.square,
             freedom: moments.count as f64 - f64::from(u8::from(seen)),
             overlap,
         })
@@ -159,7 +169,7 @@ impl<'a> Spectrum<'a> {
         let count = self.freedom + noise.trust;
         let total = self.penalised(lambda) + self.expected(lambda);
         let misfit = if total > 0.0 {
-            count * total.ln() - noise.trust * lambda.ln()
+            count * (total / self.square).ln() - noise.trust * lambda.ln()
         } else {
             0.0
         };

@@ -296,7 +296,7 @@ fn a_prior_is_learned_from_images() {
             }
             // An offset of 4 keeps every depth positive: weights (5 w + 20, 5 w, 5 w) over their
             // mean depth.
-            ImageMoments::new(&Points::new(&bases, &depths)).unwrap()
+            ImageMoments::new(&Points::new(&bases, &depths), 1.0).unwrap()
         })
         .collect();
     let prior = Prior::learn(&images).unwrap();

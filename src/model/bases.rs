@@ -37,9 +37,10 @@ impl BasisHead {
     /// `[rows, N]`.
     fn forward(&self, x: Tensor<2>, detail: Option<Tensor<2>>) -> Tensor<2> {
         let entered = match (self.hidden.split_first(), &self.detail, detail) {
-            (Some((first, others)), Some(linear), Some(detail)) => {
-                Some((first.forward_with(x.clone(), linear.forward(detail)), others))
-            }
+            (Some((first, others)), Some(linear), Some(detail)) => Some((
+                first.forward_with(x.clone(), linear.forward(detail)),
+                others,
+            )),
             _ => None,
         };
         let (x, layers) = entered.unwrap_or((x, &self.hidden));

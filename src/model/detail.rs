@@ -9,14 +9,17 @@ use crate::conv::ConvSpec;
 use burn::module::Module;
 use burn::tensor::Tensor;
 
+/// Convolutions at full resolution after the colours'.
+const MIXES: usize = 2;
+
 /// The network's part at full resolution.
 #[derive(Module, Debug)]
 pub(super) struct Detail {
-    colour: ConvNorm,
-    half: Conv,
-    quarter: Conv,
-    mix: ConvNorm,
-    edges: Conv,
+    pub(super) colour: ConvNorm,
+    pub(super) half: Conv,
+    pub(super) quarter: Conv,
+    pub(super) mix: Vec<ConvNorm>,
+    pub(super) edges: Conv,
 }
 
 impl Detail {
@@ -27,7 +30,9 @@ impl Detail {
             colour: ConvNorm::init(3, channels, 3, same, init),
             half: Conv::init(first.width, channels, 1, pointwise, init),
             quarter: Conv::init(extractor.features, channels, 1, pointwise, init),
-            mix: ConvNorm::init(channels, channels, 3, same, init),
+            mix: (0..MIXES)
+                .map(|_| ConvNorm::init(channels, channels, 3, same, init))
+                .collect(),
             edges: Conv::zero(channels, 2, 1, pointwise, init),
         }
     }
@@ -46,7 +51,8 @@ impl Detail {
         let half = enlarging(self.half.forward(half), size);
         let quarter = enlarging(self.quarter.forward(quarter), size);
         let colour = self.colour.forward_relu(images);
-        let features = self.mix.forward_relu(colour + half + quarter);
+        let gathered = colour + half + quarter;
+        let features = self.mix.iter().fold(gathered, |x, mix| mix.forward_relu(x));
         let edges = self.edges.forward(features.clone());
         (features, edges)
     }

@@ -25,24 +25,47 @@ pub(super) fn strengths(images: Tensor<4>, changes: Option<Tensor<4>>) -> Tensor
     }
 }
 
-/// The strengths that colours alone tell, as [`super::Bases::edges`] has them.
-pub fn edges_of_colours(images: Tensor<4>) -> Tensor<4> {
-    strengths(images, None)
+/// The same for one image `[height, width, 3]`, on the host.
+pub(super) fn strengths_of(
+    image: &[f32],
+    (height, width): (usize, usize),
+    changes: Option<&[f32]>,
+) -> Vec<f32> {
+    let colour = |pixel: usize| &image[3 * pixel..][..3];
+    let alike = |one: usize, other: usize| {
+        let pairs = colour(one).iter().zip(colour(other));
+        let square: f32 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
+        let contrast = CONTRAST as f32;
+        1.0 / (1.0 + square / (contrast * contrast)) + LEAST as f32
+    };
+    let mut strengths = Vec::with_capacity(2 * height * width);
+    for pixel in 0..height * width {
+        let last = [pixel % width + 1 == width, pixel / width + 1 == height];
+        for (last, step) in last.into_iter().zip([1, width]) {
+            let other = if last { pixel } else { pixel + step };
+            strengths.push(alike(pixel, other));
+        }
+    }
+    for (strength, change) in strengths.iter_mut().zip(changes.unwrap_or_default()) {
+        *strength *= change.clamp(-MOST as f32, MOST as f32).exp();
+    }
+    strengths
 }
 
 /// Squared differences `[batch, height, width, 1]` to the next pixel along an axis; 0 at the end.
 fn squares(images: &Tensor<4>, axis: usize) -> Tensor<4> {
     let dims = images.dims();
     let length = dims[axis];
+    let mut end = dims;
+    (end[axis], end[3]) = (1, 1);
+    let end = Tensor::zeros(end, &images.device());
+    if length == 1 {
+        return end;
+    }
     let next = images.clone().narrow(axis, 1, length - 1);
     let here = images.clone().narrow(axis, 0, length - 1);
     let difference = (next - here).square().sum_dim(3);
-    let mut end = dims;
-    (end[axis], end[3]) = (1, 1);
-    Tensor::cat(
-        vec![difference, Tensor::zeros(end, &images.device())],
-        axis,
-    )
+    Tensor::cat(vec![difference, end], axis)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! 32, 16 and 8 pixels, and they run in ceil mode, averaging only the pixels inside the map.
 
 use super::layers::{Conv, ConvNorm, Init};
-use super::resample::{pooling, enlarging};
+use super::resample::{enlarging, pooling};
 use crate::conv::ConvSpec;
 use crate::error::{Error, Result};
 use burn::module::Module;

@@ -353,8 +353,13 @@ impl Hidden {
 
     /// Linear map and normalisation as one, if the statistics are fixed.
     pub(super) fn folded(&self) -> Option<Folded> {
+        self.folded_with(&self.linear)
+    }
+
+    /// The same, of another linear map before this normalisation.
+    pub(super) fn folded_with(&self, linear: &Linear) -> Option<Folded> {
         let line = self.norm.line()?;
-        let (mut values, [depth, columns]) = self.linear.values();
+        let (mut values, [depth, columns]) = linear.values();
         for row in values.chunks_exact_mut(columns) {
             row.iter_mut()
                 .zip(&line)

@@ -14,12 +14,11 @@ mod tests;
 mod weights;
 
 pub use bases::{Bases, BasisHead};
-pub use edges::edges_of_colours;
 pub use encoding::encode;
 pub use extractor::{Extractor, ExtractorConfig, StageConfig};
 pub use layers::NormKind;
 pub use plan::{Plan, PlannedBases};
-pub use weights::{Normalisation, Table, Weights, WeightsRecord};
+pub use weights::{Normalisation, Precision, Table, Weights, WeightsRecord};
 
 use crate::error::{Error, Result};
 use crate::rng::Rng;

@@ -53,6 +53,26 @@ pub struct Weights {
     tensors: HashMap<String, TensorData>,
 }
 
+/// How the numbers of a network lie in a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// Two bytes each (IEEE 754 binary16).
+    #[default]
+    Half,
+    /// Four bytes each.
+    Single,
+}
+
+impl Precision {
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Half => "f16",
+            Self::Single => "f32",
+        }
+    }
+}
+
 /// Numbers, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
@@ -85,6 +105,14 @@ impl Weights {
     /// # Errors
     /// A record that cannot be written as JSON.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        self.to_bytes_in(Precision::Half)
+    }
+
+    /// The bytes of a safetensors file with tensors of that precision, and f32 tables.
+    ///
+    /// # Errors
+    /// A record that cannot be written as JSON.
+    pub fn to_bytes_in(&self, precision: Precision) -> Result<Vec<u8>> {
         let broken = |e: &dyn std::fmt::Display| {
             Error::weights(format!("the weights cannot be written: {e}"))
         };
@@ -93,20 +121,23 @@ impl Weights {
         metadata.insert(VERSION.into(), env!("CARGO_PKG_VERSION").into());
         metadata.insert(NETWORK.into(), json(&self.record.network)?);
         metadata.insert(NORMALISATION.into(), json(&self.record.normalisation)?);
-        let halves = self.tensors.iter().map(|(name, data)| {
+        let tensors = self.tensors.iter().map(|(name, data)| {
             let values = data.iter::<f32>();
-            let bytes = values.flat_map(|v| half::f16::from_f32(v).to_le_bytes());
-            (
-                name.clone(),
-                (Dtype::F16, data.shape().to_vec(), bytes.collect()),
-            )
+            let (dtype, bytes) = match precision {
+                Precision::Half => {
+                    let bytes = values.flat_map(|v| half::f16::from_f32(v).to_le_bytes());
+                    (Dtype::F16, bytes.collect())
+                }
+                Precision::Single => (Dtype::F32, values.flat_map(f32::to_le_bytes).collect()),
+            };
+            (name.clone(), (dtype, data.shape().to_vec(), bytes))
         });
         let tables = self.tables.iter().map(|(name, table)| {
             let bytes = table.values.iter().flat_map(|v| v.to_le_bytes());
             let name = format!("{TABLE}{name}");
             (name, (Dtype::F32, table.shape.clone(), bytes.collect()))
         });
-        let all: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)> = halves.chain(tables).collect();
+        let all: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)> = tensors.chain(tables).collect();
         let views = all
             .iter()
             .map(|(name, (dtype, shape, bytes))| {
@@ -154,6 +185,12 @@ impl Weights {
             }
         }
         Ok(weights)
+    }
+
+    /// The number of trained numbers of the network.
+    pub fn parameters(&self) -> usize {
+        let trained = self.tensors.iter().filter(|(name, _)| !is_statistic(name));
+        trained.map(|(_, data)| data.num_elements()).sum()
     }
 
     /// Builds the network and fills in the weights.
@@ -254,8 +291,12 @@ pub(super) struct Named {
 impl Named {
     /// Whether this is a running statistic, not a trained parameter.
     pub(super) fn is_statistic(&self) -> bool {
-        self.name.contains(".running_")
+        is_statistic(&self.name)
     }
+}
+
+fn is_statistic(name: &str) -> bool {
+    name.contains(".running_")
 }
 
 /// All float tensors of a module.

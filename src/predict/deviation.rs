@@ -35,6 +35,15 @@ impl Completer {
             from.height as f64 / height as f64,
         );
         let mut values = vec![0.0; height * width];
+        if let Some(deviations) = fit.field_deviations(|size, pixels| bases.at(size, pixels)) {
+            deviations.add_to((height, width), &mut values);
+            for (pixel, value) in values.iter_mut().enumerate() {
+                let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+                let noise = noise.at(x * right, y * down).sqrt();
+                *value = (self.deviation * noise * f64::from(*value)) as f32;
+            }
+            return DepthMap::new(width, height, values);
+        }
         values
             .par_chunks_mut(STRIP)
             .enumerate()

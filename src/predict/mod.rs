@@ -8,20 +8,20 @@ mod weights;
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
 pub use weights::{
-    Calibration, open_weights, record_fit, record_prior, recorded_fit, recorded_prior, weights_name,
+    Calibration, Embedded, embedded, open_weights, record_fit, record_prior, recorded_fit,
+    recorded_prior, weights_name,
 };
 
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use crate::fit::{Edges, Fit, FitConfig, FitMethod, ImageMoments, Points, Prior, Scene, fit};
-use crate::model::{
-    Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights, edges_of_colours,
-};
+use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
 use crate::sample::{Interpolation, Size, image_tensor, image_values, resize_rgb};
 use crate::simd::Level;
 use burn::tensor::Device;
 use image::RgbImage;
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// Predictions stay within the sparse depths' range widened by this factor both ways. Relative to
@@ -52,8 +52,8 @@ enum Engine {
 #[derive(Clone, Debug)]
 pub struct ImageBases {
     values: Values,
-    /// What fits with a field need.
-    edges: Option<Edges>,
+    /// Computed when a fit with a field first needs them.
+    edges: OnceLock<Edges>,
 }
 
 #[derive(Clone, Debug)]
@@ -73,6 +73,22 @@ impl ImageBases {
                 values.iter::<f32>().collect()
             }
         }
+    }
+
+    /// How strongly neighbouring pixels of the image are joined.
+    pub fn edges(&self) -> &Edges {
+        self.edges.get_or_init(|| match &self.values {
+            Values::Plan(bases) => {
+                let (strengths, size) = bases.edges();
+                Edges::new(size, &strengths)
+            }
+            Values::Net(bases) => {
+                let strengths = bases.edges();
+                let [_, height, width, _] = strengths.dims();
+                let strengths: Vec<f32> = strengths.into_data().iter::<f32>().collect();
+                Edges::new((height, width), &strengths)
+            }
+        })
     }
 
     /// Bases x weights at every pixel of an output of `size` (height, width).
@@ -230,7 +246,8 @@ impl Completer {
         let (fit, reading) = rayon::scope(|_| {
             let gathered = Gathered::new(bases, sparse, None)?;
             let reading = started.elapsed();
-            self.fit_gathered(bases, &gathered).map(|fit| (fit, reading))
+            self.fit_gathered(bases, &gathered)
+                .map(|fit| (fit, reading))
         })?;
         let fitting = started.elapsed();
 
@@ -263,7 +280,8 @@ impl Completer {
     }
 
     fn fit_gathered(&self, bases: &ImageBases, gathered: &Gathered) -> Result<Fit> {
-        fit(&gathered.points(bases), &self.fit, self.prior.as_ref())
+        let edges = (self.fit.method != FitMethod::Lse).then(|| bases.edges());
+        fit(&gathered.points(edges), &self.fit, self.prior.as_ref())
     }
 
     /// The dense depth of a fit to `sparse`, at `size` or the size of `sparse`.
@@ -279,7 +297,7 @@ impl Completer {
     ) -> Result<DepthMap> {
         let size = size.unwrap_or_else(|| size_of(sparse));
         let mut values = bases.combine((size.height, size.width), &fit.weights);
-        if let Some(smooth) = &fit.smooth {
+        if let Some(smooth) = fit.smooth() {
             smooth.add_to((size.height, size.width), &mut values);
         }
         let (low, high) = sparse.range().unwrap_or((0.0, 0.0));
@@ -295,7 +313,8 @@ impl Completer {
     /// No point, or damaged weights.
     pub fn moments(&self, bases: &ImageBases, sparse: &DepthMap) -> Result<ImageMoments> {
         let gathered = Gathered::new(bases, sparse, None)?;
-        ImageMoments::new(&gathered.points(bases))
+        let edges = (self.fit.method == FitMethod::Joint).then(|| bases.edges());
+        ImageMoments::new(&gathered.points(edges), self.fit.joint.data)
     }
 
     /// The leverage of each point, in the order of [`DepthMap::points`].
@@ -322,33 +341,21 @@ impl Completer {
         let Normalisation {
             mean, deviation, ..
         } = self.normalisation;
-        let with_field = self.fit.method != FitMethod::Lse;
-        let (values, edges) = match &self.engine {
+        let values = match &self.engine {
             Engine::Net(net, device) => {
                 let image = image_tensor(&[&working], mean, deviation, device)?;
-                let bases = net.bases(image);
-                let edges = with_field.then(|| bases.edges());
-                (Values::Net(Box::new(bases)), edges)
+                Values::Net(Box::new(net.bases(image)))
             }
             Engine::Plan(plan) => {
                 let (width, height) = working.dimensions();
                 let image = image_values(&working, mean, deviation);
-                let bases = plan.bases(&image, (height as usize, width as usize));
-                let edges = if with_field {
-                    let image = image_tensor(&[&working], mean, deviation, &Device::flex())?;
-                    Some(edges_of_colours(image))
-                } else {
-                    None
-                };
-                (Values::Plan(bases), edges)
+                Values::Plan(plan.bases(&image, (height as usize, width as usize)))
             }
         };
-        let edges = edges.map(|strengths| {
-            let [_, height, width, _] = strengths.dims();
-            let values: Vec<f32> = strengths.into_data().iter::<f32>().collect();
-            Edges::new((height, width), &values)
-        });
-        Ok(ImageBases { values, edges })
+        Ok(ImageBases {
+            values,
+            edges: OnceLock::new(),
+        })
     }
 }
 
@@ -386,7 +393,8 @@ impl Gathered {
         })
     }
 
-    fn points<'a>(&'a self, bases: &'a ImageBases) -> Points<'a> {
+    /// With the image's edges, if a fit needs them.
+    fn points<'a>(&'a self, edges: Option<&'a Edges>) -> Points<'a> {
         let scene = |edges| Scene {
             edges,
             size: self.size,
@@ -396,7 +404,7 @@ impl Gathered {
             depths: &self.depths,
             deviations: self.deviations.as_deref(),
             places: Some(&self.places),
-            scene: bases.edges.as_ref().map(scene),
+            scene: edges.map(scene),
         }
     }
 }

@@ -8,8 +8,37 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The weights that come with the program.
-const EMBEDDED: &[u8] = include_bytes!("../../assets/weights.safetensors");
+/// Weights that come with the program.
+#[derive(Clone, Copy, Debug)]
+pub struct Embedded {
+    /// What `--weights` takes.
+    pub name: &'static str,
+    /// What they are for.
+    pub about: &'static str,
+    /// A safetensors file.
+    pub bytes: &'static [u8],
+}
+
+/// All of them; the first is used unless another is asked for.
+const EMBEDDED: [Embedded; 1] = [Embedded {
+    name: "default",
+    about: "the most accurate",
+    bytes: include_bytes!("../../assets/weights.safetensors"),
+}];
+
+/// The weights that come with the program, the default first.
+pub fn embedded() -> &'static [Embedded] {
+    &EMBEDDED
+}
+
+/// Weights of the program by their name; a file of that name takes precedence.
+fn named(path: Option<&Path>) -> Option<&'static Embedded> {
+    match path {
+        None => EMBEDDED.first(),
+        Some(path) if path.exists() => None,
+        Some(path) => EMBEDDED.iter().find(|w| Path::new(w.name) == path),
+    }
+}
 
 /// The note that holds a `FitConfig`.
 const FIT: &str = "fit";
@@ -101,21 +130,32 @@ fn keep<T: Serialize>(weights: &mut Weights, name: &str, value: &T) -> Result<()
 /// # Errors
 /// A file that cannot be read.
 pub fn weights_name(path: Option<&Path>) -> Result<String> {
-    let Some(path) = path else {
-        return Ok(format!("of the program, {:016x}", hash(&[EMBEDDED])));
-    };
-    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
-    Ok(format!("`{}`, {:016x}", path.display(), hash(&[&bytes])))
+    let name = |of: &str, bytes| format!("{of}, {:016x}", hash(&[bytes]));
+    if let Some(own) = named(path) {
+        return Ok(name(&format!("`{}` of the program", own.name), own.bytes));
+    }
+    let path = path.unwrap_or(Path::new(""));
+    Ok(name(&format!("`{}`", path.display()), &read(path)?))
 }
 
-/// Weights from a file, or those that come with the program.
+/// Weights from a file, or of the program: by name, or the default.
 ///
 /// # Errors
 /// A file that cannot be read or is no weights file.
 pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
-    let Some(path) = path else {
-        return Weights::from_bytes(EMBEDDED, "embedded weights");
-    };
-    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
-    Weights::from_bytes(&bytes, &path.display().to_string())
+    if let Some(own) = named(path) {
+        return Weights::from_bytes(own.bytes, own.name);
+    }
+    let path = path.unwrap_or(Path::new(""));
+    Weights::from_bytes(&read(path)?, &path.display().to_string())
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| {
+        let names: Vec<&str> = EMBEDDED.iter().map(|w| w.name).collect();
+        Error::read(path, e).hint(format!(
+            "give a weights file, or one of the program's: {}",
+            names.join(", ")
+        ))
+    })
 }

@@ -1,6 +1,6 @@
 //! Which instructions this processor has.
 
-use super::{Kernel, Portable};
+use super::{Kernel, Portable, Vector};
 use std::sync::OnceLock;
 
 /// An instruction set.
@@ -59,6 +59,12 @@ impl Level {
         }
     }
 
+    /// Runs a computation compiled for the level's instructions; it must be inlined to gain by it.
+    pub(crate) fn vectorised<T>(self, computation: impl FnOnce() -> T) -> T {
+        // SAFETY: plain code does what it does on any processor.
+        unsafe { self.run(Plain(computation)) }
+    }
+
     /// Runs a kernel with the vectors of this level.
     ///
     /// # Panics
@@ -78,5 +84,17 @@ impl Level {
                 _ => kernel.run::<Portable>(),
             }
         }
+    }
+}
+
+/// Code that names no vector.
+struct Plain<F>(F);
+
+impl<T, F: FnOnce() -> T> Kernel for Plain<F> {
+    type Output = T;
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(self) -> T {
+        (self.0)()
     }
 }

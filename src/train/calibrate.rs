@@ -4,7 +4,8 @@
 use super::TrainConfig;
 use crate::data::{Dataset, Frame};
 use crate::error::{Error, Result};
-use crate::fit::{FitConfig, ImageMoments, NoisePrior, Prior, PriorKind};
+use crate::fit::{FitConfig, FitMethod, ImageMoments, Lambda, NoisePrior, Prior, PriorKind};
+use crate::metrics::{Metric, Rules, Scores};
 use crate::model::Weights;
 use crate::predict::{Completer, record_fit, record_prior};
 use crate::rng;
@@ -32,9 +33,16 @@ pub fn divide(frames: &dyn Dataset, count: usize) -> (Vec<usize>, Vec<usize>) {
     (training, order)
 }
 
+/// Shares of the variance that training images suggest, among which lambda is chosen for base
+/// functions beside a field: where the field's model of its own steps is wrong, so is theirs.
+const SHARES: [f64; 9] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
+/// Numbers of points with which it is chosen.
+const FEW_AND_MANY: [usize; 2] = [50, 500];
+
 /// Learns the prior over weights from the frames that `config` trained on, the strength of the
 /// noise and the scale of standard deviations from those that it held out (from all, if it held out
-/// none), with 500 points each, and keeps them in `weights`. Calls `progress` with the number of
+/// none), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
+/// frames best takes the place of the strength of the noise. Calls `progress` with the number of
 /// frames seen and of all.
 ///
 /// # Errors
@@ -78,13 +86,47 @@ pub fn calibrate(
     };
 
     // With 500 points there is no need to know the noise beforehand.
-    let completer = completer
-        .with_prior(prior.clone().with_noise(unknown), 1.0)
-        .with_fit(FitConfig {
+    let plain = FitConfig {
+        prior: PriorKind::Learned,
+        robust: None,
+        ..FitConfig::default()
+    };
+    let completer = completer.with_prior(prior.clone().with_noise(unknown), 1.0);
+    let (fit, measured) = if fit.method == FitMethod::Joint {
+        let scale = prior.noise().mean.exp();
+        let joint = |share: f64| FitConfig {
             prior: PriorKind::Learned,
-            robust: None,
-            ..FitConfig::default()
-        });
+            lambda: Lambda::Fixed(share * scale),
+            ..fit
+        };
+        let mut best = (f64::INFINITY, fit);
+        for fit in SHARES.map(joint) {
+            let error = error(
+                &completer.clone().with_fit(fit),
+                &held_out,
+                &load,
+                config.seed,
+            )?;
+            if error < best.0 {
+                best = (error, fit);
+            }
+        }
+        (
+            best.1,
+            FitConfig {
+                robust: None,
+                ..best.1
+            },
+        )
+    } else {
+        let fit = FitConfig {
+            prior: PriorKind::Learned,
+            ..fit
+        };
+        (fit, plain)
+    };
+    let alone = completer.clone().with_fit(plain);
+    let completer = completer.with_fit(measured);
     let mut lambdas = Vec::new();
     let mut ratios: Vec<f64> = Vec::new();
     for (done, &index) in held_out.iter().enumerate() {
@@ -92,7 +134,7 @@ pub fn calibrate(
         let bases = completer.bases(&frame.rgb)?;
         let sparse = Pattern::Exactly(500).draw(&frame, config.seed)?;
         let completion = completer.complete_with(&bases, &sparse, None)?;
-        lambdas.extend(completion.fit.lambda.map(f64::ln));
+        lambdas.extend(alone.fit(&bases, &sparse, None)?.lambda.map(f64::ln));
         let depth = &completion.depth;
         let deviations = completer.deviation(&bases, &sparse, &completion.fit, depth)?;
         let pixels = depth.values().iter().zip(deviations.values());
@@ -113,13 +155,32 @@ pub fn calibrate(
         &prior.with_noise(noise),
         quantile(ratios, ONE_DEVIATION),
     )?;
-    record_fit(
-        weights,
-        &FitConfig {
-            prior: PriorKind::Learned,
-            ..fit
-        },
-    )
+    record_fit(weights, &fit)
+}
+
+/// The mean of the logarithms of errors, over frames and numbers of points.
+fn error(
+    completer: &Completer,
+    frames: &[usize],
+    load: &(impl Fn(usize) -> Result<Frame> + Sync),
+    seed: u64,
+) -> Result<f64> {
+    let errors: Vec<f64> = frames
+        .par_iter()
+        .map(|&index| {
+            let frame = load(index)?;
+            let bases = completer.bases(&frame.rgb)?;
+            let mut sum = 0.0;
+            for points in FEW_AND_MANY {
+                let sparse = Pattern::Exactly(points).draw(&frame, seed)?;
+                let found = completer.complete_with(&bases, &sparse, None)?.depth;
+                let scores = Scores::of(&found, &frame.depth, &Rules::default())?;
+                sum += scores[Metric::Rmse].max(f64::MIN_POSITIVE).ln();
+            }
+            Ok(sum)
+        })
+        .collect::<Result<_>>()?;
+    Ok(mean(&errors))
 }
 
 fn frame(frames: &dyn Dataset, index: usize, protocol: &Protocol) -> Result<Frame> {

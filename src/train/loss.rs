@@ -19,6 +19,9 @@ pub struct LossConfig {
     pub gradient: f64,
     /// Mean absolute weight of a base function, in metres.
     pub regularisation: f64,
+    /// How unlikely the steps of the true depth are, if edges say how far neighbours may differ;
+    /// for fits with a field.
+    pub edges: f64,
 }
 
 impl Default for LossConfig {
@@ -28,13 +31,20 @@ impl Default for LossConfig {
             l2: 1.0,
             gradient: 1.0,
             regularisation: 1e-3,
+            edges: 0.0,
         }
     }
 }
 
 impl LossConfig {
     pub(super) fn check(&self) -> Result<()> {
-        let all = [self.l1, self.l2, self.gradient, self.regularisation];
+        let all = [
+            self.l1,
+            self.l2,
+            self.gradient,
+            self.regularisation,
+            self.edges,
+        ];
         if all.iter().all(|w| *w >= 0.0 && w.is_finite()) && self.l1 + self.l2 > 0.0 {
             Ok(())
         } else {
@@ -81,11 +91,21 @@ pub fn losses(
         (FitMethod::Lse, None) => (lstsq(at_points, depths, draw, fit.solver()), None),
         (FitMethod::Lse, Some(settings)) => {
             let solver = fit.solver();
-            (reweighted(at_points, depths, draw, solver, settings).0, None)
+            (
+                reweighted(at_points, depths, draw, solver, settings).0,
+                None,
+            )
         }
         (FitMethod::Joint | FitMethod::Wls, _) => {
             let candidates = batch.pixels.iter().map(|p| p[..points].to_vec()).collect();
-            let found = joint(at_points, depths, draw, computed.edges(), candidates, fit.joint);
+            let found = joint(
+                at_points,
+                depths,
+                draw,
+                computed.edges(),
+                candidates,
+                fit.joint,
+            );
             (found.weights, Some(at_pixels(found.field, &batch.pixels)))
         }
     };
@@ -105,6 +125,9 @@ pub fn losses(
     let l1 = error.clone().abs().sum() / count.clone();
     let l2 = error.clone().square().sum() / count;
     let mut total = l1.clone() * config.l1 + l2.clone() * config.l2;
+    if config.edges > 0.0 {
+        total = total + steps(computed.edges(), batch) * config.edges;
+    }
     if config.gradient > 0.0 {
         total = total + gradient(error, valid, points, batch.patch) * config.gradient;
     }
@@ -124,6 +147,54 @@ fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
     let places = Tensor::<2, Int>::from_data(places, &field.device()).repeat_dim(0, draws);
     let values = field.gather(1, places);
     values.reshape([draws, images, count]).permute([1, 2, 0])
+}
+
+/// The mean over pairs of neighbours in the patches of `c (D^2 + FLAT^2) / STEP^2 - ln c`: minus
+/// the logarithm of the likelihood, but for a constant and a factor 2, of a relative difference in
+/// depth D that is normal with variance `STEP^2 / c`. Differences are reduced by what quantisation
+/// of the depths may make of them.
+fn steps(edges: Tensor<4>, batch: &Batch) -> Tensor<1> {
+    const STEP: f64 = 0.01;
+    const FLAT: f64 = 0.003;
+    const QUANTUM: f64 = 0.04;
+    let [images, pixels] = batch.depths.dims();
+    let (points, (height, width)) = (batch.points, batch.patch);
+    let patches = images * (pixels - points) / (height * width);
+    let [_, rows, columns, _] = edges.dims();
+    let depths = batch.depths.clone().slice([0..images, points..pixels]);
+    let depths = depths.reshape([patches, height, width]);
+    let places: Vec<i32> = (batch.pixels.iter().enumerate())
+        .flat_map(|(image, list)| {
+            let first = image * rows * columns;
+            list[points..]
+                .iter()
+                .map(move |&p| (first + p as usize) as i32)
+        })
+        .collect();
+    let count = places.len();
+    let places = Tensor::<1, Int>::from_data(TensorData::new(places, [count]), &edges.device());
+    let edges = edges
+        .reshape([images * rows * columns, 2])
+        .select(0, places);
+    let edges = edges.reshape([patches, height, width, 2]);
+    let mut sum = Tensor::zeros([1], &edges.device());
+    let mut pairs = Tensor::zeros([1], &edges.device());
+    for way in [0, 1] {
+        let axis = 2 - way;
+        let length = [patches, height, width][axis];
+        let here = depths.clone().narrow(axis, 0, length - 1);
+        let next = depths.clone().narrow(axis, 1, length - 1);
+        let strength = edges.clone().narrow(3, way, 1).squeeze_dim::<3>(3);
+        let strength = strength.narrow(axis, 0, length - 1);
+        let both = (here.clone() * next.clone()).greater_elem(0.0).float();
+        let level = (here.clone() + next.clone()).clamp_min(1e-3) / 2.0;
+        let step = ((next - here).abs() - QUANTUM).clamp_min(0.0) / level;
+        let square = (step.square() + FLAT * FLAT) / (STEP * STEP);
+        let surprise = strength.clone() * square - strength.log();
+        sum = sum + (surprise * both.clone()).sum();
+        pairs = pairs + both.sum();
+    }
+    sum / pairs.clamp_min(1.0)
 }
 
 /// Differences of the error between horizontal and vertical neighbours inside the patches, where

@@ -13,5 +13,5 @@ pub use calibrate::{calibrate, divide};
 pub use config::TrainConfig;
 pub use learner::{Learner, Step};
 pub use loss::{LossConfig, Losses, losses};
-pub use run::{Event, Outcome, TRAINING_NOTE, Trainer};
+pub use run::{Event, Outcome, SCORES_NOTE, TRAINING_NOTE, Trainer};
 pub use schedule::Schedule;

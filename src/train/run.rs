@@ -22,6 +22,10 @@ use std::time::Instant;
 /// The note of a weights file that holds the `TrainConfig` it was trained by.
 pub const TRAINING_NOTE: &str = "training";
 
+/// The note of a weights file that holds the `Scores` on frames kept out of training, at 500
+/// points.
+pub const SCORES_NOTE: &str = "held_out";
+
 /// What happens during a run; also the lines of `metrics.jsonl`.
 #[derive(Clone, Copy, Debug, Serialize)]
 #[serde(rename_all = "lowercase", untagged)]
@@ -141,7 +145,7 @@ impl Trainer {
             })?;
             let last = step == self.config.steps;
             if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
-                let held_out = self.measure(learner.net(), &held_out)?;
+                let held_out = self.measure(&self.completer(learner.net()), &held_out)?;
                 tell(Event::Measured { step, held_out })?;
             }
             let stopping = stop.load(Ordering::Relaxed);
@@ -152,7 +156,7 @@ impl Trainer {
                 return Ok(Outcome::Stopped(step));
             }
         }
-        self.publish(learner.net())?;
+        self.publish(learner.net(), &held_out)?;
         Ok(Outcome::Finished)
     }
 
@@ -192,8 +196,11 @@ impl Trainer {
         self.config.learning_rate * self.config.schedule.factor(progress)
     }
 
-    fn measure(&self, net: &BasisNet, frames: &[usize]) -> Result<Scores> {
-        let completer = Completer::new(net.valid(), self.normalisation(), self.fit, &self.device);
+    fn completer(&self, net: &BasisNet) -> Completer {
+        Completer::new(net.valid(), self.normalisation(), self.fit, &self.device)
+    }
+
+    fn measure(&self, completer: &Completer, frames: &[usize]) -> Result<Scores> {
         let mut tally = Tally::default();
         for &index in frames {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
@@ -209,7 +216,7 @@ impl Trainer {
     }
 
     /// Writes `weights.safetensors`.
-    fn publish(&self, net: &BasisNet) -> Result<()> {
+    fn publish(&self, net: &BasisNet, held_out: &[usize]) -> Result<()> {
         let training = serde_json::to_string(&self.config)
             .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))?;
         let record = WeightsRecord {
@@ -229,8 +236,14 @@ impl Trainer {
         if self.config.calibrate {
             let (frames, config) = (self.frames.as_ref(), &self.config);
             calibrate(&mut weights, frames, config, &self.device, |_, _| {})?;
-            write(&weights)?;
         }
+        if !held_out.is_empty() {
+            let completer = Completer::with_weights(&weights, &self.device)?;
+            let scores = serde_json::to_string(&self.measure(&completer, held_out)?)
+                .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))?;
+            weights.record.notes.insert(SCORES_NOTE.to_owned(), scores);
+        }
+        write(&weights)?;
         Ok(())
     }
 }

@@ -14,12 +14,7 @@ struct JointBackward;
 impl<B: JointBackend> Backward<B, 2> for JointBackward {
     type State = (FloatTensor<B>, Scenes);
 
-    fn backward(
-        self,
-        ops: Ops<Self::State, 2>,
-        grads: &mut Gradients,
-        _: &mut Checkpointer,
-    ) {
+    fn backward(self, ops: Ops<Self::State, 2>, grads: &mut Gradients, _: &mut Checkpointer) {
         let [bases_node, edges_node] = ops.parents;
         let grad = grads.consume::<B>(&ops.node);
         let (edges, scenes) = ops.state;

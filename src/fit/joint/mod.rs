@@ -17,7 +17,7 @@ mod problem;
 #[cfg(test)]
 mod tests;
 
-pub(super) use estimate::solve;
+pub(super) use estimate::{FieldEstimator, FieldFit, field_moments};
 use problem::JointProblem;
 
 use crate::error::{Error, Result};
@@ -53,10 +53,15 @@ impl JointConfig {
     /// # Errors
     /// The first setting that is out of range.
     pub fn check(&self) -> Result<()> {
-        if [self.data, self.ridge].iter().all(|v| *v > 0.0 && v.is_finite()) {
+        if [self.data, self.ridge]
+            .iter()
+            .all(|v| *v > 0.0 && v.is_finite())
+        {
             Ok(())
         } else {
-            Err(Error::config("`joint.data` and `joint.ridge` must be above 0"))
+            Err(Error::config(
+                "`joint.data` and `joint.ridge` must be above 0",
+            ))
         }
     }
 }

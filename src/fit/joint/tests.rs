@@ -1,8 +1,13 @@
-//! The op against central differences.
+//! The op against central differences, the fit against dense equations and fits without a point.
 
 use super::{JointConfig, joint};
+use crate::fit::{
+    Edges, Fit, FitConfig, FitMethod, Lambda, Loss, Points, PriorKind, Robust, Scene, fit,
+};
 use crate::rng::Rng;
 use burn::tensor::{DType, Device, Tensor, TensorData};
+use faer::linalg::solvers::Solve as _;
+use faer::{Mat, Side};
 
 const HEIGHT: usize = 9;
 const WIDTH: usize = 12;
@@ -29,11 +34,17 @@ fn places() -> Vec<Vec<u32>> {
 
 fn draws() -> Vec<f64> {
     let keep = |v: &f64| f64::from(u8::from(*v > -0.8));
-    random(DRAWS * IMAGES * POINTS, "draws").iter().map(keep).collect()
+    random(DRAWS * IMAGES * POINTS, "draws")
+        .iter()
+        .map(keep)
+        .collect()
 }
 
 fn edges() -> Vec<f64> {
-    random(IMAGES * HEIGHT * WIDTH * 2, "edges").iter().map(|v| v.exp()).collect()
+    random(IMAGES * HEIGHT * WIDTH * 2, "edges")
+        .iter()
+        .map(|v| v.exp())
+        .collect()
 }
 
 struct Values {
@@ -110,4 +121,241 @@ fn gradients_are_those_of_central_differences() {
         let error = (of_edges[i] - expected).abs();
         assert!(error < 1e-6 * expected.abs().max(1.0), "{i}: {expected}");
     }
+}
+
+/// A scene of its own: points of two base functions and the constant, which a rough field is added
+/// to.
+struct Example {
+    edges: Edges,
+    bases: Vec<f32>,
+    depths: Vec<f32>,
+    places: Vec<[usize; 2]>,
+}
+
+impl Example {
+    fn new() -> Self {
+        let strengths: Vec<f32> = edges()[..2 * HEIGHT * WIDTH]
+            .iter()
+            .map(|&v| v as f32)
+            .collect();
+        let place = |p: &u32| [*p as usize % WIDTH, *p as usize / WIDTH];
+        let places: Vec<[usize; 2]> = places()[0].iter().map(place).collect();
+        let wobble = random(POINTS, "wobble");
+        let pairs = places.iter().zip(wobble);
+        let depth = |([x, y], w): (&[usize; 2], f64)| {
+            (3.0 + 0.1 * *x as f64 - 0.05 * *y as f64 + 0.1 * w) as f32
+        };
+        Self {
+            edges: Edges::new((HEIGHT, WIDTH), &strengths),
+            bases: bases_at(&places),
+            depths: pairs.map(depth).collect(),
+            places,
+        }
+    }
+
+    fn fit(&self, config: &FitConfig) -> Fit {
+        self.fit_some(config, |_| true)
+    }
+
+    fn fit_some(&self, config: &FitConfig, keep: impl Fn(usize) -> bool) -> Fit {
+        let kept: Vec<usize> = (0..self.places.len()).filter(|&i| keep(i)).collect();
+        let bases: Vec<f32> = kept
+            .iter()
+            .flat_map(|&i| self.bases[3 * i..3 * i + 3].to_vec())
+            .collect();
+        let depths: Vec<f32> = kept.iter().map(|&i| self.depths[i]).collect();
+        let places: Vec<[usize; 2]> = kept.iter().map(|&i| self.places[i]).collect();
+        let points = Points {
+            places: Some(&places),
+            scene: Some(Scene {
+                edges: &self.edges,
+                size: (HEIGHT, WIDTH),
+            }),
+            ..Points::new(&bases, &depths)
+        };
+        fit(&points, config, None).unwrap()
+    }
+}
+
+/// The constant, and two functions of the place.
+fn bases_at(places: &[[usize; 2]]) -> Vec<f32> {
+    let row = |[x, y]: &[usize; 2]| [1.0, *x as f32 / 6.0 - 1.0, (*y as f32 / 3.0).sin()];
+    places.iter().flat_map(row).collect()
+}
+
+fn all_places() -> Vec<[usize; 2]> {
+    (0..HEIGHT * WIDTH)
+        .map(|i| [i % WIDTH, i / WIDTH])
+        .collect()
+}
+
+fn dense(fit: &Fit) -> Vec<f64> {
+    let mut map: Vec<f32> = bases_at(&all_places())
+        .chunks_exact(3)
+        .map(|row| {
+            row.iter()
+                .zip(&fit.weights)
+                .map(|(b, w)| b * *w as f32)
+                .sum()
+        })
+        .collect();
+    fit.smooth().unwrap().add_to((HEIGHT, WIDTH), &mut map);
+    map.into_iter().map(f64::from).collect()
+}
+
+fn settings(method: FitMethod) -> FitConfig {
+    FitConfig {
+        method,
+        prior: PriorKind::Flat,
+        lambda: Lambda::Fixed(0.05),
+        ..FitConfig::default()
+    }
+}
+
+#[test]
+fn left_out_residuals_are_those_of_fits_without_the_point() {
+    let example = Example::new();
+    for method in [FitMethod::Joint, FitMethod::Wls] {
+        let all = example.fit(&settings(method));
+        let left_out = all.left_out(&all.leverages(&example.bases));
+        for (i, &[x, y]) in example.places.iter().enumerate() {
+            let without = dense(&example.fit_some(&settings(method), |j| j != i));
+            let expected = f64::from(example.depths[i]) - without[y * WIDTH + x];
+            assert!(
+                (left_out[i] - expected).abs() < 1e-5,
+                "{i}: {} {expected}",
+                left_out[i]
+            );
+        }
+    }
+}
+
+#[test]
+fn residuals_are_what_the_dense_depth_leaves() {
+    let example = Example::new();
+    for method in [FitMethod::Joint, FitMethod::Wls] {
+        let fit = example.fit(&settings(method));
+        let dense = dense(&fit);
+        for (i, &[x, y]) in example.places.iter().enumerate() {
+            let expected = f64::from(example.depths[i]) - dense[y * WIDTH + x];
+            assert!((fit.residuals[i] - expected).abs() < 1e-6);
+        }
+        assert!(fit.rms() < 0.05);
+    }
+}
+
+#[test]
+fn deviations_are_those_of_the_gaussian_posterior() {
+    let example = Example::new();
+    let lambda = 0.05;
+    let fit = example.fit(&settings(FitMethod::Joint));
+    let found = fit.field_deviations(|_, pixels| {
+        let places: Vec<_> = pixels.iter().map(|&p| all_places()[p as usize]).collect();
+        bases_at(&places)
+    });
+    let mut deviations = vec![0.0; HEIGHT * WIDTH];
+    found.unwrap().add_to((HEIGHT, WIDTH), &mut deviations);
+
+    // The precision of field and weights together; the constant is the field's already.
+    let pixels = HEIGHT * WIDTH;
+    let mut precision = Mat::<f64>::zeros(pixels + 2, pixels + 2);
+    let grid = example.edges.grid();
+    let mut join = |i: usize, j: usize, strength: f64| {
+        precision[(i, i)] += strength;
+        precision[(j, j)] += strength;
+        precision[(i, j)] -= strength;
+        precision[(j, i)] -= strength;
+    };
+    for i in 0..pixels {
+        if (i + 1) % WIDTH > 0 {
+            join(i, i + 1, grid.right[i]);
+        }
+        if i + WIDTH < pixels {
+            join(i, i + WIDTH, grid.down[i]);
+        }
+    }
+    let functions = bases_at(&all_places());
+    let row = |pixel: usize| {
+        let mut row = Mat::<f64>::zeros(pixels + 2, 1);
+        row[(pixel, 0)] = 1.0;
+        row[(pixels, 0)] = f64::from(functions[3 * pixel + 1]);
+        row[(pixels + 1, 0)] = f64::from(functions[3 * pixel + 2]);
+        row
+    };
+    for &[x, y] in &example.places {
+        let row = row(y * WIDTH + x);
+        precision += faer::Scale(100.0) * &row * row.transpose();
+    }
+    for i in pixels..pixels + 2 {
+        precision[(i, i)] += lambda;
+    }
+    let factor = precision.llt(Side::Lower).unwrap();
+    for pixel in 0..pixels {
+        let row = row(pixel);
+        let variance = (row.transpose() * factor.solve(&row))[(0, 0)];
+        let found = f64::from(deviations[pixel]).powi(2);
+        assert!(
+            (found - variance).abs() < 1e-4 * variance,
+            "{found} {variance}"
+        );
+    }
+}
+
+#[test]
+fn scaling_depths_scales_the_fit() {
+    let example = Example::new();
+    let far = Example {
+        depths: example.depths.iter().map(|d| 8.0 * d).collect(),
+        ..Example::new()
+    };
+    for lambda in [Lambda::Fixed(0.1), Lambda::Evidence] {
+        for robust in [None, Some(Robust::new(Loss::Cauchy))] {
+            let config = FitConfig {
+                lambda,
+                robust,
+                ..settings(FitMethod::Joint)
+            };
+            let near = dense(&example.fit(&config));
+            for (near, far) in near.iter().zip(dense(&far.fit(&config))) {
+                assert!((8.0 * near - far).abs() < 1e-5 * far, "{near} {far}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_point_far_off_is_not_followed() {
+    let mut example = Example::new();
+    example.depths[3] += 2.0;
+    let config = FitConfig {
+        robust: Some(Robust::new(Loss::Tukey)),
+        ..settings(FitMethod::Joint)
+    };
+    let fit = example.fit(&config);
+    assert!(fit.point_weights[3] < 0.01, "{:?}", fit.point_weights);
+    assert!(fit.residuals[3] > 1.5);
+}
+
+#[test]
+fn points_of_one_pixel_are_averaged() {
+    let mut example = Example::new();
+    let (place, depth) = (example.places[0], example.depths[0]);
+    example.depths[0] = depth + 0.5;
+    example.places.push(place);
+    example.depths.push(depth - 0.5);
+    example.bases.extend_from_within(..3);
+    let double = dense(&example.fit(&settings(FitMethod::Wls)));
+    // Twice the weight of one, which meets the mean closely either way.
+    let single = dense(&Example::new().fit(&settings(FitMethod::Wls)));
+    for (a, b) in double.iter().zip(single) {
+        assert!((a - b).abs() < 5e-3, "{a} {b}");
+    }
+}
+
+#[test]
+fn a_field_without_its_image_is_refused() {
+    let example = Example::new();
+    let points = Points::new(&example.bases, &example.depths);
+    let error = fit(&points, &settings(FitMethod::Joint), None).unwrap_err();
+    assert!(error.to_string().contains("needs the image"), "{error}");
 }

@@ -3,15 +3,14 @@
 use super::map::{Map, Pool};
 use crate::conv::Layer;
 use crate::model::extractor::{Block, Extractor};
-use crate::model::grid::neighbours;
 use crate::simd::{Level, Scratch, Tail};
 use rayon::prelude::*;
 
 #[derive(Debug)]
 pub(super) struct ExtractorPlan {
     stem: Vec<Layer>,
-    /// Half resolution and a quarter.
-    raw: Vec<BlockPlan>,
+    half: Vec<BlockPlan>,
+    quarter: Vec<BlockPlan>,
     /// Wider, then dilated.
     skip: Vec<BlockPlan>,
     /// Pool size and convolution of each branch.
@@ -29,13 +28,13 @@ struct BlockPlan {
 
 /// What all layers of a run share.
 #[derive(Clone, Copy)]
-struct Run<'a> {
-    scratch: &'a Scratch,
-    pool: &'a Pool,
+pub(super) struct Run<'a> {
+    pub(super) scratch: &'a Scratch,
+    pub(super) pool: &'a Pool,
 }
 
 impl Run<'_> {
-    fn layer(self, layer: &Layer, x: &Map, skip: Option<&Map>, relu: bool) -> Map {
+    pub(super) fn layer(self, layer: &Layer, x: &Map, skip: Option<&Map>, relu: bool) -> Map {
         let size = [1, x.height, x.width];
         let shape = layer.shape(size);
         let (height, width) = shape.out();
@@ -87,7 +86,8 @@ impl ExtractorPlan {
                 .iter()
                 .map(|conv| conv.folded(level))
                 .collect::<Option<_>>()?,
-            raw: blocks(&net.half, &net.quarter)?,
+            half: blocks(&net.half, &[])?,
+            quarter: blocks(&net.quarter, &[])?,
             skip: blocks(&net.wide, &net.dilated)?,
             branches: branches
                 .map(|(&pool, conv)| Some((pool, conv.folded(level)?)))
@@ -97,20 +97,19 @@ impl ExtractorPlan {
         })
     }
 
-    /// Features at a quarter of the image's resolution.
-    pub(super) fn forward(&self, image: Map, scratch: &Scratch, pool: &Pool) -> Map {
-        let run = Run { scratch, pool };
-        let x = self.stem.iter().fold(image, |x, layer| {
+    /// Features at a quarter of the image's resolution, and those at a half if `both` are asked
+    /// for.
+    pub(super) fn forward(&self, image: &Map, both: bool, run: Run<'_>) -> (Map, Option<Map>) {
+        let pool = run.pool;
+        let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
             let output = run.layer(layer, &x, None, true);
             pool.give(x);
             output
         });
-        let raw = self.raw.iter().fold(x, |x, block| run.block(block, x));
-        let copy = {
-            let mut copy = pool.take(raw.height, raw.width, raw.channels());
-            copy.values.copy_from_slice(&raw.values);
-            copy
-        };
+        let x = self.half.iter().fold(x, |x, block| run.block(block, x));
+        let half = both.then(|| x.copied(pool));
+        let raw = self.quarter.iter().fold(x, |x, block| run.block(block, x));
+        let copy = raw.copied(pool);
         let skip = self.skip.iter().fold(copy, |x, block| run.block(block, x));
         let branches: Vec<Map> = self
             .branches
@@ -130,7 +129,7 @@ impl ExtractorPlan {
         pool.give(all);
         let features = run.layer(&self.project, &merged, None, false);
         pool.give(merged);
-        features
+        (features, half)
     }
 }
 
@@ -151,26 +150,12 @@ fn gather(raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
             }
             for map in branches {
                 let (own, others) = rest.split_at_mut(map.channels());
-                enlarge(map, (y, raw.height), (x, raw.width), own);
+                map.enlarged((y, raw.height), (x, raw.width), own);
                 rest = others;
             }
         }
     });
     all
-}
-
-/// The value of a map at pixel (y, x) of an enlarged one.
-fn enlarge(map: &Map, (y, height): (usize, usize), (x, width): (usize, usize), output: &mut [f32]) {
-    let (top, bottom, v) = neighbours(y, height, map.height);
-    let (left, right, u) = neighbours(x, width, map.width);
-    let pixel = |y: usize, x: usize| &map.values[(y * map.width + x) * output.len()..];
-    let upper = pixel(top, left).iter().zip(pixel(top, right));
-    let lower = pixel(bottom, left).iter().zip(pixel(bottom, right));
-    for (output, (a, b)) in output.iter_mut().zip(upper.zip(lower)) {
-        let upper = a.0 * (1.0 - u) + a.1 * u;
-        let lower = b.0 * (1.0 - u) + b.1 * u;
-        *output = upper * (1.0 - v) + lower * v;
-    }
 }
 
 /// Means over windows of `size` pixels, cut off at the end.

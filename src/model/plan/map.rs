@@ -1,5 +1,6 @@
 //! Maps between layers, and the memory that they reuse.
 
+use crate::model::grid::neighbours;
 use crate::simd::Buffer;
 use std::sync::Mutex;
 
@@ -18,6 +19,31 @@ impl Map {
 
     pub(super) fn channels(&self) -> usize {
         self.values.len() / self.pixels().max(1)
+    }
+
+    pub(super) fn copied(&self, pool: &Pool) -> Self {
+        let mut copy = pool.take(self.height, self.width, self.channels());
+        copy.values.copy_from_slice(&self.values);
+        copy
+    }
+
+    /// The value at pixel (y, x) of the map enlarged bilinearly to a height and width.
+    pub(super) fn enlarged(
+        &self,
+        (y, height): (usize, usize),
+        (x, width): (usize, usize),
+        output: &mut [f32],
+    ) {
+        let (top, bottom, v) = neighbours(y, height, self.height);
+        let (left, right, u) = neighbours(x, width, self.width);
+        let pixel = |y: usize, x: usize| &self.values[(y * self.width + x) * output.len()..];
+        let upper = pixel(top, left).iter().zip(pixel(top, right));
+        let lower = pixel(bottom, left).iter().zip(pixel(bottom, right));
+        for (output, (a, b)) in output.iter_mut().zip(upper.zip(lower)) {
+            let upper = a.0 * (1.0 - u) + a.1 * u;
+            let lower = b.0 * (1.0 - u) + b.1 * u;
+            *output = upper * (1.0 - v) + lower * v;
+        }
     }
 }
 

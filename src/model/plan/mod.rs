@@ -6,6 +6,7 @@
 //! the first layer of the MLP is applied before enlargement, which commutes with it, and the fit's
 //! weights are folded into the last.
 
+mod detail;
 mod extractor;
 mod head;
 mod map;
@@ -13,9 +14,11 @@ mod map;
 mod tests;
 
 use super::BasisNet;
+use super::edges::strengths_of;
 use crate::simd::{Level, Scratch};
-use extractor::ExtractorPlan;
-use head::HeadPlan;
+use detail::DetailPlan;
+use extractor::{ExtractorPlan, Run};
+use head::{HeadPlan, Inputs};
 use map::{Map, Pool};
 use std::sync::Arc;
 
@@ -27,6 +30,7 @@ pub struct Plan(Arc<Inner>);
 struct Inner {
     extractor: ExtractorPlan,
     head: HeadPlan,
+    detail: Option<DetailPlan>,
     scratch: Scratch,
     pool: Pool,
 }
@@ -35,12 +39,13 @@ impl Plan {
     /// Prepares a network, or `None` if it has no fixed statistics to fold: group normalisation, or
     /// no hidden layer.
     pub fn new(net: &BasisNet, level: Level) -> Option<Self> {
-        if net.detail.is_some() {
-            return None;
-        }
         Some(Self(Arc::new(Inner {
             extractor: ExtractorPlan::new(&net.extractor, level)?,
             head: HeadPlan::new(&net.head, level)?,
+            detail: match &net.detail {
+                None => None,
+                Some(detail) => Some(DetailPlan::new(detail, level)?),
+            },
             scratch: Scratch::new(),
             pool: Pool::default(),
         })))
@@ -54,21 +59,34 @@ impl Plan {
         let Inner {
             extractor,
             head,
+            detail,
             scratch,
             pool,
         } = &*self.0;
         let mut map = pool.take(size.0, size.1, 3);
         map.values.copy_from_slice(image);
         // On a thread of the pool, or each of some sixty layers would wake and await it anew.
-        let inputs = rayon::scope(|_| {
-            let features = extractor.forward(map, scratch, pool);
-            let inputs = head.enter(&features, pool);
+        let (inputs, changes) = rayon::scope(|_| {
+            let run = Run { scratch, pool };
+            let (features, half) = extractor.forward(&map, detail.is_some(), run);
+            let (mut sharp, mut changes) = (None, None);
+            if let (Some(detail), Some(half)) = (detail, half) {
+                let [features, edges] = detail.forward(&map, &half, &features, run);
+                (sharp, changes) = (Some(features), Some(edges));
+                pool.give(half);
+            }
+            let inputs = Inputs {
+                features: head.enter(&features, pool),
+                detail: sharp,
+            };
             pool.give(features);
-            inputs
+            (inputs, changes)
         });
         PlannedBases {
             plan: self.clone(),
             inputs,
+            image: map,
+            changes,
         }
     }
 }
@@ -77,13 +95,18 @@ impl Plan {
 #[derive(Clone, Debug)]
 pub struct PlannedBases {
     plan: Plan,
-    /// What the features add to the first hidden layer, at their resolution.
-    inputs: Map,
+    inputs: Inputs,
+    image: Map,
+    /// By which edges differ from those of the colours.
+    changes: Option<Map>,
 }
 
 impl Drop for PlannedBases {
     fn drop(&mut self) {
-        self.plan.0.pool.give(std::mem::take(&mut self.inputs));
+        let Inputs { features, detail } = std::mem::take(&mut self.inputs);
+        let maps = [features, std::mem::take(&mut self.image)].into_iter();
+        let maps = maps.chain(detail).chain(self.changes.take());
+        maps.for_each(|map| self.plan.0.pool.give(map));
     }
 }
 
@@ -93,6 +116,14 @@ impl PlannedBases {
     pub fn at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
         let Inner { head, scratch, .. } = &*self.plan.0;
         head.rows(&self.inputs, size, pixels, scratch)
+    }
+
+    /// How strongly each pixel of the image is joined to its right and lower neighbour, `[height,
+    /// width, 2]`, and height and width.
+    pub fn edges(&self) -> (Vec<f32>, (usize, usize)) {
+        let size = (self.image.height, self.image.width);
+        let changes = self.changes.as_ref().map(|map| &map.values[..]);
+        (strengths_of(&self.image.values, size, changes), size)
     }
 
     /// Bases x weights at every pixel of an output of `size` (height, width).

@@ -4,7 +4,7 @@ use super::Plan;
 use crate::model::{BasisNet, BasisNetConfig, ExtractorConfig, NormKind};
 use crate::rng::Rng;
 use crate::simd::Level;
-use burn::module::Module as _;
+use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use proptest::prelude::*;
 
@@ -111,6 +111,61 @@ fn the_plan_agrees_for_every_kind_of_head() {
             ..tiny()
         };
         agree(&net(&config), Level::here(), (33, 47), (33, 47));
+    }
+}
+
+#[test]
+fn the_plan_agrees_with_features_at_full_resolution() {
+    let net = detailed();
+    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+        for size in [(1, 1), (3, 5), (32, 32), (37, 61)] {
+            agree(&net, level, size, size);
+            edges_agree(&net, level, size);
+        }
+        agree(&net, level, (48, 64), (100, 77));
+    }
+    agree(&net, Level::here(), (228, 304), (228, 304));
+    edges_agree(&net, Level::here(), (228, 304));
+    edges_agree(&self::net(&tiny()), Level::here(), (57, 76));
+}
+
+/// A network whose features at full resolution, which begin without effect, have one.
+fn detailed() -> BasisNet {
+    let config = BasisNetConfig {
+        detail: 16,
+        ..tiny()
+    };
+    net(&config).map(&mut Fill)
+}
+
+/// Puts numbers in the place of zeros.
+struct Fill;
+
+impl ModuleMapper for Fill {
+    fn map_float<const D: usize>(&mut self, tensor: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        tensor.map(|tensor| {
+            let data = tensor.to_data();
+            let mut values: Vec<f32> = data.iter::<f32>().collect();
+            if D > 1 && values.iter().all(|v| *v == 0.0) {
+                let mut rng = Rng::stream(9, &["fill"]);
+                values.iter_mut().for_each(|v| *v = 0.3 * rng.normal());
+            }
+            Tensor::from_data(TensorData::new(values, data.shape()), &tensor.device())
+        })
+    }
+}
+
+fn edges_agree(net: &BasisNet, level: Level, size: (usize, usize)) {
+    let plan = Plan::new(net, level).unwrap();
+    let (planned, found) = plan.bases(&image(size.0, size.1), size).edges();
+    assert_eq!(found, size);
+    let plain = net
+        .bases(tensor(image(size.0, size.1), size))
+        .edges()
+        .into_data();
+    let plain: Vec<f32> = plain.iter::<f32>().collect();
+    for (a, b) in planned.iter().zip(&plain) {
+        assert!((a - b).abs() < 1e-3 * b, "{level:?} {size:?}: {a} {b}");
     }
 }
 

@@ -1,0 +1,111 @@
+//! `lsdc weights`: what weights there are, what they are, and in which precision.
+
+use super::args::{Convert, WeightsCommand};
+use super::{Exit, ui};
+use crate::data::write_atomically;
+use crate::error::{Error, Result};
+use crate::metrics::{Metric, Scores};
+use crate::predict::{embedded, open_weights, recorded_fit, recorded_prior, weights_name};
+use crate::train::{SCORES_NOTE, TRAINING_NOTE, TrainConfig};
+use serde_json::{Value, json};
+use std::path::Path;
+
+pub(super) fn run(command: &WeightsCommand) -> Result<Exit> {
+    match command {
+        WeightsCommand::List => {
+            for weights in embedded() {
+                let megabytes = weights.bytes.len() as f64 / 1e6;
+                ui::print(&format!(
+                    "{:<9} {megabytes:.1} MB, {}",
+                    weights.name, weights.about
+                ));
+            }
+        }
+        WeightsCommand::Info { file, json } => info(file.as_deref(), *json)?,
+        WeightsCommand::Convert(args) => convert(args)?,
+    }
+    Ok(Exit::Done)
+}
+
+fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
+    let weights = open_weights(file)?;
+    let fit = recorded_fit(&weights)?.unwrap_or_default();
+    let calibration = recorded_prior(&weights)?.map(|(_, calibration)| calibration);
+    let notes = &weights.record.notes;
+    let training: Option<TrainConfig> = parsed(notes.get(TRAINING_NOTE))?;
+    let scores: Option<Scores> = parsed(notes.get(SCORES_NOTE))?;
+    if as_json {
+        let value = json!({
+            "parameters": weights.parameters(),
+            "network": weights.record.network,
+            "normalisation": weights.record.normalisation,
+            "fit": fit,
+            "calibration": calibration,
+            "training": training,
+            "held_out": scores,
+        });
+        ui::print(&pretty(&value)?);
+        return Ok(());
+    }
+    let [height, width] = weights.record.normalisation.input;
+    let network = &weights.record.network;
+    ui::print(&format!("weights    {}", weights_name(file)?));
+    ui::print(&format!(
+        "network    {} parameters, {} base functions{}",
+        weights.parameters(),
+        network.bases,
+        if network.detail > 0 {
+            ", features at full resolution"
+        } else {
+            ""
+        }
+    ));
+    ui::print(&format!("input      {width}x{height}"));
+    ui::print(&format!("fit        {fit}"));
+    if let Some(training) = training {
+        let TrainConfig {
+            steps, batch, seed, ..
+        } = training;
+        let rate = training.learning_rate;
+        ui::print(&format!(
+            "training   {steps} steps of {batch} images, peak learning rate {rate}, seed {seed}"
+        ));
+    }
+    if let Some(scores) = scores {
+        ui::print(&format!(
+            "held out   RMSE {:.4} m, REL {:.4} at 500 points, on frames kept out of training",
+            scores[Metric::Rmse],
+            scores[Metric::Rel]
+        ));
+    }
+    Ok(())
+}
+
+fn parsed<T: serde::de::DeserializeOwned>(note: Option<&String>) -> Result<Option<T>> {
+    let parse = |json: &String| {
+        serde_json::from_str(json)
+            .map_err(|e| Error::weights("a record of the weights cannot be read").because(e))
+    };
+    note.map(parse).transpose()
+}
+
+fn pretty(value: &Value) -> Result<String> {
+    serde_json::to_string_pretty(value)
+        .map_err(|e| Error::weights("the record cannot be written as JSON").because(e))
+}
+
+fn convert(args: &Convert) -> Result<()> {
+    if args.output.exists() && !args.force {
+        return Err(Error::config(format!("`{}` exists", args.output.display()))
+            .hint("give --force to replace it"));
+    }
+    let weights = open_weights(Some(&args.input))?;
+    let bytes = weights.to_bytes_in(args.precision)?;
+    write_atomically(&args.output, |out| out.write_all(&bytes))?;
+    ui::print(&format!(
+        "written   {}, {:.1} MB",
+        args.output.display(),
+        bytes.len() as f64 / 1e6
+    ));
+    Ok(())
+}
