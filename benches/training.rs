@@ -46,7 +46,7 @@ fn step(criterion: &mut Criterion) {
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
                 let before = learner.take().expect("put back below");
-                let (after, step) = before.step(&batch, 1e-4).expect("a finite loss");
+                let (after, step) = before.step(&batch, 1e-4, 1).expect("a finite loss");
                 learner = Some(after);
                 step
             });

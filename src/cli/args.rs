@@ -263,6 +263,21 @@ pub(super) enum ReportCommand {
     Merge(Merge),
     /// Show the error against the number of points, from one report for each number.
     Curve(Curves),
+    /// Show how training went, of one run or several side by side.
+    Training(Runs),
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct Runs {
+    /// Run folders.
+    #[arg(required = true)]
+    pub(super) folders: Vec<PathBuf>,
+    /// Write a page with the curves here [default: only print the table].
+    #[arg(long, value_name = "FILE")]
+    pub(super) html: Option<PathBuf>,
+    /// Replace an existing page.
+    #[arg(long)]
+    pub(super) force: bool,
 }
 
 #[derive(Debug, ClapArgs)]

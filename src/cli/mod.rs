@@ -58,6 +58,7 @@ fn run(args: Args) -> Result<Exit> {
         Command::Eval(args) => eval::run(&args),
         Command::Report(ReportCommand::Merge(args)) => report::merge(&args),
         Command::Report(ReportCommand::Curve(args)) => report::curve(&args),
+        Command::Report(ReportCommand::Training(args)) => report::training(&args),
         Command::Train(args) => train::run(&args),
         Command::Weights(command) => weights::run(&command),
         Command::Calibrate(args) => calibrate::run(&args),

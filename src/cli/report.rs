@@ -1,10 +1,11 @@
 //! `lsdc report`: reports joined and shown.
 
-use super::args::{Curves, Merge};
+use super::args::{Curves, Merge, Runs};
 use super::eval::Outputs;
 use super::{Exit, ui};
 use crate::error::{Error, Result};
-use crate::report::{Curve, Report};
+use crate::report::{Curve, Report, Training};
+use std::path::Path;
 
 pub(super) fn merge(args: &Merge) -> Result<Exit> {
     let mut whole: Option<Report> = None;
@@ -33,12 +34,27 @@ pub(super) fn curve(args: &Curves) -> Result<Exit> {
     let reports = args.files.iter().map(|path| Report::read_json(path));
     let curve = Curve::of(&reports.collect::<Result<Vec<_>>>()?)?;
     if let Some(path) = &args.html {
-        if path.exists() && !args.force {
-            return Err(Error::config(format!("`{}` exists", path.display()))
-                .hint("give --force to replace it, or another name"));
-        }
+        unless_exists(path, args.force)?;
         curve.write_html(path)?;
     }
     ui::print(&curve.to_string());
     Ok(Exit::Done)
+}
+
+pub(super) fn training(args: &Runs) -> Result<Exit> {
+    let training = Training::read(&args.folders)?;
+    if let Some(path) = &args.html {
+        unless_exists(path, args.force)?;
+        training.write_html(path)?;
+    }
+    ui::print(&training.to_string());
+    Ok(Exit::Done)
+}
+
+fn unless_exists(path: &Path, force: bool) -> Result<()> {
+    if path.exists() && !force {
+        return Err(Error::config(format!("`{}` exists", path.display()))
+            .hint("give --force to replace it, or another name"));
+    }
+    Ok(())
 }

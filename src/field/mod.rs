@@ -8,7 +8,9 @@
 //! more than a few have gathered, so that the columns meet only the last and largest steps.
 
 mod columns;
+mod dense;
 mod dissection;
+mod elimination;
 mod front;
 mod spread;
 #[cfg(test)]
@@ -18,8 +20,9 @@ pub use spread::{Reach, Spread};
 
 use crate::simd::Level;
 use dissection::{Dissection, Region};
+use elimination::{Elimination, Room};
 use faer::Mat;
-use front::{Front, Parent, Room};
+use front::Front;
 
 /// How strongly neighbours are joined, `[height * width]` each, none negative.
 #[derive(Clone, Copy, Debug)]
@@ -91,13 +94,13 @@ impl Field {
         let sites = Sites { seen, places };
         let cuts = Dissection::new(grid.height, grid.width);
         let whole = Region::whole(grid.height, grid.width);
-        let parent = Parent {
+        let elimination = Elimination {
             grid,
             sites: &sites,
             cuts: &cuts,
             level: Level::here(),
         };
-        let part = parent.eliminate(whole, &mut Room::new(pixels + seen.count))?;
+        let part = elimination.eliminate(whole, &mut Room::new(pixels + seen.count))?;
         Some(Self {
             fronts: part.fronts,
             pixels,

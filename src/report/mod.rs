@@ -7,10 +7,12 @@ mod curve;
 mod html;
 mod json;
 mod text;
+mod training;
 
 pub use colour::coloured;
 pub use curve::Curve;
 pub use html::{Exhibit, Role};
+pub use training::Training;
 
 use crate::data::Place;
 use crate::error::{Error, Result};

@@ -2,6 +2,7 @@
 
 use super::Learner;
 use crate::error::{Cause, Error, Result};
+use crate::model::BasisNet;
 use burn::module::Module as _;
 use burn::store::ModuleRecord;
 use burn::tensor::Bytes;
@@ -16,6 +17,7 @@ pub(super) struct Checkpoints {
 const KEPT: usize = 2;
 const NETWORK: &str = "network.bpk";
 const OPTIMISER: &str = "optimiser.bpk";
+const AVERAGE: &str = "average.bpk";
 
 impl Checkpoints {
     pub(super) fn new(run: &Path) -> Self {
@@ -39,12 +41,16 @@ impl Checkpoints {
         let broken = |e: &dyn std::fmt::Display| {
             Error::new(Cause::Write, format!("cannot encode a checkpoint: {e}"))
         };
-        let network = learner
-            .net
-            .clone()
-            .into_record()
-            .into_bytes()
-            .map_err(|e| broken(&e))?;
+        let bytes = |net: &BasisNet| {
+            let record = net.clone().into_record().into_bytes();
+            record.map_err(|e| broken(&e))
+        };
+        let network = bytes(&learner.net)?;
+        let average = learner
+            .average
+            .as_ref()
+            .map(|(net, _)| bytes(net))
+            .transpose()?;
         let state = learner.optimiser.into_bytes().map_err(|e| broken(&e))?;
         let target = self.path(step);
         let temporary = self.folder.join(format!("{step:08}.tmp"));
@@ -53,7 +59,9 @@ impl Checkpoints {
                 std::fs::remove_dir_all(&temporary)?;
             }
             std::fs::create_dir_all(&temporary)?;
-            for (name, bytes) in [(NETWORK, &network), (OPTIMISER, &state)] {
+            let files = [(NETWORK, Some(&network)), (OPTIMISER, Some(&state))];
+            for (name, bytes) in files.into_iter().chain([(AVERAGE, average.as_ref())]) {
+                let Some(bytes) = bytes else { continue };
                 let path = temporary.join(name);
                 std::fs::write(&path, &bytes[..])?;
                 std::fs::File::open(&path)?.sync_all()?;
@@ -87,11 +95,14 @@ impl Checkpoints {
             ))
             .hint("resume with the `config.toml` of the run folder")
         };
-        let record = ModuleRecord::from_bytes(read(NETWORK)?).map_err(|e| foreign(&e))?;
-        learner.net = learner
-            .net
-            .try_load_record(record)
-            .map_err(|e| foreign(&e))?;
+        let filled = |net: BasisNet, name: &str| {
+            let record = ModuleRecord::from_bytes(read(name)?).map_err(|e| foreign(&e))?;
+            net.try_load_record(record).map_err(|e| foreign(&e))
+        };
+        learner.net = filled(learner.net, NETWORK)?;
+        if let Some((net, decay)) = learner.average {
+            learner.average = Some((filled(net, AVERAGE)?, decay));
+        }
         learner.optimiser = learner
             .optimiser
             .from_bytes(read(OPTIMISER)?)

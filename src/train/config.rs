@@ -23,6 +23,9 @@ pub struct TrainConfig {
     pub clip: Option<f32>,
     /// The learning rate over time.
     pub schedule: Schedule,
+    /// How much of the average of the network is kept in a step; the average is what is measured and
+    /// written. Absent = the network as it is.
+    pub average: Option<f64>,
     /// The share of steps after which batch normalisation keeps its running statistics; 1 = never.
     pub freeze_statistics: f64,
     /// The run's seed: weights, order, augmentation, points.
@@ -62,6 +65,7 @@ impl Default for TrainConfig {
             weight_decay: 5e-4,
             clip: None,
             schedule: Schedule::default(),
+            average: None,
             freeze_statistics: 1.0,
             seed: 0,
             workers: 2,
@@ -96,6 +100,12 @@ impl TrainConfig {
             return Err(Error::config(
                 "`train.learning_rate` must be above 0 and `weight_decay` at least 0",
             ));
+        }
+        if self
+            .average
+            .is_some_and(|decay| !(0.0..1.0).contains(&decay))
+        {
+            return Err(Error::config("`train.average` must be in [0, 1)"));
         }
         self.augment.check()?;
         self.supervision.check()?;

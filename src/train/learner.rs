@@ -1,5 +1,6 @@
 //! One step of training.
 
+use super::average::follow;
 use super::{LossConfig, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
 use crate::fit::{FitConfig, Reweighting};
@@ -17,6 +18,8 @@ pub struct Learner {
     fit: FitConfig,
     robust: Option<Reweighting>,
     loss: LossConfig,
+    /// The average over steps, and how much of it is kept in one.
+    pub(super) average: Option<(BasisNet, f64)>,
 }
 
 /// The losses of one batch.
@@ -40,6 +43,7 @@ impl Learner {
             .with_grad_clipping(config.clip.map(GradientClippingConfig::Norm))
             .init();
         Self {
+            average: config.average.map(|decay| (net.clone(), decay)),
             net,
             optimiser,
             fit: *fit,
@@ -48,9 +52,9 @@ impl Learner {
         }
     }
 
-    /// The network as it is now.
+    /// The network to be used: its average over steps, or as it is now.
     pub fn net(&self) -> &BasisNet {
-        &self.net
+        self.average.as_ref().map_or(&self.net, |(net, _)| net)
     }
 
     /// Lets batch normalisation use its running statistics from now on.
@@ -60,11 +64,11 @@ impl Learner {
         self
     }
 
-    /// One step of Adam with a learning rate.
+    /// One step of Adam with a learning rate, of this number, counted from 1.
     ///
     /// # Errors
     /// A loss that is not finite.
-    pub fn step(mut self, batch: &Batch, rate: f64) -> Result<(Self, Step)> {
+    pub fn step(mut self, batch: &Batch, rate: f64, number: usize) -> Result<(Self, Step)> {
         let losses = losses(&self.net, batch, &self.fit, self.robust, &self.loss);
         let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
         let step = Step {
@@ -80,6 +84,9 @@ impl Learner {
         }
         let gradients = GradientsParams::from_grads(losses.total.backward(), &self.net);
         self.net = self.optimiser.step(rate, self.net, gradients);
+        self.average = self
+            .average
+            .map(|(average, decay)| (follow(average, &self.net, decay, number), decay));
         Ok((self, step))
     }
 }

@@ -1,5 +1,6 @@
 //! Training: losses, steps, checkpoints, the run, and what is learned once it is over.
 
+mod average;
 mod calibrate;
 mod checkpoint;
 mod config;

@@ -132,7 +132,7 @@ impl Trainer {
             if step as f64 >= self.config.freeze_statistics * self.config.steps as f64 {
                 learner = learner.freeze_statistics();
             }
-            let (next, made) = learner.step(&batch, rate)?;
+            let (next, made) = learner.step(&batch, rate, step + 1)?;
             learner = next;
             step += 1;
             tell(Event::Step {

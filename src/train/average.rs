@@ -1,0 +1,87 @@
+//! The running average of a network over its last steps, which predicts better than any of them
+//! (Polyak and Juditsky 1992; in this form Tarvainen and Valpola 2017).
+
+use crate::model::BasisNet;
+use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{Tensor, TensorData};
+use std::collections::VecDeque;
+
+/// Moves `average` towards `net` after the step of this number, counted from 1: by `1 - decay`, and
+/// more in the first steps, of which an average would remember the random start.
+pub(super) fn follow(average: BasisNet, net: &BasisNet, decay: f64, step: usize) -> BasisNet {
+    let step = step as f64;
+    let kept = decay.min(step / (step + 10.0)) as f32;
+    let mut values = Values::default();
+    net.visit(&mut values);
+    average.map(&mut Mix {
+        values: values.0,
+        kept,
+    })
+}
+
+/// The float tensors of a module, in order.
+#[derive(Default)]
+struct Values(VecDeque<TensorData>);
+
+impl ModuleVisitor for Values {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        self.0.push_back(param.val().into_data());
+    }
+}
+
+struct Mix {
+    values: VecDeque<TensorData>,
+    kept: f32,
+}
+
+impl ModuleMapper for Mix {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let Some(now) = self.values.pop_front() else {
+            return param;
+        };
+        let kept = self.kept;
+        param.map(|tensor| {
+            let old = tensor.to_data();
+            let pairs = old.iter::<f32>().zip(now.iter::<f32>());
+            let values: Vec<f32> = pairs.map(|(a, b)| b + kept * (a - b)).collect();
+            Tensor::from_data(TensorData::new(values, old.shape()), &tensor.device())
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{BasisNetConfig, Weights, WeightsRecord};
+    use burn::tensor::Device;
+
+    fn bytes(net: &BasisNet) -> Vec<u8> {
+        let record = WeightsRecord {
+            network: BasisNetConfig::small(),
+            normalisation: crate::model::Normalisation::default(),
+            notes: std::collections::BTreeMap::new(),
+        };
+        Weights::of(net, record).to_bytes().unwrap()
+    }
+
+    #[test]
+    fn an_average_comes_nearer_with_every_step() {
+        let device = Device::flex();
+        let start = BasisNetConfig::small().init(0, &device).unwrap();
+        let net = BasisNetConfig::small().init(1, &device).unwrap();
+        let first = |net: &BasisNet| {
+            let mut values = Values::default();
+            net.visit(&mut values);
+            let values: Vec<f32> = values.0[0].iter::<f32>().collect();
+            f64::from(values[0])
+        };
+        let (from, to) = (first(&start), first(&net));
+        // Late steps keep the decay, the first ones less.
+        let late = follow(start.clone(), &net, 0.75, 1000);
+        assert!((first(&late) - (0.75 * from + 0.25 * to)).abs() < 1e-6);
+        let early = follow(start.clone(), &net, 0.75, 1);
+        assert!((first(&early) - (from / 11.0 + to * 10.0 / 11.0)).abs() < 1e-6);
+        // An average of what does not change is that, bit for bit.
+        assert_eq!(bytes(&follow(net.clone(), &net, 0.9, 7)), bytes(&net));
+    }
+}
