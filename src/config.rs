@@ -43,12 +43,13 @@ pub struct Config {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 3] = [
+const BUILT_IN: [(&str, &str); 4] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     (
         "nyu-medium.toml",
         include_str!("../configs/nyu-medium.toml"),
     ),
+    ("nyu-joint.toml", include_str!("../configs/nyu-joint.toml")),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
 

@@ -322,6 +322,114 @@ fn points_can_be_kept_judged_and_weighted() {
 }
 
 #[test]
+fn depth_is_made_of_base_functions_a_field_or_both() {
+    let folder = room();
+    let at = folder.path();
+    let mut residuals = Vec::new();
+    for fit in ["lse", "wls", "joint"] {
+        let run = lsdc(at)
+            .args([
+                "complete",
+                "rgb.png",
+                "sparse.npy",
+                "--fit",
+                fit,
+                "-o",
+                fit,
+                "--uncertainty",
+            ])
+            .assert()
+            .success();
+        let line = text(&run)
+            .lines()
+            .find(|l| l.starts_with("residual"))
+            .unwrap()
+            .to_owned();
+        residuals.push(
+            line.split_whitespace()
+                .nth(1)
+                .unwrap()
+                .parse::<f64>()
+                .unwrap(),
+        );
+        let sigma = read_npy(&at.join(fit).join("rgb_sigma.npy"), 1.0).unwrap();
+        assert_eq!(
+            sigma.count(),
+            sigma.values().len(),
+            "{fit}: a deviation everywhere"
+        );
+        let sparse = read_npy(&asset("sparse.npy"), 1.0).unwrap();
+        // Pixels with a point are known better than those far from one.
+        let mean = |known: bool| {
+            let pairs = sigma.values().iter().zip(sparse.values());
+            let some: Vec<f32> = pairs
+                .filter(|(_, d)| (**d > 0.0) == known)
+                .map(|p| *p.0)
+                .collect();
+            some.iter().sum::<f32>() / some.len() as f32
+        };
+        assert!(mean(true) < mean(false), "{fit}");
+    }
+    // Base functions miss points, fields meet them.
+    assert!(residuals[0] > 10.0 * residuals[1] && residuals[0] > 10.0 * residuals[2]);
+    refused(
+        at,
+        &[
+            "complete",
+            "rgb.png",
+            "sparse.npy",
+            "--fit",
+            "joint",
+            "--space",
+            "log",
+        ],
+        &["fit.space"],
+    );
+}
+
+#[test]
+fn weights_are_listed_described_and_converted() {
+    let folder = room();
+    let at = folder.path();
+    let list = text(&lsdc(at).args(["weights", "list"]).assert().success());
+    assert!(list.starts_with("default "), "{list}");
+    let info = lsdc(at)
+        .args(["weights", "info", "--json"])
+        .output()
+        .unwrap();
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert!(info["parameters"].as_u64().unwrap() > 100_000, "{info}");
+    assert!(info["training"]["steps"].as_u64().unwrap() > 0, "{info}");
+
+    let convert = [
+        "weights",
+        "convert",
+        "default",
+        "wide.safetensors",
+        "--precision",
+        "f32",
+    ];
+    lsdc(at).args(convert).assert().success();
+    refused(at, &convert, &["exists", "--force"]);
+    // The wider numbers are the same numbers.
+    for (weights, output) in [("default", "a"), ("wide.safetensors", "b")] {
+        let complete = [
+            "complete",
+            "rgb.png",
+            "sparse.npy",
+            "--weights",
+            weights,
+            "-o",
+            output,
+        ];
+        lsdc(at).args(complete).assert().success();
+    }
+    let depth = |folder: &str| read_npy(&at.join(folder).join("rgb_depth.npy"), 1.0).unwrap();
+    assert_eq!(depth("a"), depth("b"));
+    refused(at, &["weights", "info", "nothing"], &["nothing", "default"]);
+}
+
+#[test]
 fn bad_input_is_refused_in_one_line() {
     let folder = room();
     let path = |name: &str| folder.path().join(name);

@@ -61,11 +61,29 @@ fn losses(folder: &Path, run: &str) -> Vec<String> {
     text.lines().map(strip).collect()
 }
 
+/// The same through the joint fit, with features at full resolution, an average, and every loss.
+fn joint() -> String {
+    CONFIG
+        .replace("octaves = 3", "octaves = 3\ndetail = 8")
+        .replace("ridge = 1e-4", "method = \"joint\"")
+        .replace("held_out = 2", "held_out = 2\naverage = 0.9")
+        + "loss = { rmse = 1.0, edges = 0.1 }\n"
+}
+
 #[test]
 fn seed_workers_and_interruptions_do_not_change_the_bits() {
+    unchanged(CONFIG);
+}
+
+#[test]
+fn nor_do_they_through_the_joint_fit() {
+    unchanged(&joint());
+}
+
+fn unchanged(config: &str) {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    std::fs::write(at.join("c.toml"), CONFIG).unwrap();
+    std::fs::write(at.join("c.toml"), config).unwrap();
     train(at, &["--config", "c.toml", "-o", "a"]);
     train(
         at,
@@ -127,14 +145,64 @@ fn a_run_folder_is_not_overwritten() {
 }
 
 #[test]
-fn trained_weights_complete() {
+fn curves_of_runs_are_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     std::fs::write(at.join("c.toml"), CONFIG).unwrap();
     train(
         at,
+        &[
+            "--config",
+            "c.toml",
+            "-o",
+            "a",
+            "--set",
+            "train.calibrate=false",
+        ],
+    );
+    let report = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lsdc"));
+        command
+            .current_dir(at)
+            .args(["report", "training"])
+            .args(args)
+            .output()
+            .unwrap()
+    };
+    let shown = report(&["a", "--html", "page.html"]);
+    let text = String::from_utf8(shown.stdout).unwrap();
+    let row: Vec<&str> = text.lines().nth(1).unwrap().split_whitespace().collect();
+    assert_eq!(row[..2], ["a", "6"], "{text}");
+    assert!(row[4].parse::<f64>().unwrap() > 0.0, "{text}");
+    assert!(at.join("page.html").exists());
+    assert_eq!(report(&["a", "--html", "page.html"]).status.code(), Some(2));
+    assert_eq!(report(&["nowhere"]).status.code(), Some(2));
+}
+
+#[test]
+fn trained_weights_complete() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), joint()).unwrap();
+    train(
+        at,
         &["--config", "c.toml", "-o", "a", "--set", "train.steps=2"],
     );
+    let info = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(at)
+        .args(["weights", "info", "a/weights.safetensors"])
+        .output()
+        .unwrap();
+    let text = String::from_utf8(info.stdout).unwrap();
+    for words in [
+        "full resolution",
+        "edge-aware field",
+        "learned prior",
+        "2 steps",
+        "held out",
+    ] {
+        assert!(text.contains(words), "`{words}` is missing in: {text}");
+    }
     Command::new(env!("CARGO_BIN_EXE_lsdc"))
         .current_dir(at)
         .args([

@@ -2,6 +2,7 @@
 //! extractor's features at a half and a quarter of it. The base functions read them beside the
 //! extractor's, which are bilinear between every fourth pixel, and so do the edges.
 
+use super::edges::CHANGES;
 use super::extractor::ExtractorConfig;
 use super::layers::{Conv, ConvNorm, Init};
 use super::resample::enlarging;
@@ -15,9 +16,13 @@ const MIXES: usize = 2;
 /// The network's part at full resolution.
 #[derive(Module, Debug)]
 pub(super) struct Detail {
-    pub(super) colour: ConvNorm,
-    pub(super) half: Conv,
+    /// At a quarter of the resolution.
     pub(super) quarter: Conv,
+    /// At a half: what an edge in the colours is, is seen from its surroundings.
+    pub(super) context: ConvNorm,
+    pub(super) narrow: Conv,
+    /// At full resolution.
+    pub(super) colour: ConvNorm,
     pub(super) mix: Vec<ConvNorm>,
     pub(super) edges: Conv,
 }
@@ -27,31 +32,31 @@ impl Detail {
         let (same, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
         let [first, ..] = extractor.stages;
         Self {
+            quarter: Conv::init(extractor.features, first.width, 1, pointwise, init),
+            context: ConvNorm::init(first.width, 2 * channels, 3, same, init),
+            narrow: Conv::init(2 * channels, channels, 1, pointwise, init),
             colour: ConvNorm::init(3, channels, 3, same, init),
-            half: Conv::init(first.width, channels, 1, pointwise, init),
-            quarter: Conv::init(extractor.features, channels, 1, pointwise, init),
             mix: (0..MIXES)
                 .map(|_| ConvNorm::init(channels, channels, 3, same, init))
                 .collect(),
-            edges: Conv::zero(channels, 2, 1, pointwise, init),
+            edges: Conv::zero(channels, CHANGES, 1, pointwise, init),
         }
     }
 
     /// Images, and features at a half and a quarter of their size, to features `[batch, height,
-    /// width, channels]`, and the logarithm `[batch, height, width, 2]` by which each pixel is
-    /// joined more strongly to its right and lower neighbour than its colour says.
+    /// width, channels]` and how edges differ from those of the colours `[batch, height, width,
+    /// CHANGES]`.
     pub(super) fn forward(
         &self,
         images: Tensor<4>,
         half: Tensor<4>,
         quarter: Tensor<4>,
     ) -> (Tensor<4>, Tensor<4>) {
-        let [_, height, width, _] = images.dims();
-        let size = (height, width);
-        let half = enlarging(self.half.forward(half), size);
-        let quarter = enlarging(self.quarter.forward(quarter), size);
-        let colour = self.colour.forward_relu(images);
-        let gathered = colour + half + quarter;
+        let size = |map: &Tensor<4>| (map.dims()[1], map.dims()[2]);
+        let quarter = enlarging(self.quarter.forward(quarter), size(&half));
+        let context = self.context.forward_relu(half + quarter);
+        let context = enlarging(self.narrow.forward(context), size(&images));
+        let gathered = self.colour.forward_relu(images) + context;
         let features = self.mix.iter().fold(gathered, |x, mix| mix.forward_relu(x));
         let edges = self.edges.forward(features.clone());
         (features, edges)

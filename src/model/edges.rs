@@ -10,18 +10,26 @@ const CONTRAST: f64 = 0.026;
 /// What still passes an edge.
 const LEAST: f64 = 1e-4;
 
-/// The network changes strengths by at most this, as a logarithm.
+/// What the network says of each pixel's two edges: logarithms of factors, then by how much more
+/// than fully the colours count, -1 = not at all: many edges in the colours are none in the depth.
+pub(super) const CHANGES: usize = 4;
+
+/// Factors are at most e to the power of this.
 const MOST: f64 = 7.0;
 
 /// The strengths `[batch, height, width, 2]` with which each pixel of normalised images `[batch,
-/// height, width, 3]` is joined to its right and lower neighbour: `1 / (1 + (dC / CONTRAST)^2)`,
-/// dC being the difference in colour. `changes` are logarithms of factors.
+/// height, width, 3]` is joined to its right and lower neighbour: `a = 1 / (1 + (dC / CONTRAST)^2) +
+/// LEAST`, dC being the difference in colour; with changes (f, g), `e^f a^(1 + g)`.
 pub(super) fn strengths(images: Tensor<4>, changes: Option<Tensor<4>>) -> Tensor<4> {
     let differences = Tensor::cat(vec![squares(&images, 2), squares(&images, 1)], 3);
     let alike = (differences / (CONTRAST * CONTRAST) + 1.0).recip() + LEAST;
     match changes {
         None => alike,
-        Some(changes) => alike * changes.clamp(-MOST, MOST).exp(),
+        Some(changes) => {
+            let factor = changes.clone().narrow(3, 0, 2).clamp(-MOST, MOST);
+            let more = changes.narrow(3, 2, 2).clamp(-1.0, 1.0);
+            (alike.log() * (more + 1.0) + factor).exp()
+        }
     }
 }
 
@@ -38,16 +46,22 @@ pub(super) fn strengths_of(
         let contrast = CONTRAST as f32;
         1.0 / (1.0 + square / (contrast * contrast)) + LEAST as f32
     };
+    let most = MOST as f32;
     let mut strengths = Vec::with_capacity(2 * height * width);
     for pixel in 0..height * width {
         let last = [pixel % width + 1 == width, pixel / width + 1 == height];
-        for (last, step) in last.into_iter().zip([1, width]) {
-            let other = if last { pixel } else { pixel + step };
-            strengths.push(alike(pixel, other));
+        for (way, (last, step)) in last.into_iter().zip([1, width]).enumerate() {
+            let alike = alike(pixel, if last { pixel } else { pixel + step });
+            strengths.push(match changes {
+                None => alike,
+                Some(changes) => {
+                    let changes = &changes[CHANGES * pixel..][..CHANGES];
+                    let factor = changes[way].clamp(-most, most);
+                    let more = changes[2 + way].clamp(-1.0, 1.0);
+                    (alike.ln() * (1.0 + more) + factor).exp()
+                }
+            });
         }
-    }
-    for (strength, change) in strengths.iter_mut().zip(changes.unwrap_or_default()) {
-        *strength *= change.clamp(-MOST as f32, MOST as f32).exp();
     }
     strengths
 }

@@ -71,9 +71,8 @@ impl Plan {
             let (features, half) = extractor.forward(&map, detail.is_some(), run);
             let (mut sharp, mut changes) = (None, None);
             if let (Some(detail), Some(half)) = (detail, half) {
-                let [features, edges] = detail.forward(&map, &half, &features, run);
+                let [features, edges] = detail.forward(&map, half, &features, run);
                 (sharp, changes) = (Some(features), Some(edges));
-                pool.give(half);
             }
             let inputs = Inputs {
                 features: head.enter(&features, pool),
