@@ -47,8 +47,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
-            "config", "device", "eval", "train", "report", "predict", "metrics", "fit", "sample",
-            "data", "simd", "error",
+            "config", "device", "eval", "train", "report", "predict", "metrics", "fit", "model",
+            "sample", "data", "simd", "error",
         ],
     ),
 ];

@@ -341,6 +341,9 @@ pub(super) struct Calibrate {
     /// The frames that the weights were trained on.
     #[command(flatten)]
     pub(super) source: Source,
+    /// For another fit than the weights say: lse, wls, joint.
+    #[arg(long = "fit", value_enum, value_name = "METHOD")]
+    pub(super) fit_method: Option<FitMethod>,
     /// Weights file to write.
     #[arg(short, long, value_name = "FILE")]
     pub(super) output: PathBuf,

@@ -5,7 +5,8 @@ use super::{Exit, settings, ui};
 use crate::data::{DataConfig, Split, write_atomically};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::predict::open_weights;
+use crate::fit::{FitConfig, Lambda};
+use crate::predict::{open_weights, record_fit, recorded_fit};
 use crate::train::{self, TRAINING_NOTE, TrainConfig};
 
 pub(super) fn run(args: &Calibrate) -> Result<Exit> {
@@ -14,6 +15,14 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
             .hint("give --force to replace it"));
     }
     let mut weights = open_weights(args.model.weights.as_deref())?;
+    if let Some(method) = args.fit_method {
+        let fit = FitConfig {
+            method,
+            lambda: Lambda::Evidence,
+            ..recorded_fit(&weights)?.unwrap_or_default()
+        };
+        record_fit(&mut weights, &fit)?;
+    }
     let config: TrainConfig = match weights.record.notes.get(TRAINING_NOTE) {
         None => TrainConfig::default(),
         Some(json) => serde_json::from_str(json).map_err(|e| {

@@ -106,6 +106,7 @@ impl Estimator<'_> {
 /// No point, values that are not finite, a prior that is asked for and not given, or a
 /// decomposition that does not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
+    config.check()?;
     let rows = points.rows(config.space)?;
     let flat = Prior::flat(rows.columns());
     let prior = match config.prior {

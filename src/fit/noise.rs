@@ -70,6 +70,11 @@ impl LocalNoise {
         }
     }
 
+    /// Whether there is none anywhere.
+    pub fn is_silent(&self) -> bool {
+        self.values.iter().all(|v| *v <= 0.0)
+    }
+
     /// The variance at a place, from 0 to the image's width and height; bilinear between cells.
     pub fn at(&self, x: f64, y: f64) -> f64 {
         let between = |v: f64, count: usize| {

@@ -2,7 +2,7 @@
 
 use super::{Completer, ImageBases, at_places, places, size_of};
 use crate::data::DepthMap;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::fit::{Fit, LocalNoise};
 use crate::sample::Size;
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ impl Completer {
     /// `sparse`, at any size.
     ///
     /// # Errors
-    /// None for what `complete` returned.
+    /// Fewer than two points under a field.
     pub fn deviation(
         &self,
         bases: &ImageBases,
@@ -35,6 +35,12 @@ impl Completer {
             from.height as f64 / height as f64,
         );
         let mut values = vec![0.0; height * width];
+        if fit.smooth().is_some() && noise.is_silent() {
+            return Err(Error::fit(
+                "the points say nothing of how far a field is off between them",
+            )
+            .hint("give more points, or choose another fit (`--fit lse`)"));
+        }
         if let Some(deviations) = fit.field_deviations(|size, pixels| bases.at(size, pixels)) {
             deviations.add_to((height, width), &mut values);
             for (pixel, value) in values.iter_mut().enumerate() {

@@ -16,6 +16,8 @@ pub struct Batch {
     pub pixels: Vec<Vec<u32>>,
     /// Depths at those pixels `[batch, pixels]` in metres; 0 = none.
     pub depths: Tensor<2>,
+    /// Depths of the whole images `[batch, height, width]` in metres; 0 = none.
+    pub maps: Tensor<3>,
     /// The number of candidate points at the start of `pixels`.
     pub points: usize,
     /// Masks of the draws over the candidate points `[draws * batch, points]`, draw by draw.
@@ -41,10 +43,9 @@ impl Batch {
         let pixels = first.pixels.len();
         let points = first.draws.first().map_or(0, Vec::len);
         let draws = first.draws.len();
-        if samples
-            .iter()
-            .any(|s| s.pixels.len() != pixels || s.patch != first.patch)
-        {
+        if samples.iter().any(|s| {
+            s.pixels.len() != pixels || s.patch != first.patch || s.map.len() != first.map.len()
+        }) {
             return Err(Error::shape("the frames of a batch differ in size")
                 .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
         }
@@ -56,9 +57,13 @@ impl Batch {
         let masks: Vec<f32> = (0..draws)
             .flat_map(|d| samples.iter().flat_map(move |s| s.draws[d].iter().copied()))
             .collect();
+        let (height, width) = (first.rgb.height() as usize, first.rgb.width() as usize);
+        let maps: Vec<f32> = samples.iter().flat_map(|s| s.map.iter().copied()).collect();
+        let maps = TensorData::new(maps, [samples.len(), height, width]);
         Ok(Self {
+            maps: Tensor::from_data(maps, device),
             images: image_tensor(&images, mean, deviation, device)?,
-            size: (first.rgb.height() as usize, first.rgb.width() as usize),
+            size: (height, width),
             pixels: samples.iter().map(|s| s.pixels.clone()).collect(),
             depths: matrix(depths, [samples.len(), pixels], device),
             points,

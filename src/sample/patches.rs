@@ -61,6 +61,8 @@ pub struct Sample {
     pub pixels: Vec<u32>,
     /// The depth of each pixel in metres; 0 = none.
     pub depths: Vec<f32>,
+    /// The depths of the whole image, row by row.
+    pub map: Vec<f32>,
     /// For each draw, 1 for every candidate point that the fit may read, else 0.
     pub draws: Vec<Vec<f32>>,
     /// Rows and columns of every patch.
@@ -103,6 +105,7 @@ impl Sample {
         depths[found..config.points].fill(0.0);
         Self {
             rgb: frame.rgb.clone(),
+            map: depth.values().to_vec(),
             pixels,
             depths,
             draws,

@@ -50,11 +50,14 @@ impl LossConfig {
             self.regularisation,
             self.edges,
         ];
-        if all.iter().all(|w| *w >= 0.0 && w.is_finite()) && self.l1 + self.l2 + self.rmse > 0.0 {
+        if all.iter().all(|w| *w >= 0.0 && w.is_finite())
+            && self.l1 + self.l2 + self.rmse + self.edges > 0.0
+        {
             Ok(())
         } else {
             Err(Error::config(
-                "`loss`: weights must be at least 0, and `l1`, `l2` or `rmse` above 0",
+                "`loss`: weights must be at least 0, and `l1`, `l2`, `rmse` or \
+                 `edges` above 0",
             ))
         }
     }
@@ -83,6 +86,15 @@ pub fn losses(
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
     let computed = net.bases(batch.images.clone());
+    if config.l1 + config.l2 + config.rmse + config.gradient == 0.0 {
+        // Nothing is asked of a fit.
+        let nothing = Tensor::zeros([1], &batch.depths.device());
+        return Losses {
+            total: steps(&computed.edges(), &batch.maps) * config.edges,
+            l1: nothing.clone(),
+            l2: nothing,
+        };
+    }
     let bases = computed.at(batch.size, &batch.pixels);
     let functions = bases.dims()[2];
 
@@ -138,7 +150,7 @@ pub fn losses(
         total = total + (means + LEAST).sqrt().mean() * config.rmse;
     }
     if config.edges > 0.0 {
-        total = total + steps(computed.edges(), batch) * config.edges;
+        total = total + steps(&computed.edges(), &batch.maps) * config.edges;
     }
     if config.gradient > 0.0 {
         total = total + gradient(error, valid, points, batch.patch) * config.gradient;
@@ -161,39 +173,22 @@ fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
     values.reshape([draws, images, count]).permute([1, 2, 0])
 }
 
-/// The mean over pairs of neighbours in the patches of `c (D^2 + FLAT^2) / STEP^2 - ln c`: minus
-/// the logarithm of the likelihood, but for a constant and a factor 2, of a relative difference in
-/// depth D that is normal with variance `STEP^2 / c`. Differences are reduced by what quantisation
-/// of the depths may make of them.
-fn steps(edges: Tensor<4>, batch: &Batch) -> Tensor<1> {
+/// The mean over pairs of neighbours of `c (D^2 + FLAT^2) / STEP^2 - ln c`: minus the logarithm of
+/// the likelihood, but for a constant and a factor 2, of a relative difference in depth D that is
+/// normal with variance `STEP^2 / c`. Differences are reduced by what quantisation of the depths may
+/// make of them. `edges [batch, height, width, 2]`, `depths [batch, height, width]`.
+fn steps(edges: &Tensor<4>, depths: &Tensor<3>) -> Tensor<1> {
     const STEP: f64 = 0.01;
     const FLAT: f64 = 0.003;
     const QUANTUM: f64 = 0.04;
-    let [images, pixels] = batch.depths.dims();
-    let (points, (height, width)) = (batch.points, batch.patch);
-    let patches = images * (pixels - points) / (height * width);
-    let [_, rows, columns, _] = edges.dims();
-    let depths = batch.depths.clone().slice([0..images, points..pixels]);
-    let depths = depths.reshape([patches, height, width]);
-    let places: Vec<i32> = (batch.pixels.iter().enumerate())
-        .flat_map(|(image, list)| {
-            let first = image * rows * columns;
-            list[points..]
-                .iter()
-                .map(move |&p| (first + p as usize) as i32)
-        })
-        .collect();
-    let count = places.len();
-    let places = Tensor::<1, Int>::from_data(TensorData::new(places, [count]), &edges.device());
-    let edges = edges
-        .reshape([images * rows * columns, 2])
-        .select(0, places);
-    let edges = edges.reshape([patches, height, width, 2]);
     let mut sum = Tensor::zeros([1], &edges.device());
     let mut pairs = Tensor::zeros([1], &edges.device());
     for way in [0, 1] {
         let axis = 2 - way;
-        let length = [patches, height, width][axis];
+        let length = depths.dims()[axis];
+        if length == 1 {
+            continue;
+        }
         let here = depths.clone().narrow(axis, 0, length - 1);
         let next = depths.clone().narrow(axis, 1, length - 1);
         let strength = edges.clone().narrow(3, way, 1).squeeze_dim::<3>(3);
@@ -241,4 +236,38 @@ fn gradient(
         count = count + both.sum() * draws as f64;
     }
     sum / count.clamp_min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::Device;
+
+    #[test]
+    fn edges_as_likely_as_the_steps_cost_least() {
+        let device = Device::flex();
+        let tensor = |values: Vec<f32>, shape: [usize; 3]| {
+            Tensor::<3>::from_data(TensorData::new(values, shape), &device)
+        };
+        // A step of 0.54 m between 2 and 2.54, no depth at the last pixel.
+        let depths = tensor(vec![2.0, 2.0, 2.54, 2.54, 0.0], [1, 1, 5]);
+        let loss = |strengths: [f32; 5]| {
+            let edges = strengths.into_iter().flat_map(|c| [c, 1.0]).collect();
+            let edges = Tensor::from_data(TensorData::new::<f32, _>(edges, [1, 1, 5, 2]), &device);
+            f64::from(steps(&edges, &depths).into_scalar::<f32>())
+        };
+        // Variances of 0.003^2, and of that and (0.5 / 2.27)^2, in units of 0.01^2.
+        let flat = 1.0 / 0.09;
+        let jump = 1.0 / (0.09 + (0.5_f64 / 2.27).powi(2) * 1e4);
+        let least = [flat, jump, flat, 3.0, 3.0].map(|c| c as f32);
+        let expected = (3.0 - (2.0 * flat.ln() + jump.ln())) / 3.0;
+        assert!((loss(least) - expected).abs() < 1e-4);
+        for i in 0..3 {
+            for factor in [0.8, 1.25] {
+                let mut other = least;
+                other[i] *= factor;
+                assert!(loss(other) > loss(least) + 1e-3, "{i} {factor}");
+            }
+        }
+    }
 }

@@ -42,7 +42,7 @@ impl Default for JointConfig {
     fn default() -> Self {
         Self {
             data: 100.0,
-            ridge: 0.01,
+            ridge: 1.0,
         }
     }
 }
