@@ -53,7 +53,9 @@ fn eliminate_by_columns(values: &mut [f64], size: usize, count: usize) -> Option
                 return None;
             }
             let scale = pivot.sqrt().recip();
-            column.iter_mut().for_each(|v| *v *= scale);
+            for value in column.iter_mut() {
+                *value *= scale;
+            }
             for (k, target) in later.chunks_exact_mut(size).take(end - j - 1).enumerate() {
                 let own = &column[k + 1..];
                 let factor = own[0];

@@ -42,6 +42,9 @@ struct HeldOut {
     rel: f64,
 }
 
+/// Of a curve: step and value.
+type Points = Vec<(f64, f64)>;
+
 /// Points of a curve.
 const SPANS: usize = 60;
 
@@ -64,17 +67,17 @@ impl Training {
         let names: Vec<String> = self.0.iter().map(|run| run.name.clone()).collect();
         page.push_str(&legend(&names));
         page.push_str("<div class='charts'>");
-        let held_out = |run: &Run| run.held_out.iter().map(|&(s, rmse, _)| (s, rmse)).collect();
-        let charts: [(&str, &str, &dyn Fn(&Run) -> Vec<(f64, f64)>); 3] = [
-            ("Loss", "loss", &|run| run.loss.clone()),
-            ("Training batches", "RMSE, m", &|run| run.rmse.clone()),
-            (
-                "Frames kept out of training, 500 points",
-                "RMSE, m",
-                &held_out,
-            ),
+        let titles = [
+            ("Loss", "loss"),
+            ("Training batches", "RMSE, m"),
+            ("Frames kept out of training, 500 points", "RMSE, m"),
         ];
-        for (title, up, of) in charts {
+        let curves: [fn(&Run) -> Points; 3] = [
+            |run| run.loss.clone(),
+            |run| run.rmse.clone(),
+            |run| run.held_out.iter().map(|p| (p.0, p.1)).collect(),
+        ];
+        for ((title, up), of) in titles.into_iter().zip(curves) {
             let lines = self.0.iter().enumerate().map(|(colour, run)| Line {
                 colour,
                 dashed: false,

@@ -290,10 +290,10 @@ fn deviations_are_those_of_the_gaussian_posterior() {
         precision[(i, i)] += lambda;
     }
     let factor = precision.llt(Side::Lower).unwrap();
-    for pixel in 0..pixels {
+    for (pixel, found) in deviations.into_iter().enumerate() {
         let row = row(pixel);
         let variance = (row.transpose() * factor.solve(&row))[(0, 0)];
-        let found = f64::from(deviations[pixel]).powi(2);
+        let found = f64::from(found).powi(2);
         assert!(
             (found - variance).abs() < 1e-4 * variance,
             "{found} {variance}"

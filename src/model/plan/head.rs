@@ -187,25 +187,22 @@ impl HeadPlan {
         let count = pixels.len();
         let columns = self.features.columns();
         let (mut x, mut rest) = memory.split_at_mut(count * (columns + APART));
-        match (&self.detail, &places.inputs.detail) {
-            (Some(layer), Some(map)) => {
-                let (rows, others) = rest.split_at_mut(count * layer.depth());
-                let (sums, others) = others.split_at_mut(count * columns);
-                let pixels: Vec<usize> = pixels.collect();
-                for (row, &pixel) in rows.chunks_exact_mut(layer.depth()).zip(&pixels) {
-                    places.read(map, pixel, row);
-                }
-                layer.apply(rows, Tail::default(), sums);
-                let sums = sums.chunks_exact(columns).map(Some);
-                let pairs = pixels.iter().zip(sums);
-                let blends = pairs.map(|(&pixel, sum)| places.blend(pixel, columns, sum));
-                blend_rows(self.level, blends, columns, x);
-                rest = others;
+        if let (Some(layer), Some(map)) = (&self.detail, &places.inputs.detail) {
+            let (rows, others) = rest.split_at_mut(count * layer.depth());
+            let (sums, others) = others.split_at_mut(count * columns);
+            let pixels: Vec<usize> = pixels.collect();
+            for (row, &pixel) in rows.chunks_exact_mut(layer.depth()).zip(&pixels) {
+                places.read(map, pixel, row);
             }
-            _ => {
-                let blends = pixels.map(|pixel| places.blend(pixel, columns, None));
-                blend_rows(self.level, blends, columns, x);
-            }
+            layer.apply(rows, Tail::default(), sums);
+            let sums = sums.chunks_exact(columns).map(Some);
+            let pairs = pixels.iter().zip(sums);
+            let blends = pairs.map(|(&pixel, sum)| places.blend(pixel, columns, sum));
+            blend_rows(self.level, blends, columns, x);
+            rest = others;
+        } else {
+            let blends = pixels.map(|pixel| places.blend(pixel, columns, None));
+            blend_rows(self.level, blends, columns, x);
         }
         for layer in &self.hidden {
             let (output, others) = rest.split_at_mut(count * layer.columns());

@@ -148,7 +148,9 @@ impl ModuleMapper for Fill {
             let mut values: Vec<f32> = data.iter::<f32>().collect();
             if D > 1 && values.iter().all(|v| *v == 0.0) {
                 let mut rng = Rng::stream(9, &["fill"]);
-                values.iter_mut().for_each(|v| *v = 0.3 * rng.normal());
+                for value in &mut values {
+                    *value = 0.3 * rng.normal();
+                }
             }
             Tensor::from_data(TensorData::new(values, data.shape()), &tensor.device())
         })
