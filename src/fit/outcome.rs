@@ -127,9 +127,7 @@ impl Fit {
         let columns = product.col_iter();
         columns.map(|column| column.squared_norm_l2()).collect()
     }
-}
 
-impl Fit {
     /// The standard deviation at every pixel of the field of a fit, for steps between equal
     /// neighbours of variance 1; `None` for a fit without a field. `bases` gives the base functions
     /// `[pixels, N + 1]` at pixels of a map of that height and width.

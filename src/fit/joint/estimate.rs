@@ -45,15 +45,7 @@ impl FieldEstimator<'_> {
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let sites = Sites::new(rows, weights, self.scene, self.data)?;
         let columns = rows.columns();
-        let problem = JointProblem {
-            grid: self.scene.edges.grid(),
-            pixels: &sites.pixels,
-            weights: &sites.weights,
-            rows: &sites.rows,
-        };
-        let field = problem.field().ok_or_else(|| {
-            Error::fit("the field cannot be solved").hint("edges or depths are not finite")
-        })?;
+        let field = sites.field(self.scene)?;
         let moments = moments(&field, columns, sites.pixels.len());
         let (solution, noise, lambda) = match self.prior {
             None => {
@@ -98,15 +90,7 @@ pub(in crate::fit) fn field_moments(
     unit: f64,
 ) -> Result<Moments> {
     let sites = Sites::new(rows, &rows.weights, scene, data)?;
-    let problem = JointProblem {
-        grid: scene.edges.grid(),
-        pixels: &sites.pixels,
-        weights: &sites.weights,
-        rows: &sites.rows,
-    };
-    let field = problem
-        .field()
-        .ok_or_else(|| Error::fit("the field cannot be solved"))?;
+    let field = sites.field(scene)?;
     let mut moments = moments(&field, rows.columns(), sites.pixels.len());
     moments.right.iter_mut().for_each(|v| *v /= unit);
     moments.square /= unit * unit;
@@ -230,6 +214,18 @@ fn weight_variances(
 }
 
 impl Sites {
+    fn field(&self, scene: Scene<'_>) -> Result<Field> {
+        let problem = JointProblem {
+            grid: scene.edges.grid(),
+            pixels: &self.pixels,
+            weights: &self.weights,
+            rows: &self.rows,
+        };
+        problem.field().ok_or_else(|| {
+            Error::fit("the field cannot be solved").hint("edges or depths are not finite")
+        })
+    }
+
     fn new(rows: &Rows<'_>, weights: &[f64], scene: Scene<'_>, data: f64) -> Result<Self> {
         let places = rows.places.ok_or_else(|| {
             Error::fit("a field cannot be fitted to points whose places are unknown")
