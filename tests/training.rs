@@ -61,10 +61,10 @@ fn losses(folder: &Path, run: &str) -> Vec<String> {
     text.lines().map(strip).collect()
 }
 
-/// The same through the joint fit, with features at full resolution, an average, and every loss.
+/// The same through the joint fit, with edges judged, an average, and every loss.
 fn joint() -> String {
     CONFIG
-        .replace("octaves = 3", "octaves = 3\ndetail = 8")
+        .replace("octaves = 3", "octaves = 3\nedges = 8")
         .replace("ridge = 1e-4", "method = \"joint\"")
         .replace("held_out = 2", "held_out = 2\naverage = 0.9")
         + "loss = { rmse = 1.0, edges = 0.1 }\n"

@@ -44,6 +44,7 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         width,
         right: &joined(1, &|i| (i + 1).is_multiple_of(width)),
         down: &joined(width, &|i| i + width >= width * height),
+        level: 0.0,
     };
     let seen = Observations {
         pixels: &pixels,

@@ -54,8 +54,8 @@ fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
         "network    {} parameters, {} base functions{}",
         weights.parameters(),
         network.bases,
-        if network.detail > 0 {
-            ", features at full resolution"
+        if network.edges > 0 {
+            ", judges edges"
         } else {
             ""
         }

@@ -201,14 +201,16 @@ impl Elimination<'_> {
         }
     }
 
-    /// Adds what joins pixels to each other, and to later ones.
+    /// Adds what joins pixels to each other, to later ones, and to 0.
     fn join(&self, lower: &mut Lower<'_>, pixels: &[u32], place: impl Fn(u32) -> usize) {
         for &pixel in pixels {
             let turn = self.cuts.turn(pixel);
+            let here = place(pixel);
+            lower.add(here, here, self.grid.level);
             self.neighbours(pixel, |other, strength| {
                 let order = self.cuts.turn(other).cmp(&turn);
                 if order.then(other.cmp(&pixel)).is_gt() {
-                    let (i, j) = (place(pixel), place(other));
+                    let (i, j) = (here, place(other));
                     lower.add(i, i, strength);
                     lower.add(j, j, strength);
                     lower.add(i, j, -strength);
@@ -270,6 +272,7 @@ impl Elimination<'_> {
             width,
             right,
             down,
+            ..
         } = *self.grid;
         let at = pixel as usize;
         let (x, y) = (at % width, at / width);

@@ -1,6 +1,7 @@
 //! A smooth field on a grid of pixels, observed at some of them: the minimum of
 //!
-//! > sum over neighbours c_ij (y_i - y_j)^2 + sum over points a_p (y_p - t_p)^2
+//! > sum over neighbours c_ij (y_i - y_j)^2 + level sum over pixels y_i^2
+//! > + sum over points a_p (y_p - t_p)^2
 //!
 //! for targets t that are combinations of given columns. Solved directly, by Cholesky factorisation
 //! in the order of nested dissection (George 1973): a grid is cut in halves by a line of pixels,
@@ -35,6 +36,8 @@ pub struct Grid<'a> {
     pub right: &'a [f64],
     /// Of each pixel and the one below; the last row is not read.
     pub down: &'a [f64],
+    /// How strongly each pixel is held at 0; 0 = not at all.
+    pub level: f64,
 }
 
 /// Where and how a field is observed.

@@ -10,6 +10,7 @@ struct Example {
     pixels: Vec<u32>,
     weights: Vec<f64>,
     columns: Vec<f64>,
+    level: f64,
 }
 
 const COLUMNS: usize = 4;
@@ -34,6 +35,7 @@ impl Example {
             pixels,
             weights,
             columns,
+            level: [0.0, 0.01][height % 2],
         }
     }
 
@@ -43,6 +45,7 @@ impl Example {
             width: self.size[1],
             right: &self.right,
             down: &self.down,
+            level: self.level,
         };
         let seen = Observations {
             pixels: &self.pixels,
@@ -56,7 +59,8 @@ impl Example {
     /// The equations of y as a dense matrix.
     fn dense(&self) -> Mat<f64> {
         let [height, width] = self.size;
-        let mut matrix = Mat::zeros(height * width, height * width);
+        let pixels = height * width;
+        let mut matrix = Mat::<f64>::identity(pixels, pixels) * faer::Scale(self.level);
         let mut join = |i: usize, j: usize, strength: f64| {
             matrix[(i, i)] += strength;
             matrix[(j, j)] += strength;
@@ -129,6 +133,7 @@ fn moments_are_the_sum_at_its_minimum() {
         let width = example.size[1];
         let mut sum = 0.0;
         for i in 0..y.len() {
+            sum += example.level * y[i].powi(2);
             if i % width + 1 < width {
                 sum += example.right[i] * (y[i] - y[i + 1]).powi(2);
             }
@@ -172,6 +177,7 @@ fn what_cannot_be_solved_is_refused() {
         width: 9,
         right: &example.right,
         down: &example.down,
+        level: 0.0,
     };
     let seen = Observations {
         pixels: &example.pixels,

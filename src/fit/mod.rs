@@ -121,7 +121,10 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
         (FitMethod::Lse, Some(prior)) => Estimator::Shrunk(prior, config.lambda),
         (method, prior) => Estimator::Field(FieldEstimator {
             scene: points.scene.ok_or_else(|| no_scene(method))?,
-            data: config.joint.data,
+            joint: match method {
+                FitMethod::Wls => config.joint.free(),
+                _ => config.joint,
+            },
             prior: prior
                 .filter(|_| method == FitMethod::Joint)
                 .map(|prior| (prior, config.field_lambda())),

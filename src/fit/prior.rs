@@ -6,7 +6,7 @@
 
 use super::joint::field_moments;
 use super::lstsq::{Moments, Problem};
-use super::{Points, Space};
+use super::{JointConfig, Points, Space};
 use crate::error::{Error, Result};
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
@@ -173,16 +173,15 @@ impl Prior {
 pub struct ImageMoments(Moments);
 
 impl ImageMoments {
-    /// Of points whose depths are divided by their mean; of points in a field, where `data` is how
-    /// much each counts, if there is a scene.
+    /// Of points whose depths are divided by their mean; of points in a field, if there is a scene.
     ///
     /// # Errors
     /// No point, or values that are not finite.
-    pub fn new(points: &Points<'_>, data: f64) -> Result<Self> {
+    pub fn new(points: &Points<'_>, joint: &JointConfig) -> Result<Self> {
         let rows = points.rows(Space::Depth)?;
         let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;
         if let Some(scene) = points.scene {
-            return Ok(Self(field_moments(&rows, scene, data, mean)?));
+            return Ok(Self(field_moments(&rows, scene, joint, mean)?));
         }
         let depths: Vec<f64> = rows.values.iter().map(|d| d / mean).collect();
         Ok(Self(

@@ -36,12 +36,13 @@ impl Edges {
         (self.height, self.width)
     }
 
-    pub(super) fn grid(&self) -> Grid<'_> {
+    pub(super) fn grid(&self, level: f64) -> Grid<'_> {
         Grid {
             height: self.height,
             width: self.width,
             right: &self.right,
             down: &self.down,
+            level,
         }
     }
 

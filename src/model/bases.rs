@@ -9,8 +9,6 @@ use burn::tensor::{Tensor, TensorData};
 #[derive(Module, Debug)]
 pub struct BasisHead {
     pub(super) hidden: Vec<Hidden>,
-    /// What features at full resolution add to the first hidden layer.
-    pub(super) detail: Option<Linear>,
     pub(super) last: Linear,
     #[module(skip)]
     pub(super) octaves: usize,
@@ -24,61 +22,31 @@ impl BasisHead {
             hidden.push(Hidden::init(width, next, init));
             width = next;
         }
-        let detail = config.hidden.first().filter(|_| config.detail > 0);
         Self {
             hidden,
-            detail: detail.map(|&first| Linear::zero(config.detail, first, init)),
             last: Linear::init(width, config.bases, init),
             octaves: config.octaves,
         }
     }
 
-    /// `[rows, features + position]` and features at full resolution `[rows, channels]` to
-    /// `[rows, N]`.
-    fn forward(&self, x: Tensor<2>, detail: Option<Tensor<2>>) -> Tensor<2> {
-        let entered = match (self.hidden.split_first(), &self.detail, detail) {
-            (Some((first, others)), Some(linear), Some(detail)) => Some((
-                first.forward_with(x.clone(), linear.forward(detail)),
-                others,
-            )),
-            _ => None,
-        };
-        let (x, layers) = entered.unwrap_or((x, &self.hidden));
+    /// `[rows, features + position]` to `[rows, N]`.
+    fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         self.last
-            .forward(layers.iter().fold(x, |x, layer| layer.forward(x)))
+            .forward(self.hidden.iter().fold(x, |x, layer| layer.forward(x)))
     }
 }
 
 /// The base functions of a batch of images: features `[batch, height / 4, width / 4, channels]`,
-/// some at full resolution, and the MLP that turns them into values at any pixel of any output size
-/// (paper section 4.5).
+/// and the MLP that turns them into values at any pixel of any output size (paper section 4.5).
 #[derive(Clone, Debug)]
 pub struct Bases {
     features: Tensor<4>,
-    detail: Option<Tensor<4>>,
-    edges: Tensor<4>,
     head: BasisHead,
 }
 
 impl Bases {
-    pub(super) fn new(
-        features: Tensor<4>,
-        detail: Option<Tensor<4>>,
-        edges: Tensor<4>,
-        head: BasisHead,
-    ) -> Self {
-        Self {
-            features,
-            detail,
-            edges,
-            head,
-        }
-    }
-
-    /// How strongly each pixel of the images is joined to its right and lower neighbour, `[batch,
-    /// height, width, 2]`, above 0: 1 where nothing tells them apart.
-    pub fn edges(&self) -> Tensor<4> {
-        self.edges.clone()
+    pub(super) fn new(features: Tensor<4>, head: BasisHead) -> Self {
+        Self { features, head }
     }
 
     /// Values at pixels of an output of `size` (height, width): `[batch, pixels, N + 1]`, the
@@ -99,9 +67,7 @@ impl Bases {
             let codes = TensorData::new(codes, [batch * count, width]);
             input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
         }
-        let detail = self.detail.clone();
-        let detail = detail.map(|features| grid::sample(features, size, pixels));
-        let learned = self.head.forward(input, detail);
+        let learned = self.head.forward(input);
         let functions = learned.dims()[1];
         let one = Tensor::ones([batch, count, 1], &device);
         Tensor::cat(vec![one, learned.reshape([batch, count, functions])], 2)

@@ -147,18 +147,12 @@ pub struct Extractor {
 impl Extractor {
     /// `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
-        self.forward_both(images).0
-    }
-
-    /// The same, and the features at half the resolution on the way, as wide as the first stage.
-    pub(super) fn forward_both(&self, images: Tensor<4>) -> (Tensor<4>, Tensor<4>) {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
         let x = self
             .stem
             .iter()
             .fold(images, |x, conv| conv.forward_relu(x));
-        let half = run(x, &self.half);
-        let raw = run(half.clone(), &self.quarter);
+        let raw = run(run(x, &self.half), &self.quarter);
         let skip = run(run(raw.clone(), &self.wide), &self.dilated);
         let pooled = self.branches.iter().zip(&self.pools).map(|(conv, &pool)| {
             let [_, height, width, _] = skip.dims();
@@ -166,8 +160,8 @@ impl Extractor {
             enlarging(conv.forward_relu(pooled), (height, width))
         });
         let all = [raw, skip.clone()].into_iter().chain(pooled).collect();
-        let merged = self.merge.forward_relu(Tensor::cat(all, 3));
-        (self.project.forward(merged), half)
+        self.project
+            .forward(self.merge.forward_relu(Tensor::cat(all, 3)))
     }
 }
 

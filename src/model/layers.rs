@@ -293,13 +293,6 @@ impl Linear {
         }
     }
 
-    /// Yields 0 before any training.
-    pub(super) fn zero(from: usize, to: usize, init: &mut Init) -> Self {
-        Self {
-            weight: init.normal([from, to], 0.0),
-        }
-    }
-
     /// `[rows, from]` to `[rows, to]`.
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         linear(x, self.weight.val())
@@ -346,20 +339,10 @@ impl Hidden {
         self.norm.forward(self.linear.forward(x), true)
     }
 
-    /// The same, with something added before normalisation.
-    pub(super) fn forward_with(&self, x: Tensor<2>, more: Tensor<2>) -> Tensor<2> {
-        self.norm.forward(self.linear.forward(x) + more, true)
-    }
-
     /// Linear map and normalisation as one, if the statistics are fixed.
     pub(super) fn folded(&self) -> Option<Folded> {
-        self.folded_with(&self.linear)
-    }
-
-    /// The same, of another linear map before this normalisation.
-    pub(super) fn folded_with(&self, linear: &Linear) -> Option<Folded> {
         let line = self.norm.line()?;
-        let (mut values, [depth, columns]) = linear.values();
+        let (mut values, [depth, columns]) = self.linear.values();
         for row in values.chunks_exact_mut(columns) {
             row.iter_mut()
                 .zip(&line)

@@ -1,7 +1,7 @@
 //! Image to base functions. Knows no file, no dataset, and never sees a sparse depth.
 
 mod bases;
-mod detail;
+mod edge_net;
 mod edges;
 mod encoding;
 mod extractor;
@@ -24,7 +24,7 @@ use crate::error::{Error, Result};
 use crate::rng::Rng;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
-use detail::Detail;
+use edge_net::EdgeNet;
 use layers::Init;
 use serde::{Deserialize, Serialize};
 
@@ -41,9 +41,9 @@ pub struct BasisNetConfig {
     pub hidden: Vec<usize>,
     /// N, the number of learned base functions; the constant 1 comes in addition.
     pub bases: usize,
-    /// Channels of the features at full resolution, which the base functions and the edges read
-    /// beside the extractor's; 0 leaves them out, as the paper has it.
-    pub detail: usize,
+    /// Channels at full resolution of the network that tells edges of the depth from edges of the
+    /// colours, for fits with a field; 0: the colours alone say.
+    pub edges: usize,
     /// Normalisation after every convolution and hidden layer.
     pub norm: NormKind,
 }
@@ -62,7 +62,7 @@ impl BasisNetConfig {
             octaves: 5,
             hidden: vec![512, 128, 128],
             bases: 128,
-            detail: 0,
+            edges: 0,
             norm: NormKind::Batch,
         }
     }
@@ -85,15 +85,15 @@ impl BasisNetConfig {
             // At least as wide as `bases` at the end: fewer would make the bases dependent.
             hidden: vec![128, 128],
             bases: 128,
-            detail: 0,
+            edges: 0,
             norm: NormKind::Batch,
         }
     }
 
-    /// The medium network with features at full resolution.
+    /// The medium network, and one that judges edges.
     pub fn sharp() -> Self {
         Self {
-            detail: 16,
+            edges: 16,
             ..Self::medium()
         }
     }
@@ -116,9 +116,6 @@ impl BasisNetConfig {
                 self.bases
             )));
         }
-        if self.detail > 0 && self.hidden.is_empty() {
-            return Err(Error::config("`detail` needs a layer in `hidden`"));
-        }
         if self.octaves > 16 {
             return Err(Error::config("`octaves` must be at most 16"));
         }
@@ -127,7 +124,7 @@ impl BasisNetConfig {
                 .widths()
                 .into_iter()
                 .chain(self.hidden.iter().copied())
-                .chain([self.detail]),
+                .chain(edge_net::widths(self.edges)),
         )
     }
 
@@ -155,8 +152,7 @@ impl BasisNetConfig {
         Ok(BasisNet {
             extractor: self.extractor.init(&mut init),
             head: BasisHead::init(self, &mut init),
-            detail: (self.detail > 0)
-                .then(|| Detail::init(self.detail, &self.extractor, &mut init)),
+            edges: (self.edges > 0).then(|| EdgeNet::init(self.edges, &mut init)),
         })
     }
 }
@@ -166,22 +162,21 @@ impl BasisNetConfig {
 pub struct BasisNet {
     extractor: Extractor,
     head: BasisHead,
-    detail: Option<Detail>,
+    edges: Option<EdgeNet>,
 }
 
 impl BasisNet {
     /// Computes the base functions of normalised images `[batch, height, width, 3]`.
     pub fn bases(&self, images: Tensor<4>) -> Bases {
-        let (features, half) = self.extractor.forward_both(images.clone());
-        let (detail, changes) = match &self.detail {
-            None => (None, None),
-            Some(detail) => {
-                let (detail, changes) = detail.forward(images.clone(), half, features.clone());
-                (Some(detail), Some(changes))
-            }
-        };
-        let edges = edges::strengths(images, changes);
-        Bases::new(features, detail, edges, self.head.clone())
+        Bases::new(self.extractor.forward(images), self.head.clone())
+    }
+
+    /// How strongly each pixel of normalised images `[batch, height, width, 3]` is joined to its
+    /// right and lower neighbour, `[batch, height, width, 2]`, above 0: 1 where nothing tells them
+    /// apart.
+    pub fn edges(&self, images: Tensor<4>) -> Tensor<4> {
+        let changes = self.edges.as_ref().map(|net| net.forward(images.clone()));
+        edges::strengths(images, changes)
     }
 
     /// Lets batch normalisation use its running statistics from now on, in training too, so that

@@ -18,7 +18,7 @@ use crate::fit::{Edges, Fit, FitConfig, FitMethod, ImageMoments, Points, Prior, 
 use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
 use crate::sample::{Interpolation, Size, image_tensor, image_values, resize_rgb};
 use crate::simd::Level;
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use image::RgbImage;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -52,13 +52,17 @@ enum Engine {
 #[derive(Clone, Debug)]
 pub struct ImageBases {
     values: Values,
-    /// Computed when a fit with a field first needs them.
+    /// Computed at once for a fit with a field, else when first asked for.
     edges: OnceLock<Edges>,
 }
 
 #[derive(Clone, Debug)]
 enum Values {
-    Net(Box<Bases>),
+    Net {
+        bases: Bases,
+        net: Box<BasisNet>,
+        image: Tensor<4>,
+    },
     Plan(PlannedBases),
 }
 
@@ -67,8 +71,8 @@ impl ImageBases {
     pub fn at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
         match &self.values {
             Values::Plan(bases) => bases.at(size, pixels),
-            Values::Net(_) if pixels.is_empty() => Vec::new(),
-            Values::Net(bases) => {
+            Values::Net { .. } if pixels.is_empty() => Vec::new(),
+            Values::Net { bases, .. } => {
                 let values = bases.at(size, &[pixels.to_vec()]).into_data();
                 values.iter::<f32>().collect()
             }
@@ -82,8 +86,8 @@ impl ImageBases {
                 let (strengths, size) = bases.edges();
                 Edges::new(size, &strengths)
             }
-            Values::Net(bases) => {
-                let strengths = bases.edges();
+            Values::Net { net, image, .. } => {
+                let strengths = net.edges(image.clone());
                 let [_, height, width, _] = strengths.dims();
                 let strengths: Vec<f32> = strengths.into_data().iter::<f32>().collect();
                 Edges::new((height, width), &strengths)
@@ -95,7 +99,7 @@ impl ImageBases {
     pub fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
         match &self.values {
             Values::Plan(bases) => bases.combine(size, weights),
-            Values::Net(bases) => {
+            Values::Net { bases, .. } => {
                 let weights: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
                 bases.combine(size, &weights)
             }
@@ -314,7 +318,7 @@ impl Completer {
     pub fn moments(&self, bases: &ImageBases, sparse: &DepthMap) -> Result<ImageMoments> {
         let gathered = Gathered::new(bases, sparse, None)?;
         let edges = (self.fit.method == FitMethod::Joint).then(|| bases.edges());
-        ImageMoments::new(&gathered.points(edges), self.fit.joint.data)
+        ImageMoments::new(&gathered.points(edges), &self.fit.joint)
     }
 
     /// The leverage of each point, in the order of [`DepthMap::points`].
@@ -344,7 +348,11 @@ impl Completer {
         let values = match &self.engine {
             Engine::Net(net, device) => {
                 let image = image_tensor(&[&working], mean, deviation, device)?;
-                Values::Net(Box::new(net.bases(image)))
+                Values::Net {
+                    bases: net.bases(image.clone()),
+                    net: net.clone(),
+                    image,
+                }
             }
             Engine::Plan(plan) => {
                 let (width, height) = working.dimensions();
@@ -352,10 +360,14 @@ impl Completer {
                 Values::Plan(plan.bases(&image, (height as usize, width as usize)))
             }
         };
-        Ok(ImageBases {
+        let bases = ImageBases {
             values,
             edges: OnceLock::new(),
-        })
+        };
+        if self.fit.method != FitMethod::Lse {
+            bases.edges();
+        }
+        Ok(bases)
     }
 }
 

@@ -178,10 +178,6 @@ impl Packed {
         self.columns
     }
 
-    pub(crate) fn depth(&self) -> usize {
-        self.depth
-    }
-
     /// `output [rows, columns] = tail(x [rows, depth] * self + bias)`, on this thread. The rows of
     /// `x` may be longer; what is beyond `depth` does not count.
     pub(crate) fn apply(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {

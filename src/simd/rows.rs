@@ -2,15 +2,13 @@
 
 use super::{Kernel, Level, Vector};
 
-/// A weighted sum of four rows, plus others, cut off below 0.
+/// A weighted sum of four rows, plus two more, cut off below 0.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Blend<'a> {
     /// Rows and their weights.
     pub(crate) parts: [(&'a [f32], f32); 4],
     /// Rows that are added as they are.
     pub(crate) terms: [&'a [f32]; 2],
-    /// One more of these.
-    pub(crate) more: Option<&'a [f32]>,
 }
 
 /// Computes blends one after the other into `output [blends, columns]`, whose rows may be longer.
@@ -45,11 +43,10 @@ impl<'a, I: ExactSizeIterator<Item = Blend<'a>>> Kernel for BlendRows<'_, I> {
     #[inline(always)]
     unsafe fn run<V: Vector>(self) {
         let outputs = self.output.chunks_exact_mut(self.row.max(1));
-        for (Blend { parts, terms, more }, output) in self.blends.zip(outputs) {
+        for (Blend { parts, terms }, output) in self.blends.zip(outputs) {
             let output = &mut output[..self.columns];
             let lengths = parts.iter().map(|(row, _)| row.len());
-            let lengths = lengths.chain(terms.iter().map(|row| row.len()));
-            let mut lengths = lengths.chain(more.map(<[f32]>::len));
+            let mut lengths = lengths.chain(terms.iter().map(|row| row.len()));
             assert!(lengths.all(|length| length == output.len()));
             for c in (0..output.len()).step_by(V::LANES) {
                 let count = output.len() - c;
@@ -57,9 +54,6 @@ impl<'a, I: ExactSizeIterator<Item = Blend<'a>>> Kernel for BlendRows<'_, I> {
                 unsafe {
                     let first = V::load_some(terms[0].as_ptr().add(c), count);
                     let mut sum = first.add(V::load_some(terms[1].as_ptr().add(c), count));
-                    if let Some(more) = more {
-                        sum = sum.add(V::load_some(more.as_ptr().add(c), count));
-                    }
                     for (row, weight) in parts {
                         let row = V::load_some(row.as_ptr().add(c), count);
                         sum = row.mul_add(V::splat(weight), sum);

@@ -7,6 +7,17 @@ use crate::sample::{AugmentConfig, Protocol, SupervisionConfig};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
+/// What of a network is trained.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Part {
+    /// Everything, through the fit.
+    #[default]
+    All,
+    /// What judges edges, through a field without base functions; the others stay as they are.
+    Edges,
+}
+
 /// How to train; the defaults are the paper's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -41,6 +52,8 @@ pub struct TrainConfig {
     /// Whether, after the last step, the prior over weights is learned from training frames and its
     /// noise from held-out ones, and completion uses it (see `fit.prior`).
     pub calibrate: bool,
+    /// What is trained.
+    pub part: Part,
     /// Weights to start from: tensors that agree in name and shape are taken.
     pub start: Option<PathBuf>,
     /// The size at which to train.
@@ -73,6 +86,7 @@ impl Default for TrainConfig {
             measure_every: 1000,
             held_out: 24,
             calibrate: true,
+            part: Part::All,
             start: None,
             protocol: Protocol::nyu(),
             augment: AugmentConfig::default(),

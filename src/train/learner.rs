@@ -1,6 +1,8 @@
 //! One step of training.
 
 use super::average::follow;
+use super::config::Part;
+use super::loss::field_losses;
 use super::{LossConfig, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
 use crate::fit::{FitConfig, Reweighting};
@@ -18,6 +20,7 @@ pub struct Learner {
     fit: FitConfig,
     robust: Option<Reweighting>,
     loss: LossConfig,
+    part: Part,
     /// The average over steps, and how much of it is kept in one.
     pub(super) average: Option<(BasisNet, f64)>,
 }
@@ -49,6 +52,7 @@ impl Learner {
             fit: *fit,
             robust: config.robust,
             loss: config.loss,
+            part: config.part,
         }
     }
 
@@ -69,7 +73,10 @@ impl Learner {
     /// # Errors
     /// A loss that is not finite.
     pub fn step(mut self, batch: &Batch, rate: f64, number: usize) -> Result<(Self, Step)> {
-        let losses = losses(&self.net, batch, &self.fit, self.robust, &self.loss);
+        let losses = match self.part {
+            Part::All => losses(&self.net, batch, &self.fit, self.robust, &self.loss),
+            Part::Edges => field_losses(&self.net, batch, &self.fit, &self.loss),
+        };
         let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
         let step = Step {
             loss: value(&losses.total),

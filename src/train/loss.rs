@@ -82,20 +82,14 @@ pub fn losses(
     robust: Option<Reweighting>,
     config: &LossConfig,
 ) -> Losses {
-    let [images, pixels] = batch.depths.dims();
+    if fit.method == FitMethod::Wls {
+        return field_losses(net, batch, fit, config);
+    }
+    let [images, _] = batch.depths.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
-    let computed = net.bases(batch.images.clone());
-    if config.l1 + config.l2 + config.rmse + config.gradient == 0.0 {
-        // Nothing is asked of a fit.
-        let nothing = Tensor::zeros([1], &batch.depths.device());
-        return Losses {
-            total: steps(&computed.edges(), &batch.maps) * config.edges,
-            l1: nothing.clone(),
-            l2: nothing,
-        };
-    }
-    let bases = computed.at(batch.size, &batch.pixels);
+    let bases = net.bases(batch.images.clone());
+    let bases = bases.at(batch.size, &batch.pixels);
     let functions = bases.dims()[2];
 
     let at_points = bases
@@ -104,26 +98,19 @@ pub fn losses(
         .repeat_dim(0, draws);
     let depths = batch.depths.clone().slice([0..images, 0..points]);
     let (depths, draw) = (depths.repeat_dim(0, draws), batch.draws.clone());
+    let solver = fit.solver();
     let (weights, field) = match (fit.method, robust) {
-        (FitMethod::Lse, None) => (lstsq(at_points, depths, draw, fit.solver()), None),
-        (FitMethod::Lse, Some(settings)) => {
-            let solver = fit.solver();
-            (
-                reweighted(at_points, depths, draw, solver, settings).0,
-                None,
-            )
+        (FitMethod::Joint, _) => {
+            let edges = net.edges(batch.images.clone());
+            let places = candidates(batch);
+            let found = joint(at_points, depths, draw, edges.clone(), places, fit.joint);
+            let field = at_pixels(found.field, &batch.pixels);
+            (found.weights, Some((field, edges)))
         }
-        (FitMethod::Joint | FitMethod::Wls, _) => {
-            let candidates = batch.pixels.iter().map(|p| p[..points].to_vec()).collect();
-            let found = joint(
-                at_points,
-                depths,
-                draw,
-                computed.edges(),
-                candidates,
-                fit.joint,
-            );
-            (found.weights, Some(at_pixels(found.field, &batch.pixels)))
+        (_, None) => (lstsq(at_points, depths, draw, solver), None),
+        (_, Some(settings)) => {
+            let found = reweighted(at_points, depths, draw, solver, settings);
+            (found.0, None)
         }
     };
     let weights = weights
@@ -131,11 +118,81 @@ pub fn losses(
         .permute([1, 2, 0]);
     // [images, pixels, draws]
     let mut fitted = bases.matmul(weights.clone());
-    if let Some(field) = field {
-        fitted = fitted + field;
+    if let Some((field, _)) = &field {
+        fitted = fitted + field.clone();
     }
+    let mut losses = compared(fitted, &batch.depths, (points, batch.patch), config);
+    if config.edges > 0.0
+        && let Some((_, edges)) = &field
+    {
+        losses.total = losses.total + steps(edges, &batch.maps) * config.edges;
+    }
+    if config.regularisation > 0.0 {
+        losses.total = losses.total + weights.abs().mean() * config.regularisation;
+    }
+    losses
+}
 
-    let depths = batch.depths.clone().reshape([images, pixels, 1]);
+/// The same for a field alone, at every pixel: base functions are not computed.
+pub(super) fn field_losses(
+    net: &BasisNet,
+    batch: &Batch,
+    fit: &FitConfig,
+    config: &LossConfig,
+) -> Losses {
+    let [images, height, width] = batch.maps.dims();
+    let points = batch.points;
+    let draws = batch.draws.dims()[0] / images;
+    let edges = net.edges(batch.images.clone());
+    let device = edges.device();
+    let mut losses = if config.l1 + config.l2 + config.rmse + config.gradient > 0.0 {
+        let depths = batch.depths.clone().slice([0..images, 0..points]);
+        let found = joint(
+            Tensor::zeros([draws * images, points, 1], &device),
+            depths.repeat_dim(0, draws),
+            batch.draws.clone(),
+            edges.clone(),
+            candidates(batch),
+            fit.joint.free(),
+        );
+        let field = found.field.reshape([draws, images, height * width]);
+        let maps = batch.maps.clone().reshape([images, height * width]);
+        compared(
+            field.permute([1, 2, 0]),
+            &maps,
+            (0, (height, width)),
+            config,
+        )
+    } else {
+        let nothing = Tensor::zeros([1], &device);
+        Losses {
+            total: nothing.clone(),
+            l1: nothing.clone(),
+            l2: nothing,
+        }
+    };
+    if config.edges > 0.0 {
+        losses.total = losses.total + steps(&edges, &batch.maps) * config.edges;
+    }
+    losses
+}
+
+/// The pixels of the candidate points of each image.
+fn candidates(batch: &Batch) -> Vec<Vec<u32>> {
+    let lists = batch.pixels.iter();
+    lists.map(|list| list[..batch.points].to_vec()).collect()
+}
+
+/// Compares `fitted [images, pixels, draws]` with `depths [images, pixels]`, 0 = none. After a
+/// number of pixels, the others are patches of a height and width.
+fn compared(
+    fitted: Tensor<3>,
+    depths: &Tensor<2>,
+    (points, patch): (usize, (usize, usize)),
+    config: &LossConfig,
+) -> Losses {
+    let [images, pixels, draws] = fitted.dims();
+    let depths = depths.clone().reshape([images, pixels, 1]);
     let valid = depths.clone().greater_elem(0.0).float();
     let error = (fitted - depths) * valid.clone();
     let count = (valid.clone().sum() * draws as f64).clamp_min(1.0);
@@ -149,14 +206,8 @@ pub fn losses(
         let means = error.clone().square().sum_dim(1) / counts;
         total = total + (means + LEAST).sqrt().mean() * config.rmse;
     }
-    if config.edges > 0.0 {
-        total = total + steps(&computed.edges(), &batch.maps) * config.edges;
-    }
     if config.gradient > 0.0 {
-        total = total + gradient(error, valid, points, batch.patch) * config.gradient;
-    }
-    if config.regularisation > 0.0 {
-        total = total + weights.abs().mean() * config.regularisation;
+        total = total + gradient(error, valid, points, patch) * config.gradient;
     }
     Losses { total, l1, l2 }
 }

@@ -11,7 +11,7 @@ mod run;
 mod schedule;
 
 pub use calibrate::{calibrate, divide};
-pub use config::TrainConfig;
+pub use config::{Part, TrainConfig};
 pub use learner::{Learner, Step};
 pub use loss::{LossConfig, Losses, losses};
 pub use run::{Event, Outcome, SCORES_NOTE, TRAINING_NOTE, Trainer};

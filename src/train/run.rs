@@ -2,7 +2,7 @@
 
 use super::checkpoint::Checkpoints;
 use super::log::Log;
-use super::{Learner, TrainConfig, calibrate, divide};
+use super::{Learner, Part, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::fit::FitConfig;
@@ -87,6 +87,11 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self> {
         network.check()?;
+        if config.part == Part::Edges && network.edges == 0 {
+            return Err(Error::config(
+                "`train.part = \"edges\"` needs a network with `edges` above 0",
+            ));
+        }
         fit.check()?;
         config.check()?;
         Ok(Self {

@@ -1,6 +1,6 @@
 //! The fit of one image to its points.
 
-use super::JointProblem;
+use super::{JointConfig, JointProblem};
 use crate::error::{Error, Result};
 use crate::field::{Field, Reach, Spread};
 use crate::fit::lstsq::{Moments, Solution};
@@ -16,7 +16,7 @@ use std::sync::Arc;
 #[derive(Clone, Copy, Debug)]
 pub(in crate::fit) struct FieldEstimator<'a> {
     pub(in crate::fit) scene: Scene<'a>,
-    pub(in crate::fit) data: f64,
+    pub(in crate::fit) joint: JointConfig,
     pub(in crate::fit) prior: Option<(&'a Prior, Lambda)>,
 }
 
@@ -43,10 +43,11 @@ struct Sites {
 
 impl FieldEstimator<'_> {
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
-        let sites = Sites::new(rows, weights, self.scene, self.data)?;
+        let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
         let columns = rows.columns();
-        let field = sites.field(self.scene)?;
-        let moments = moments(&field, columns, sites.pixels.len());
+        let field = sites.field(self.scene, self.joint.level)?;
+        let freedom = sites.freedom(self.joint.level);
+        let moments = moments(&field, columns, freedom);
         let (solution, noise, lambda) = match self.prior {
             None => {
                 let noise = moments.square / moments.count.max(1) as f64;
@@ -76,7 +77,7 @@ impl FieldEstimator<'_> {
                 sites,
                 smooth: Smooth::new(self.scene.edges.size(), &values),
                 size: self.scene.edges.size(),
-                data: self.data,
+                data: self.joint.data,
             })),
         })
     }
@@ -86,12 +87,12 @@ impl FieldEstimator<'_> {
 pub(in crate::fit) fn field_moments(
     rows: &Rows<'_>,
     scene: Scene<'_>,
-    data: f64,
+    joint: &JointConfig,
     unit: f64,
 ) -> Result<Moments> {
-    let sites = Sites::new(rows, &rows.weights, scene, data)?;
-    let field = sites.field(scene)?;
-    let mut moments = moments(&field, rows.columns(), sites.pixels.len());
+    let sites = Sites::new(rows, &rows.weights, scene, joint)?;
+    let field = sites.field(scene, joint.level)?;
+    let mut moments = moments(&field, rows.columns(), sites.freedom(joint.level));
     moments.right.iter_mut().for_each(|v| *v /= unit);
     moments.square /= unit * unit;
     Ok(moments)
@@ -107,14 +108,14 @@ fn nothing(columns: usize) -> Solution {
 }
 
 /// The field's precision takes the place of the identity in the normal equations (generalised least
-/// squares, Aitken 1935). Its level is free, which takes one degree of freedom.
+/// squares, Aitken 1935).
 fn moments(field: &Field, columns: usize, count: usize) -> Moments {
     let all = field.moments();
     Moments {
         normal: Mat::from_fn(columns, columns, |i, j| all[(i.max(j), i.min(j))]),
         right: (0..columns).map(|i| all[(columns, i)]).collect(),
         square: all[(columns, columns)],
-        count: count.saturating_sub(1),
+        count,
     }
 }
 
@@ -214,9 +215,9 @@ fn weight_variances(
 }
 
 impl Sites {
-    fn field(&self, scene: Scene<'_>) -> Result<Field> {
+    fn field(&self, scene: Scene<'_>, level: f64) -> Result<Field> {
         let problem = JointProblem {
-            grid: scene.edges.grid(),
+            grid: scene.edges.grid(level),
             pixels: &self.pixels,
             weights: &self.weights,
             rows: &self.rows,
@@ -226,7 +227,17 @@ impl Sites {
         })
     }
 
-    fn new(rows: &Rows<'_>, weights: &[f64], scene: Scene<'_>, data: f64) -> Result<Self> {
+    /// Points, less the one that a level that is free takes.
+    fn freedom(&self, level: f64) -> usize {
+        self.pixels.len() - usize::from(level == 0.0 && !self.pixels.is_empty())
+    }
+
+    fn new(
+        rows: &Rows<'_>,
+        weights: &[f64],
+        scene: Scene<'_>,
+        joint: &JointConfig,
+    ) -> Result<Self> {
         let places = rows.places.ok_or_else(|| {
             Error::fit("a field cannot be fitted to points whose places are unknown")
         })?;
@@ -260,7 +271,7 @@ impl Sites {
                 sums[columns] += share * rows.values[i];
             }
             sites.pixels.push(points[0].0);
-            sites.weights.push(data * total);
+            sites.weights.push(joint.data * total);
         }
         Ok(sites)
     }

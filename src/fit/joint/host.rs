@@ -31,6 +31,7 @@ pub(super) fn forward<B: Backend>(
             width,
             right,
             down,
+            level: config.level,
         };
         let first = problem * points;
         let rows: Vec<usize> = (0..points).filter(|i| draws[first + i] > 0.0).collect();

@@ -3,7 +3,7 @@
 //! Depth is modelled as F w + y, y being a field that is smooth but for edges of the image
 //! ([`crate::field`]), w the weights of the base functions. Both together minimise
 //!
-//! > sum over neighbours c_ij (y_i - y_j)^2 + data |F_s w + y_s - d|^2 + ridge |w|^2
+//! > sum over neighbours c_ij (y_i - y_j)^2 + level |y|^2 + data |F_s w + y_s - d|^2 + ridge |w|^2
 //!
 //! which is universal kriging (Matheron 1969) with a field in place of a covariance function. A
 //! local step after a plain fit finds nothing to do, because the base functions were spent on the
@@ -28,7 +28,7 @@ use problem::Adjoint;
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex};
 
-/// How base functions and field share the depths, in training.
+/// How base functions and field share the depths.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct JointConfig {
@@ -36,6 +36,8 @@ pub struct JointConfig {
     pub data: f64,
     /// How much the square of a weight counts.
     pub ridge: f64,
+    /// How much the square of the field counts at each pixel: what holds it near 0 far from points.
+    pub level: f64,
 }
 
 impl Default for JointConfig {
@@ -43,24 +45,31 @@ impl Default for JointConfig {
         Self {
             data: 100.0,
             ridge: 1.0,
+            level: 1e-7,
         }
     }
 }
 
 impl JointConfig {
+    /// With a level that is free: a field alone is drawn to nothing but its points.
+    #[must_use]
+    pub fn free(self) -> Self {
+        Self { level: 0.0, ..self }
+    }
+
     /// Checks every setting.
     ///
     /// # Errors
     /// The first setting that is out of range.
     pub fn check(&self) -> Result<()> {
-        if [self.data, self.ridge]
+        if [self.data, self.ridge, self.level]
             .iter()
             .all(|v| *v > 0.0 && v.is_finite())
         {
             Ok(())
         } else {
             Err(Error::config(
-                "`joint.data` and `joint.ridge` must be above 0",
+                "`joint.data`, `joint.ridge` and `joint.level` must be above 0",
             ))
         }
     }

@@ -63,6 +63,7 @@ fn objective(values: &Values) -> Tensor<1> {
     let config = JointConfig {
         data: 3.0,
         ridge: 0.2,
+        level: 0.01,
     };
     let found = joint(
         values.bases.clone(),
@@ -256,10 +257,13 @@ fn deviations_are_those_of_the_gaussian_posterior() {
     let mut deviations = vec![0.0; HEIGHT * WIDTH];
     found.unwrap().add_to((HEIGHT, WIDTH), &mut deviations);
 
-    // The precision of field and weights together; the constant is the field's already.
+    // The precision of field and weights together; nothing is assumed of the constant.
     let pixels = HEIGHT * WIDTH;
-    let mut precision = Mat::<f64>::zeros(pixels + 2, pixels + 2);
-    let grid = example.edges.grid();
+    let size = pixels + 3;
+    let mut precision = Mat::<f64>::zeros(size, size);
+    let level = JointConfig::default().level;
+    let grid = example.edges.grid(level);
+    (0..pixels).for_each(|i| precision[(i, i)] = level);
     let mut join = |i: usize, j: usize, strength: f64| {
         precision[(i, i)] += strength;
         precision[(j, j)] += strength;
@@ -276,17 +280,16 @@ fn deviations_are_those_of_the_gaussian_posterior() {
     }
     let functions = bases_at(&all_places());
     let row = |pixel: usize| {
-        let mut row = Mat::<f64>::zeros(pixels + 2, 1);
-        row[(pixel, 0)] = 1.0;
-        row[(pixels, 0)] = f64::from(functions[3 * pixel + 1]);
-        row[(pixels + 1, 0)] = f64::from(functions[3 * pixel + 2]);
-        row
+        Mat::<f64>::from_fn(size, 1, |i, _| match i.checked_sub(pixels) {
+            None => f64::from(i == pixel),
+            Some(function) => f64::from(functions[3 * pixel + function]),
+        })
     };
     for &[x, y] in &example.places {
         let row = row(y * WIDTH + x);
         precision += faer::Scale(100.0) * &row * row.transpose();
     }
-    for i in pixels..pixels + 2 {
+    for i in pixels + 1..size {
         precision[(i, i)] += lambda;
     }
     let factor = precision.llt(Side::Lower).unwrap();

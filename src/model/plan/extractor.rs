@@ -1,16 +1,17 @@
 //! The feature extractor, layer by layer.
 
 use super::map::{Map, Pool};
+use super::run::Run;
 use crate::conv::Layer;
 use crate::model::extractor::{Block, Extractor};
-use crate::simd::{Level, Scratch, Tail};
+use crate::simd::Level;
 use rayon::prelude::*;
 
 #[derive(Debug)]
 pub(super) struct ExtractorPlan {
     stem: Vec<Layer>,
-    half: Vec<BlockPlan>,
-    quarter: Vec<BlockPlan>,
+    /// Half resolution and a quarter.
+    raw: Vec<BlockPlan>,
     /// Wider, then dilated.
     skip: Vec<BlockPlan>,
     /// Pool size and convolution of each branch.
@@ -26,27 +27,7 @@ struct BlockPlan {
     shortcut: Option<Layer>,
 }
 
-/// What all layers of a run share.
-#[derive(Clone, Copy)]
-pub(super) struct Run<'a> {
-    pub(super) scratch: &'a Scratch,
-    pub(super) pool: &'a Pool,
-}
-
 impl Run<'_> {
-    pub(super) fn layer(self, layer: &Layer, x: &Map, skip: Option<&Map>, relu: bool) -> Map {
-        let size = [1, x.height, x.width];
-        let shape = layer.shape(size);
-        let (height, width) = shape.out();
-        let mut output = self.pool.take(height, width, shape.outputs);
-        let tail = Tail {
-            skip: skip.map(|map| &map.values[..]),
-            relu,
-        };
-        layer.apply(&x.values, size, tail, self.scratch, &mut output.values);
-        output
-    }
-
     fn block(self, block: &BlockPlan, x: Map) -> Map {
         let inner = self.layer(&block.first, &x, None, true);
         let shortcut = match &block.shortcut {
@@ -86,8 +67,7 @@ impl ExtractorPlan {
                 .iter()
                 .map(|conv| conv.folded(level))
                 .collect::<Option<_>>()?,
-            half: blocks(&net.half, &[])?,
-            quarter: blocks(&net.quarter, &[])?,
+            raw: blocks(&net.half, &net.quarter)?,
             skip: blocks(&net.wide, &net.dilated)?,
             branches: branches
                 .map(|(&pool, conv)| Some((pool, conv.folded(level)?)))
@@ -97,18 +77,15 @@ impl ExtractorPlan {
         })
     }
 
-    /// Features at a quarter of the image's resolution, and those at a half if `both` are asked
-    /// for.
-    pub(super) fn forward(&self, image: &Map, both: bool, run: Run<'_>) -> (Map, Option<Map>) {
+    /// Features at a quarter of the image's resolution.
+    pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Map {
         let pool = run.pool;
         let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
             let output = run.layer(layer, &x, None, true);
             pool.give(x);
             output
         });
-        let x = self.half.iter().fold(x, |x, block| run.block(block, x));
-        let half = both.then(|| x.copied(pool));
-        let raw = self.quarter.iter().fold(x, |x, block| run.block(block, x));
+        let raw = self.raw.iter().fold(x, |x, block| run.block(block, x));
         let copy = raw.copied(pool);
         let skip = self.skip.iter().fold(copy, |x, block| run.block(block, x));
         let branches: Vec<Map> = self
@@ -129,7 +106,7 @@ impl ExtractorPlan {
         pool.give(all);
         let features = run.layer(&self.project, &merged, None, false);
         pool.give(merged);
-        (features, half)
+        features
     }
 }
 

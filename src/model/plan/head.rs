@@ -17,8 +17,6 @@ pub(super) struct HeadPlan {
     columns: Packed,
     rows: Packed,
     octaves: usize,
-    /// The first layer on features at full resolution.
-    detail: Option<Packed>,
     /// The other hidden layers.
     hidden: Vec<Packed>,
     /// From the last hidden layer to the N base functions.
@@ -26,15 +24,6 @@ pub(super) struct HeadPlan {
     /// The same as `[width, N]`.
     weights: Vec<f32>,
     grids: Grids,
-}
-
-/// What the head reads.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Inputs {
-    /// What the features add to the first hidden layer, at their resolution.
-    pub(super) features: Map,
-    /// Features at full resolution.
-    pub(super) detail: Option<Map>,
 }
 
 /// Pixels of one piece: whole register tiles of every level, and small enough for caches.
@@ -46,7 +35,6 @@ const APART: usize = 16;
 impl HeadPlan {
     pub(super) fn new(net: &BasisHead, level: Level) -> Option<Self> {
         let (first, others) = net.hidden.split_first()?;
-        let detail = net.detail.as_ref().map(|linear| first.folded_with(linear));
         let first = first.folded()?;
         let codes = 2 * net.octaves;
         let features = first.depth - 2 * codes;
@@ -67,14 +55,6 @@ impl HeadPlan {
             columns: part(features, codes, &first.bias),
             rows: part(features + codes, codes, &[]),
             octaves: net.octaves,
-            detail: match detail {
-                None => None,
-                Some(None) => return None,
-                Some(Some(layer)) => {
-                    let size = (layer.depth, layer.columns);
-                    Some(Packed::new(level, size, &[], |r, c| layer.at(r, c)))
-                }
-            },
             hidden: hidden.collect::<Option<_>>()?,
             last: Packed::new(level, (width, functions), &[], last),
             weights,
@@ -92,8 +72,8 @@ impl HeadPlan {
         map
     }
 
-    fn places<'a>(&self, inputs: &'a Inputs, size: (usize, usize)) -> Places<'a> {
-        let features = (inputs.features.height, inputs.features.width);
+    fn places<'a>(&self, inputs: &'a Map, size: (usize, usize)) -> Places<'a> {
+        let features = (inputs.height, inputs.width);
         Places {
             grid: self.grids.get(self, features, size),
             inputs,
@@ -103,7 +83,7 @@ impl HeadPlan {
     /// Values `[pixels, N + 1]`, the constant first.
     pub(super) fn rows(
         &self,
-        inputs: &Inputs,
+        inputs: &Map,
         size: (usize, usize),
         pixels: &[u32],
         scratch: &Scratch,
@@ -134,7 +114,7 @@ impl HeadPlan {
     /// base functions are never formed.
     pub(super) fn combine(
         &self,
-        inputs: &Inputs,
+        inputs: &Map,
         size: (usize, usize),
         weights: &[f64],
         scratch: &Scratch,
@@ -170,10 +150,6 @@ impl HeadPlan {
         pixels
             * (self.features.columns()
                 + APART
-                + self
-                    .detail
-                    .as_ref()
-                    .map_or(0, |layer| layer.depth() + layer.columns())
                 + self.hidden.iter().map(Packed::columns).sum::<usize>())
     }
 
@@ -187,23 +163,8 @@ impl HeadPlan {
         let count = pixels.len();
         let columns = self.features.columns();
         let (mut x, mut rest) = memory.split_at_mut(count * (columns + APART));
-        if let (Some(layer), Some(map)) = (&self.detail, &places.inputs.detail) {
-            let (rows, others) = rest.split_at_mut(count * layer.depth());
-            let (sums, others) = others.split_at_mut(count * columns);
-            let pixels: Vec<usize> = pixels.collect();
-            for (row, &pixel) in rows.chunks_exact_mut(layer.depth()).zip(&pixels) {
-                places.read(map, pixel, row);
-            }
-            layer.apply(rows, Tail::default(), sums);
-            let sums = sums.chunks_exact(columns).map(Some);
-            let pairs = pixels.iter().zip(sums);
-            let blends = pairs.map(|(&pixel, sum)| places.blend(pixel, columns, sum));
-            blend_rows(self.level, blends, columns, x);
-            rest = others;
-        } else {
-            let blends = pixels.map(|pixel| places.blend(pixel, columns, None));
-            blend_rows(self.level, blends, columns, x);
-        }
+        let blends = pixels.map(|pixel| places.blend(pixel, columns));
+        blend_rows(self.level, blends, columns, x);
         for layer in &self.hidden {
             let (output, others) = rest.split_at_mut(count * layer.columns());
             let tail = Tail {
@@ -282,28 +243,17 @@ impl Grids {
 /// A grid and the features on it.
 struct Places<'a> {
     grid: Arc<Grid>,
-    inputs: &'a Inputs,
+    inputs: &'a Map,
 }
 
 impl Places<'_> {
-    /// The value of a map at a pixel.
-    fn read(&self, map: &Map, pixel: usize, row: &mut [f32]) {
-        let (height, width) = self.grid.size;
-        if (map.height, map.width) == (height, width) {
-            row.copy_from_slice(&map.values[pixel * row.len()..][..row.len()]);
-        } else {
-            map.enlarged((pixel / width, height), (pixel % width, width), row);
-        }
-    }
-
-    /// The first hidden layer, of so many channels, at a pixel, with something more.
-    fn blend<'a>(&'a self, pixel: usize, channels: usize, more: Option<&'a [f32]>) -> Blend<'a> {
+    /// The first hidden layer, of so many channels, at a pixel.
+    fn blend(&self, pixel: usize, channels: usize) -> Blend<'_> {
         let grid = &*self.grid;
         let (y, x) = (pixel / grid.size.1, pixel % grid.size.1);
         let ((top, bottom, v), (left, right, u)) = (grid.rows[y], grid.columns[x]);
         let input = |row: usize, column: usize| {
-            let map = &self.inputs.features;
-            &map.values[(row * map.width + column) * channels..][..channels]
+            &self.inputs.values[(row * self.inputs.width + column) * channels..][..channels]
         };
         Blend {
             parts: [
@@ -316,7 +266,6 @@ impl Places<'_> {
                 &grid.row_codes[y * channels..][..channels],
                 &grid.column_codes[x * channels..][..channels],
             ],
-            more,
         }
     }
 }

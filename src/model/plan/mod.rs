@@ -6,20 +6,22 @@
 //! the first layer of the MLP is applied before enlargement, which commutes with it, and the fit's
 //! weights are folded into the last.
 
-mod detail;
+mod edge_net;
 mod extractor;
 mod head;
 mod map;
+mod run;
 #[cfg(test)]
 mod tests;
 
 use super::BasisNet;
 use super::edges::strengths_of;
 use crate::simd::{Level, Scratch};
-use detail::DetailPlan;
-use extractor::{ExtractorPlan, Run};
-use head::{HeadPlan, Inputs};
+use edge_net::EdgePlan;
+use extractor::ExtractorPlan;
+use head::HeadPlan;
 use map::{Map, Pool};
+use run::Run;
 use std::sync::Arc;
 
 /// A network prepared for one instruction set. Clones share weights and memory.
@@ -30,7 +32,7 @@ pub struct Plan(Arc<Inner>);
 struct Inner {
     extractor: ExtractorPlan,
     head: HeadPlan,
-    detail: Option<DetailPlan>,
+    edges: Option<EdgePlan>,
     scratch: Scratch,
     pool: Pool,
 }
@@ -42,9 +44,9 @@ impl Plan {
         Some(Self(Arc::new(Inner {
             extractor: ExtractorPlan::new(&net.extractor, level)?,
             head: HeadPlan::new(&net.head, level)?,
-            detail: match &net.detail {
+            edges: match &net.edges {
                 None => None,
-                Some(detail) => Some(DetailPlan::new(detail, level)?),
+                Some(edges) => Some(EdgePlan::new(edges, level)?),
             },
             scratch: Scratch::new(),
             pool: Pool::default(),
@@ -59,33 +61,23 @@ impl Plan {
         let Inner {
             extractor,
             head,
-            detail,
             scratch,
             pool,
+            ..
         } = &*self.0;
         let mut map = pool.take(size.0, size.1, 3);
         map.values.copy_from_slice(image);
         // On a thread of the pool, or each of some sixty layers would wake and await it anew.
-        let (inputs, changes) = rayon::scope(|_| {
-            let run = Run { scratch, pool };
-            let (features, half) = extractor.forward(&map, detail.is_some(), run);
-            let (mut sharp, mut changes) = (None, None);
-            if let (Some(detail), Some(half)) = (detail, half) {
-                let [features, edges] = detail.forward(&map, half, &features, run);
-                (sharp, changes) = (Some(features), Some(edges));
-            }
-            let inputs = Inputs {
-                features: head.enter(&features, pool),
-                detail: sharp,
-            };
+        let inputs = rayon::scope(|_| {
+            let features = extractor.forward(&map, Run { scratch, pool });
+            let inputs = head.enter(&features, pool);
             pool.give(features);
-            (inputs, changes)
+            inputs
         });
         PlannedBases {
             plan: self.clone(),
             inputs,
             image: map,
-            changes,
         }
     }
 }
@@ -94,18 +86,15 @@ impl Plan {
 #[derive(Clone, Debug)]
 pub struct PlannedBases {
     plan: Plan,
-    inputs: Inputs,
+    /// What the features add to the first hidden layer, at their resolution.
+    inputs: Map,
     image: Map,
-    /// By which edges differ from those of the colours.
-    changes: Option<Map>,
 }
 
 impl Drop for PlannedBases {
     fn drop(&mut self) {
-        let Inputs { features, detail } = std::mem::take(&mut self.inputs);
-        let maps = [features, std::mem::take(&mut self.image)].into_iter();
-        let maps = maps.chain(detail).chain(self.changes.take());
-        maps.for_each(|map| self.plan.0.pool.give(map));
+        let maps = [&mut self.inputs, &mut self.image].map(std::mem::take);
+        maps.into_iter().for_each(|map| self.plan.0.pool.give(map));
     }
 }
 
@@ -120,9 +109,19 @@ impl PlannedBases {
     /// How strongly each pixel of the image is joined to its right and lower neighbour, `[height,
     /// width, 2]`, and height and width.
     pub fn edges(&self) -> (Vec<f32>, (usize, usize)) {
+        let Inner {
+            edges,
+            scratch,
+            pool,
+            ..
+        } = &*self.plan.0;
         let size = (self.image.height, self.image.width);
-        let changes = self.changes.as_ref().map(|map| &map.values[..]);
-        (strengths_of(&self.image.values, size, changes), size)
+        let run = Run { scratch, pool };
+        let changes = rayon::scope(|_| Some(edges.as_ref()?.forward(&self.image, run)));
+        let values = changes.as_ref().map(|map| &map.values[..]);
+        let strengths = strengths_of(&self.image.values, size, values);
+        changes.into_iter().for_each(|map| pool.give(map));
+        (strengths, size)
     }
 
     /// Bases x weights at every pixel of an output of `size` (height, width).

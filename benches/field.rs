@@ -1,0 +1,66 @@
+//! A smooth field on a grid of 228x304 pixels, alone and with 129 base functions.
+//!
+//!     cargo bench --bench field
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use lsdc::field::{Field, Grid, Observations, Reach};
+use lsdc::rng::Rng;
+use std::hint::black_box;
+
+const SIZE: [usize; 2] = [228, 304];
+
+fn field(criterion: &mut Criterion) {
+    let [height, width] = SIZE;
+    let mut rng = Rng::stream(0, &["bench"]);
+    // From 1e-4 to 1, as edges of images are.
+    let mut strengths = || -> Vec<f64> {
+        let unit = (0..height * width).map(|_| f64::from(rng.unit()));
+        unit.map(|v| 10f64.powf(-4.0 * v)).collect()
+    };
+    let (right, down) = (strengths(), strengths());
+    let grid = Grid {
+        height,
+        width,
+        right: &right,
+        down: &down,
+        level: 1e-7,
+    };
+    for (points, count) in [(500, 1), (500, 130), (5000, 130)] {
+        let mut rng = Rng::stream(1, &["bench"]);
+        let columns: Vec<f64> = (0..points * count)
+            .map(|_| f64::from(rng.normal()))
+            .collect();
+        let mut pixels: Vec<u32> = (0..(height * width) as u32).collect();
+        rng.choose(&mut pixels, points);
+        let seen = Observations {
+            pixels: &pixels[..points],
+            weights: &vec![100.0; points],
+            columns: &columns,
+            count,
+        };
+        let mut group =
+            criterion.benchmark_group(format!("field, {points} points, {count} columns"));
+        group.sample_size(20);
+        group.bench_function("factorise", |bencher| {
+            bencher.iter(|| Field::new(black_box(&grid), &seen));
+        });
+        let Some(field) = Field::new(&grid, &seen) else {
+            continue;
+        };
+        let along = vec![1.0; count];
+        group.bench_function("extend", |bencher| {
+            bencher.iter(|| field.extend(black_box(&along)));
+        });
+        let sides = vec![1.0; height * width];
+        group.bench_function("solve", |bencher| {
+            bencher.iter(|| field.solve(black_box(&sides)));
+        });
+        let combinations = faer::Mat::identity(count, count);
+        group.bench_function("variances", |bencher| {
+            bencher.iter(|| field.spreads(black_box(combinations.as_ref()), Reach::All));
+        });
+    }
+}
+
+criterion_group!(benches, field);
+criterion_main!(benches);
