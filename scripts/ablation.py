@@ -2,10 +2,11 @@
 """What each part of the network, the fit and the training is worth, on equal budgets.
 
 Trains one variant after the other from the same seed, measures each on test frames, and prints a
-table. What exists is not done again: stop and go on as you like.
+table. What exists is not done again: stop and go on as you like. Variants of `nyu-joint.toml` judge
+edges and start from weights with base functions; those of `nyu-medium.toml` learn base functions.
 
-    python3 scripts/ablation.py --root NYU_TREE --steps 1000 -o ablation
-    python3 scripts/ablation.py --root NYU_TREE --steps 1000 -o ablation --only joint,lse,wls
+    python3 scripts/ablation.py --root NYU_TREE --steps 1000 --start WEIGHTS -o ablation
+    python3 scripts/ablation.py --root NYU_TREE --steps 1000 -o ablation --only 'bases;N=16'
     python3 scripts/ablation.py --list
 
 Needs Python 3.11 and nothing else.
@@ -16,6 +17,7 @@ import json
 import subprocess
 import sys
 import tomllib
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -38,36 +40,8 @@ NETWORK = {
     "octaves": 5,
     "hidden": [128, 128],
     "bases": 128,
-    "detail": 16,
+    "edges": 0,
     "norm": "batch",
-}
-
-
-def bases(count: int) -> dict:
-    # The last hidden layer is at least as wide as there are base functions.
-    return {"network": {"bases": count, "hidden": [128, max(128, count)]}}
-
-
-# Changes of the first one, by name.
-VARIANTS = {
-    "joint": {},
-    "lse": {"fit": {"method": "lse", "ridge": 1e-4}, "train": {"loss": {"edges": 0.0}}},
-    "wls": {"fit": {"method": "wls"}},
-    "edges of colours alone": {"network": {"detail": 0}},
-    "no edge loss": {"train": {"loss": {"edges": 0.0}}},
-    "absolute loss alone": {"train": {"loss": {"l2": 0.0}}},
-    "squared loss alone": {"train": {"loss": {"l1": 0.0}}},
-    "no gradient loss": {"train": {"loss": {"gradient": 0.0}}},
-    "two draws": {"train": {"supervision": {"draws": 2}}},
-    "average of steps": {"train": {"average": 0.995}},
-    "from scratch": {"train": {"start": None}},
-    "no augmentation": {
-        "train": {"augment": {"zoom": 1.0, "rotation": 0.0, "mirror": 0.0, "jitter": 0.0}}
-    },
-    **{f"N = {n}": bases(n) for n in (16, 32, 64, 256, 512)},
-    "no position": {"network": {"octaves": 0}},
-    "raw position": {"network": {"octaves": 1}},
-    **{f"E = {e}": {"network": {"octaves": e}} for e in (3, 4, 6, 7, 8)},
 }
 
 
@@ -81,6 +55,65 @@ def laid_over(base: dict, changes: dict) -> dict:
         else:
             merged[key] = value
     return merged
+
+
+@dataclass
+class Variant:
+    """A configuration and what differs from it, or the weights of another variant."""
+    config: str = ""
+    changes: dict = field(default_factory=dict)
+    # The name of the variant whose weights these are; "start" for those that training starts from.
+    weights: str = ""
+    # How they are fitted.
+    flags: tuple[str, ...] = ()
+
+
+def edges(**changes: dict) -> Variant:
+    return Variant("nyu-joint", laid_over({"network": {"edges": 16}}, changes))
+
+
+def bases(**changes: dict) -> Variant:
+    return Variant("nyu-medium", changes)
+
+
+def functions(count: int) -> Variant:
+    # The last hidden layer is at least as wide as there are base functions.
+    return bases(network={"bases": count, "hidden": [128, max(128, count)]})
+
+
+def loss(**weights: float) -> dict:
+    return {"loss": weights}
+
+
+VARIANTS = {
+    "edges": edges(),
+    "edges, field alone": Variant(weights="edges", flags=("--fit", "wls")),
+    "edges, base functions alone": Variant(weights="edges", flags=("--fit", "lse")),
+    "colours alone": Variant(weights="start"),
+    "colours and field alone": Variant(weights="start", flags=("--fit", "wls")),
+    "half as wide": edges(network={"edges": 8}),
+    "wider by half": edges(network={"edges": 24}),
+    "likelihood of steps": edges(train=loss(l1=0.0, rmse=0.0, edges=1.0)),
+    "and likelihood of steps": edges(train=loss(edges=0.05)),
+    "rms error alone": edges(train=loss(l1=0.0)),
+    "absolute error alone": edges(train=loss(rmse=0.0)),
+    "no average of steps": edges(train={"average": None}),
+    "everything, jointly": edges(
+        train={"part": "all", "learning_rate": 5e-4, "freeze_statistics": 0.0}
+    ),
+    "bases": bases(),
+    "bases, absolute loss alone": bases(train=loss(l2=0.0)),
+    "bases, squared loss alone": bases(train=loss(l1=0.0)),
+    "bases, no gradient loss": bases(train=loss(gradient=0.0)),
+    "bases, one draw": bases(train={"supervision": {"draws": 1}}),
+    "bases, no augmentation": bases(
+        train={"augment": {"zoom": 1.0, "rotation": 0.0, "mirror": 0.0, "jitter": 0.0}}
+    ),
+    **{f"N={n}": functions(n) for n in (16, 32, 64, 256, 512)},
+    "no position": bases(network={"octaves": 0}),
+    "raw position": bases(network={"octaves": 1}),
+    **{f"E={e}": bases(network={"octaves": e}) for e in (3, 4, 6, 7, 8)},
+}
 
 
 def toml(table: dict, name: str = "") -> str:
@@ -101,19 +134,36 @@ def toml(table: dict, name: str = "") -> str:
     return text
 
 
-def settings(args: argparse.Namespace, name: str) -> dict:
-    base = tomllib.loads((ROOT / "configs/nyu-joint.toml").read_text())
+def settings(args: argparse.Namespace, variant: Variant) -> dict:
+    base = tomllib.loads((ROOT / f"configs/{variant.config}.toml").read_text())
     base.pop("preset")
     base["network"] = NETWORK
-    common = {"train": {"steps": args.steps, "measure_every": args.steps, "start": args.start}}
-    return laid_over(laid_over(base, common), VARIANTS[name])
+    common = {"train": {"steps": args.steps, "measure_every": args.steps}}
+    if "start" in base["train"]:
+        common["train"]["start"] = args.start
+    return laid_over(laid_over(base, common), variant.changes)
 
 
 def folder_of(args: argparse.Namespace, name: str) -> Path:
-    return args.output / name.replace(" = ", "").replace(" ", "-")
+    return args.output / name.replace(",", "").replace(" ", "-")
 
 
-def train(args: argparse.Namespace, name: str) -> Path:
+def calibrated_start(args: argparse.Namespace) -> Path:
+    weights = args.output / "start.safetensors"
+    if not weights.exists():
+        args.output.mkdir(parents=True, exist_ok=True)
+        command = [args.program, "calibrate", "--fit", "joint", "--dataset", "nyu", "--root",
+                   args.root, "--weights", args.start, "-o", weights]
+        subprocess.run(command, check=True, stdout=sys.stderr)
+    return weights
+
+
+def weights_of(args: argparse.Namespace, name: str) -> Path:
+    if name == "start":
+        return calibrated_start(args)
+    variant = VARIANTS[name]
+    if variant.weights:
+        return weights_of(args, variant.weights)
     folder = folder_of(args, name)
     weights = folder / "run/weights.safetensors"
     if weights.exists():
@@ -124,17 +174,20 @@ def train(args: argparse.Namespace, name: str) -> Path:
     if (folder / "run/config.toml").exists():
         run += ["--resume", folder / "run"]
     else:
-        config.write_text(toml(settings(args, name)))
+        config.write_text(toml(settings(args, variant)))
         run += ["--config", config, "--root", args.root, "-o", folder / "run"]
     subprocess.run(run, check=True, stdout=sys.stderr)
     return weights
 
 
-def measure(args: argparse.Namespace, weights: Path, points: int) -> dict:
-    report = weights.parent.parent / f"{points}.json"
+def measure(args: argparse.Namespace, name: str, points: int) -> dict:
+    report = folder_of(args, name) / f"{points}.json"
     if not report.exists():
+        weights = weights_of(args, name)
+        report.parent.mkdir(parents=True, exist_ok=True)
         command = [args.program, "eval", "--dataset", "nyu", "--root", args.root, "--weights",
-                   weights, "--points", str(points), "--method", "lsdc", "--json", report]
+                   weights, "--points", str(points), "--method", "lsdc", "--json", report,
+                   *VARIANTS[name].flags]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     frames = json.loads(report.read_text())["frames"]
     return {m: sum(f["scores"]["lsdc"][m] for f in frames) / len(frames) for m in ("rmse", "rel")}
@@ -144,26 +197,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--root", help="tree of NYU Depth v2 with train and val")
     parser.add_argument("--steps", type=int, default=1000, help="of each variant")
-    parser.add_argument("--start", help="weights to start from [default: none]")
-    parser.add_argument("--only", help="names of variants, with commas [default: all]")
-    parser.add_argument("--task", type=int, help="only the variant of this number, from 0")
+    parser.add_argument("--start", help="weights that `nyu-joint.toml` starts from")
+    parser.add_argument("--only", help="names of variants, with semicolons [default: all]")
+    parser.add_argument("--task", type=int, help="only the variant with this number in --list")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--program", default=str(ROOT / "target/release/lsdc"))
     parser.add_argument("-o", "--output", type=Path, default=Path("ablation"))
-    parser.add_argument("--list", action="store_true", help="print the names and stop")
+    parser.add_argument("--list", action="store_true", help="print what is trained and stop")
     args = parser.parse_args()
-    names = args.only.split(",") if args.only else list(VARIANTS)
-    if args.task is not None:
-        names = [names[args.task]]
+    names = args.only.split(";") if args.only else list(VARIANTS)
+    trained = [name for name in names if VARIANTS[name].config]
     if args.list:
-        print("\n".join(f"{i:3} {name}" for i, name in enumerate(names)))
+        print("\n".join(f"{i:3} {name}" for i, name in enumerate(trained)))
         return
+    if args.task is not None:
+        names = [trained[args.task]]
     if not args.root:
         parser.error("--root is needed")
+    if not args.start and any(VARIANTS[n].config != "nyu-medium" for n in names):
+        parser.error("--start is needed")
     print("| variant | RMSE 500 | REL 500 | RMSE 50 | REL 50 |\n|---|---|---|---|---|")
     for name in names:
-        weights = train(args, name)
-        many, few = measure(args, weights, 500), measure(args, weights, 50)
+        many, few = measure(args, name, 500), measure(args, name, 50)
         cells = [many["rmse"], many["rel"], few["rmse"], few["rel"]]
         print(f"| {name} | " + " | ".join(f"{v:.4f}" for v in cells) + " |", flush=True)
 

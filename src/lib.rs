@@ -17,6 +17,7 @@
 // burn's authors deprecate ndarray in favour of flex; it stays available on request.
 #![cfg_attr(feature = "ndarray", allow(deprecated))]
 
+mod bilinear;
 pub mod classic;
 pub mod cli;
 pub mod config;

@@ -15,10 +15,14 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("simd", &["rng"]),
     ("conv", &["simd", "rng"]),
     ("norm", &["simd", "rng"]),
-    ("model", &["conv", "norm", "simd", "error", "rng"]),
+    (
+        "model",
+        &["bilinear", "conv", "norm", "simd", "error", "rng"],
+    ),
+    ("bilinear", &[]),
     ("nearest", &["rng"]),
     ("field", &["simd", "rng"]),
-    ("fit", &["field", "nearest", "error", "rng"]),
+    ("fit", &["field", "bilinear", "nearest", "error", "rng"]),
     ("classic", &["field", "nearest", "data", "error", "rng"]),
     (
         "predict",

@@ -4,6 +4,7 @@ mod args;
 mod bench;
 mod calibrate;
 mod complete;
+mod dashboard;
 mod eval;
 mod export;
 mod report;

@@ -1,14 +1,13 @@
 //! `lsdc train`: a run folder, a bar, and stopping cleanly.
 
 use super::args::Train;
+use super::dashboard::Dashboard;
 use super::{Exit, settings, ui};
 use crate::config::Config;
 use crate::data::{Split, write_atomically};
 use crate::device::device;
 use crate::error::{Cause, Error, Result};
-use crate::metrics::Metric;
-use crate::train::{Event, Outcome, Trainer};
-use indicatif::ProgressBar;
+use crate::train::{Outcome, Trainer};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -36,9 +35,9 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
         prepare(&folder, &config, &args.device)?;
     }
     ui::say(&format!("run folder {}", folder.display()));
-    let bar = ui::bar(config.train.steps, "steps");
-    let outcome = trainer.run(&ui::stop_flag(), |event| show(&bar, event))?;
-    bar.finish_and_clear();
+    let mut dashboard = Dashboard::new(config.train.steps);
+    let outcome = trainer.run(&ui::stop_flag(), |event| dashboard.show(event))?;
+    dashboard.finish();
     match outcome {
         Outcome::Finished => {
             ui::print(&format!(
@@ -96,28 +95,4 @@ fn prepare(folder: &Path, config: &Config, device: &str) -> Result<()> {
     write_atomically(&folder.join(SETTINGS), |out| {
         out.write_all(settings.as_bytes())
     })
-}
-
-fn show(bar: &ProgressBar, event: &Event) {
-    match event {
-        Event::Step {
-            step,
-            loss,
-            rmse,
-            seconds,
-            ..
-        } => {
-            bar.set_position(*step as u64);
-            bar.set_message(format!(
-                "loss {loss:.4}, rmse {rmse:.3} m, {seconds:.2} s a step"
-            ));
-        }
-        Event::Measured { step, held_out } => bar.suspend(|| {
-            ui::say(&format!(
-                "step {step}: held-out frames RMSE {:.4} m, REL {:.4}",
-                held_out[Metric::Rmse],
-                held_out[Metric::Rel]
-            ));
-        }),
-    }
 }

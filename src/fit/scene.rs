@@ -1,5 +1,6 @@
 //! Where points lie in their image.
 
+use crate::bilinear::neighbours;
 use crate::field::Grid;
 
 /// How strongly the pixels of an image are joined to their neighbours.
@@ -92,10 +93,10 @@ impl Smooth {
     /// centres.
     pub fn add_to(&self, size: (usize, usize), map: &mut [f32]) {
         let columns: Vec<_> = (0..size.1)
-            .map(|x| between(x, size.1, self.width))
+            .map(|x| neighbours(x, size.1, self.width))
             .collect();
         for (y, row) in map.chunks_exact_mut(size.1.max(1)).enumerate() {
-            let (top, bottom, v) = between(y, size.0, self.height);
+            let (top, bottom, v) = neighbours(y, size.0, self.height);
             let [upper, lower] = [top, bottom].map(|y| &self.values[y * self.width..]);
             for (value, &(left, right, u)) in row.iter_mut().zip(&columns) {
                 let along = |row: &[f32]| row[left] * (1.0 - u) + row[right] * u;
@@ -103,13 +104,4 @@ impl Smooth {
             }
         }
     }
-}
-
-/// The two pixels on an axis of length `from` about pixel `i` of one of length `to`, and the weight
-/// of the second.
-fn between(i: usize, to: usize, from: usize) -> (usize, usize, f32) {
-    let position = (i as f64 + 0.5) * (from as f64 / to as f64) - 0.5;
-    let position = position.clamp(0.0, (from - 1) as f64);
-    let low = position as usize;
-    (low, (low + 1).min(from - 1), (position - low as f64) as f32)
 }

@@ -1,16 +1,8 @@
 //! Where a pixel of the output lies on the feature map: bilinear interpolation between pixel
 //! centres (`align_corners = false`).
 
+use crate::bilinear::neighbours;
 use burn::tensor::{Device, Int, Tensor, TensorData};
-
-/// The two neighbours on an axis of length `from` of pixel `i` on an axis of length `to`, and the
-/// weight of the second.
-pub(super) fn neighbours(i: usize, to: usize, from: usize) -> (usize, usize, f32) {
-    let position = (i as f64 + 0.5) * (from as f64 / to as f64) - 0.5;
-    let position = position.clamp(0.0, (from - 1) as f64);
-    let low = position as usize;
-    (low, (low + 1).min(from - 1), (position - low as f64) as f32)
-}
 
 /// Reads features `[batch, h, w, channels]` at pixels of an image of `size` (height, width).
 ///

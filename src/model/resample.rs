@@ -1,6 +1,6 @@
 //! Pooling and enlargement of whole maps `[batch, height, width, channels]`.
 
-use super::grid;
+use crate::bilinear::neighbours;
 use burn::tensor::{Device, Tensor, TensorData};
 
 /// A linear map along rows and one along columns: pooling or bilinear enlargement of a whole map.
@@ -63,7 +63,7 @@ fn averages(length: usize, pool: usize) -> Vec<f32> {
 fn enlargement(from: usize, to: usize) -> Vec<f32> {
     let mut matrix = vec![0.0; to * from];
     for i in 0..to {
-        let (low, high, t) = grid::neighbours(i, to, from);
+        let (low, high, t) = neighbours(i, to, from);
         matrix[i * from + low] += 1.0 - t;
         matrix[i * from + high] += t;
     }

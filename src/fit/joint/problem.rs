@@ -2,6 +2,7 @@
 
 use super::JointConfig;
 use crate::field::{Field, Grid, Observations};
+use crate::fit::lstsq::dot;
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
 
@@ -141,8 +142,4 @@ impl Adjoint {
         }
         Gradients { bases, edges }
     }
-}
-
-fn dot(row: &[f64], weights: &[f64]) -> f64 {
-    row.iter().zip(weights).map(|(a, b)| a * b).sum()
 }

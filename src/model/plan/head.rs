@@ -1,9 +1,9 @@
 //! The MLP at full resolution, in small pieces.
 
 use super::map::{Map, Pool};
+use crate::bilinear::neighbours;
 use crate::model::bases::BasisHead;
 use crate::model::encoding;
-use crate::model::grid::neighbours;
 use crate::simd::{Blend, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
 use rayon::prelude::*;
 use std::collections::VecDeque;

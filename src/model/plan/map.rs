@@ -1,6 +1,6 @@
 //! Maps between layers, and the memory that they reuse.
 
-use crate::model::grid::neighbours;
+use crate::bilinear::neighbours;
 use crate::simd::Buffer;
 use std::sync::Mutex;
 

@@ -1,0 +1,142 @@
+//! What is typed to measure methods on a dataset, and to write its frames.
+
+use super::values::{named_folder, typed};
+use super::{FitFlags, Model, Settings, Source};
+use crate::data::Split;
+use crate::eval::{EvalConfig, Shard};
+use crate::predict::Method;
+use crate::sample::{Interpolation, Noise, Pattern};
+use clap::Args as ClapArgs;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(in crate::cli) struct Eval {
+    #[command(flatten)]
+    pub(in crate::cli) settings: Settings,
+    #[command(flatten)]
+    pub(in crate::cli) source: Source,
+    /// Split of the dataset.
+    #[arg(long, value_enum, default_value = "val")]
+    pub(in crate::cli) split: Split,
+    /// Published protocol: full, nyu, nyu-s2d, nyu-cspn, nyu-conti, diode-paper, diode-masked,
+    /// diode-robustdc, kitti, void, marigold [default: that of the dataset].
+    #[arg(long, value_name = "NAME", help_heading = "Protocol")]
+    pub(in crate::cli) protocol: Option<String>,
+    /// Sparse points: N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N,
+    /// given, files:DIR [default: those of the protocol].
+    #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
+    pub(in crate::cli) points: Option<Pattern>,
+    /// Spoil points: added:SHARE:METRES or outliers:SHARE.
+    #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE", help_heading = "Protocol")]
+    pub(in crate::cli) noise: Option<Noise>,
+    /// Names the first draw of points; the same for every method [default: 0].
+    #[arg(long, help_heading = "Protocol")]
+    pub(in crate::cli) seed: Option<u64>,
+    /// Draws of points, with consecutive seeds [default: 1].
+    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    pub(in crate::cli) seeds: Option<usize>,
+    /// How true depths are resized [default: that of the protocol].
+    #[arg(long, value_enum, help_heading = "Protocol")]
+    pub(in crate::cli) depth_resize: Option<Interpolation>,
+    /// Measure only the first frames.
+    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    pub(in crate::cli) limit: Option<usize>,
+    /// Methods, side by side on the same points: lsdc, nearest, linear, idw, tps, wls, levin,
+    /// steering, ip-basic [default: lsdc,linear].
+    #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES")]
+    pub(in crate::cli) method: Vec<Method>,
+    #[command(flatten)]
+    pub(in crate::cli) fit: FitFlags,
+    /// Measure the standard deviations of `lsdc` too: how many errors they cover, and how well they
+    /// rank them.
+    #[arg(long)]
+    pub(in crate::cli) uncertainty: bool,
+    /// Score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
+    /// named as `lsdc export` names frames; may be repeated.
+    #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
+    pub(in crate::cli) predictions: Vec<(String, PathBuf)>,
+    /// Measure only part I of N (I from 0); `lsdc report merge` joins the parts.
+    #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N")]
+    pub(in crate::cli) shard: Shard,
+    /// Folder for the report in every form, and for a journal: begun again, an evaluation goes on
+    /// where it stopped. A part writes to DIR/I-of-N.
+    #[arg(short, long, value_name = "DIR", help_heading = "Output")]
+    pub(in crate::cli) output: Option<PathBuf>,
+    /// Replace existing files, and begin anew in a folder that holds another evaluation.
+    #[arg(long, help_heading = "Output")]
+    pub(in crate::cli) force: bool,
+    /// Write the whole report here.
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub(in crate::cli) json: Option<PathBuf>,
+    /// Write the scores of each frame here.
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub(in crate::cli) csv: Option<PathBuf>,
+    /// Write a page with charts and pictures here.
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub(in crate::cli) html: Option<PathBuf>,
+    /// Write every prediction here, as METHOD/seedN/FRAME.npy.
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    pub(in crate::cli) save: Option<PathBuf>,
+    #[command(flatten)]
+    pub(in crate::cli) model: Model,
+}
+
+impl Eval {
+    /// The folder of the outputs: a part has one of its own in it, so that all parts may be given
+    /// the same.
+    pub(in crate::cli) fn folder(&self) -> Option<PathBuf> {
+        let folder = self.output.clone()?;
+        Some(match self.shard {
+            Shard::WHOLE => folder,
+            part => folder.join(part.to_string()),
+        })
+    }
+
+    /// Lays the flags over the configuration.
+    pub(in crate::cli) fn apply(&self, eval: &mut EvalConfig) {
+        eval.preset = self.protocol.clone().or(eval.preset.take());
+        eval.points = self.points.clone().or(eval.points.take());
+        eval.noise = self.noise.or(eval.noise);
+        eval.seed = self.seed.unwrap_or(eval.seed);
+        eval.seeds = self.seeds.unwrap_or(eval.seeds);
+        eval.limit = self.limit.or(eval.limit);
+        if !self.method.is_empty() {
+            eval.methods.clone_from(&self.method);
+        }
+    }
+}
+
+#[derive(Debug, ClapArgs)]
+pub(in crate::cli) struct Export {
+    #[command(flatten)]
+    pub(in crate::cli) settings: Settings,
+    #[command(flatten)]
+    pub(in crate::cli) source: Source,
+    /// Split of the dataset.
+    #[arg(long, value_enum, default_value = "val")]
+    pub(in crate::cli) split: Split,
+    /// Published protocol [default: that of the dataset].
+    #[arg(long, value_name = "NAME")]
+    pub(in crate::cli) protocol: Option<String>,
+    /// Only this frame, counted from 0 [default: all].
+    #[arg(long, conflicts_with = "limit")]
+    pub(in crate::cli) index: Option<usize>,
+    /// Only the first frames.
+    #[arg(long, value_name = "N")]
+    pub(in crate::cli) limit: Option<usize>,
+    /// Sparse points, as for `eval` [default: those of the protocol].
+    #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS")]
+    pub(in crate::cli) points: Option<Pattern>,
+    /// Spoil points, as for `eval`.
+    #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE")]
+    pub(in crate::cli) noise: Option<Noise>,
+    /// Names the draw.
+    #[arg(long, default_value_t = 0)]
+    pub(in crate::cli) seed: u64,
+    /// Folder for rgb/FRAME.png, sparse/FRAME.npy and gt/FRAME.npy.
+    #[arg(short, long, value_name = "DIR")]
+    pub(in crate::cli) output: PathBuf,
+    /// Replace existing files.
+    #[arg(long)]
+    pub(in crate::cli) force: bool,
+}

@@ -1,0 +1,42 @@
+//! What is typed to fit otherwise than the weights say.
+
+use super::values::Robustness;
+use crate::fit::{FitConfig, FitMethod, Lambda, PriorKind, Space};
+use clap::Args as ClapArgs;
+
+/// Settings of the fit, laid over those of the weights.
+#[derive(Debug, ClapArgs)]
+pub(in crate::cli) struct FitFlags {
+    /// What depth is made of: lse (the paper's base functions), wls (a field that is smooth but for
+    /// the image's edges), joint (both) [default: as the weights say].
+    #[arg(long = "fit", value_enum, value_name = "METHOD")]
+    fit_method: Option<FitMethod>,
+    /// Fit without following outliers [default: as the weights say].
+    #[arg(long, value_enum, value_name = "LOSS")]
+    robust: Option<Robustness>,
+    /// What is assumed before any depth is seen: none (the paper's fit), flat, learned [default: as
+    /// the weights say].
+    #[arg(long, value_enum)]
+    prior: Option<PriorKind>,
+    /// What base functions add up to: depth, log, inverse [default: as the weights say].
+    #[arg(long, value_enum)]
+    space: Option<Space>,
+}
+
+impl FitFlags {
+    /// Lays the flags over settings. A learned prior is one over weights of depths: in another
+    /// space the flat one takes its place. A lambda that was chosen for base functions beside a
+    /// field says nothing of base functions alone, and the reverse.
+    pub(in crate::cli) fn apply(&self, fit: &mut FitConfig) {
+        if let Some(method) = self.fit_method.filter(|&method| method != fit.method) {
+            fit.method = method;
+            fit.lambda = Lambda::Evidence;
+        }
+        fit.robust = self.robust.map_or(fit.robust, Robustness::settings);
+        fit.space = self.space.unwrap_or(fit.space);
+        if fit.space != Space::Depth && fit.prior == PriorKind::Learned {
+            fit.prior = PriorKind::Flat;
+        }
+        fit.prior = self.prior.unwrap_or(fit.prior);
+    }
+}

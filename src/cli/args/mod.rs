@@ -1,0 +1,86 @@
+//! What can be typed.
+
+mod completion;
+mod evaluation;
+mod fit;
+mod reports;
+mod training;
+mod values;
+
+pub(super) use completion::{Bench, Complete};
+pub(super) use evaluation::{Eval, Export};
+use fit::FitFlags;
+pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
+pub(super) use training::{Calibrate, Convert, Train, WeightsCommand};
+
+use crate::data::DatasetKind;
+use clap::{Args as ClapArgs, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// Depth completion: an RGB image and a few sparse depths in, dense depth in metres out.
+#[derive(Debug, Parser)]
+#[command(name = "lsdc", version, max_term_width = 100)]
+pub(super) struct Args {
+    /// Say more (-v: progress of the parts, -vv: everything); RUST_LOG overrides.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(super) verbose: u8,
+    #[command(subcommand)]
+    pub(super) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Complete the depth of one image.
+    Complete(Complete),
+    /// Measure methods on a dataset.
+    Eval(Box<Eval>),
+    /// Join and show reports.
+    #[command(subcommand)]
+    Report(ReportCommand),
+    /// Train a network.
+    Train(Train),
+    /// List, describe and convert weights.
+    #[command(subcommand)]
+    Weights(WeightsCommand),
+    /// Learn which weights are likely, and how far predictions are off: what training does after
+    /// its last step, for weights that exist.
+    Calibrate(Calibrate),
+    /// Write frames of a dataset at the protocol's size, with the points of `eval`, as files.
+    Export(Export),
+    /// Measure how fast this machine completes depth.
+    Bench(Bench),
+    /// Print every setting with its value.
+    Config(Settings),
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct Model {
+    /// Weights file [default: the weights in the program].
+    #[arg(long, value_name = "FILE")]
+    pub(super) weights: Option<PathBuf>,
+    /// Where to compute: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray.
+    #[arg(long, default_value = "cpu", env = "LSDC_DEVICE")]
+    pub(super) device: String,
+}
+
+/// Settings, in rising order: built-in, file, --set, flags.
+#[derive(Debug, ClapArgs)]
+pub(super) struct Settings {
+    /// Configuration file, or the name of a built-in one (nyu.toml, nyu-medium.toml,
+    /// nyu-joint.toml, smoke.toml).
+    #[arg(long, value_name = "FILE")]
+    pub(super) config: Option<PathBuf>,
+    /// Change one setting, as in --set train.steps=100; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub(super) set: Vec<String>,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct Source {
+    /// Dataset.
+    #[arg(long, value_enum)]
+    pub(super) dataset: Option<DatasetKind>,
+    /// Folder of the dataset [default: `data.root` of the configuration, or LSDC_DATA].
+    #[arg(long, value_name = "DIR")]
+    pub(super) root: Option<PathBuf>,
+}

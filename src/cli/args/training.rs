@@ -1,0 +1,75 @@
+//! What is typed to train, and to handle weights.
+
+use super::{Model, Settings, Source};
+use crate::fit::FitMethod;
+use crate::model::Precision;
+use clap::{Args as ClapArgs, Subcommand};
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(in crate::cli) struct Train {
+    #[command(flatten)]
+    pub(in crate::cli) settings: Settings,
+    #[command(flatten)]
+    pub(in crate::cli) source: Source,
+    /// Run folder [default: runs/ and the name of the configuration].
+    #[arg(short, long, value_name = "DIR", conflicts_with = "resume")]
+    pub(in crate::cli) output: Option<PathBuf>,
+    /// Go on with the run in this folder, with its own settings.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "set", "dataset"])]
+    pub(in crate::cli) resume: Option<PathBuf>,
+    /// Seed of weights, order, augmentation and points.
+    #[arg(long)]
+    pub(in crate::cli) seed: Option<u64>,
+    /// Where to compute.
+    #[arg(long, default_value = "cpu", env = "LSDC_DEVICE")]
+    pub(in crate::cli) device: String,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(in crate::cli) struct Calibrate {
+    /// The frames that the weights were trained on.
+    #[command(flatten)]
+    pub(in crate::cli) source: Source,
+    /// For another fit than the weights say: lse, wls, joint.
+    #[arg(long = "fit", value_enum, value_name = "METHOD")]
+    pub(in crate::cli) fit_method: Option<FitMethod>,
+    /// Weights file to write.
+    #[arg(short, long, value_name = "FILE")]
+    pub(in crate::cli) output: PathBuf,
+    /// Replace it if it exists.
+    #[arg(long)]
+    pub(in crate::cli) force: bool,
+    #[command(flatten)]
+    pub(in crate::cli) model: Model,
+}
+
+#[derive(Debug, Subcommand)]
+pub(in crate::cli) enum WeightsCommand {
+    /// List the weights that come with the program.
+    List,
+    /// Describe weights: network, input, fit, how they were trained, and how well.
+    Info {
+        /// Weights file, or a name that `list` shows [default: the weights in the program].
+        file: Option<PathBuf>,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Write weights in another precision.
+    Convert(Convert),
+}
+
+#[derive(Debug, ClapArgs)]
+pub(in crate::cli) struct Convert {
+    /// Weights file, or a name that `list` shows.
+    pub(in crate::cli) input: PathBuf,
+    /// Weights file to write.
+    pub(in crate::cli) output: PathBuf,
+    /// Of the network's numbers: f16 or f32.
+    #[arg(long, value_enum, default_value = "f16", value_name = "TYPE")]
+    pub(in crate::cli) precision: Precision,
+    /// Replace the file if it exists.
+    #[arg(long)]
+    pub(in crate::cli) force: bool,
+}

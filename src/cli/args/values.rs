@@ -1,0 +1,112 @@
+//! How values are read from text.
+
+use crate::data::{DatasetKind, Split};
+use crate::error::{Error, Result};
+use crate::fit::{FitMethod, Loss, PriorKind, Robust, Space};
+use crate::model::Precision;
+use crate::predict::Preserve;
+use crate::sample::{Interpolation, Size};
+use clap::ValueEnum;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// Reads a value; what is wrong comes with the hint.
+pub(super) fn typed<T: FromStr<Err = Error>>(text: &str) -> std::result::Result<T, String> {
+    text.parse().map_err(|error: Error| match error.advice() {
+        Some(hint) => format!("{error}; {hint}"),
+        None => error.to_string(),
+    })
+}
+
+/// `NAME=DIR`, or `DIR`, named by its last part.
+pub(super) fn named_folder(text: &str) -> Result<(String, PathBuf)> {
+    let (name, folder) = if let Some((name, folder)) = text.split_once('=') {
+        (name.to_owned(), PathBuf::from(folder))
+    } else {
+        let folder = PathBuf::from(text);
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        (name.into_owned(), folder)
+    };
+    if name.is_empty() {
+        return Err(Error::config(format!("`{text}` has no name")).hint("as in mine=results/depth"));
+    }
+    Ok((name, folder))
+}
+
+pub(super) fn size(text: &str) -> Result<Size> {
+    let wrong = || Error::config(format!("`{text}` is not a size")).hint("as in 640x480");
+    let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+    let length = |t: &str| {
+        t.parse()
+            .ok()
+            .filter(|n| (1..=1 << 16).contains(n))
+            .ok_or_else(wrong)
+    };
+    Ok(Size {
+        height: length(height)?,
+        width: length(width)?,
+    })
+}
+
+macro_rules! by_name {
+    ($kind:ty, $variants:expr) => {
+        impl ValueEnum for $kind {
+            fn value_variants<'a>() -> &'a [Self] {
+                &$variants
+            }
+
+            fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+                Some(clap::builder::PossibleValue::new(self.name()))
+            }
+        }
+    };
+}
+
+/// A robust loss, or none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Robustness(Option<Loss>);
+
+impl Robustness {
+    /// The settings that are meant.
+    pub(super) fn settings(self) -> Option<Robust> {
+        self.0.map(Robust::new)
+    }
+
+    fn name(self) -> &'static str {
+        self.0.map_or("none", Loss::name)
+    }
+}
+
+by_name!(
+    Robustness,
+    [
+        Self(None),
+        Self(Some(Loss::Irls)),
+        Self(Some(Loss::Huber)),
+        Self(Some(Loss::Cauchy)),
+        Self(Some(Loss::Gm)),
+        Self(Some(Loss::Tukey)),
+    ]
+);
+by_name!(FitMethod, Self::ALL);
+by_name!(PriorKind, Self::ALL);
+by_name!(Space, Self::ALL);
+by_name!(Precision, [Self::Half, Self::Single]);
+by_name!(Preserve, Self::ALL);
+by_name!(Split, [Self::Train, Self::Val]);
+by_name!(DatasetKind, Self::ALL);
+
+impl ValueEnum for Interpolation {
+    fn value_variants<'a>() -> &'a [Self] {
+        &Self::ALL
+    }
+
+    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+        let value = clap::builder::PossibleValue::new(self.name());
+        Some(match self {
+            Self::PilBilinear => value.alias("bilinear"),
+            Self::CvNearest => value.alias("nearest"),
+            Self::PilNearest | Self::CvBilinear => value,
+        })
+    }
+}
