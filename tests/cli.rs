@@ -795,3 +795,114 @@ fn broken_frames_are_reported_and_the_rest_measured() {
             .contains("1 of 4 frames")
     );
 }
+
+/// A folder with images `a.png` and `b/c.png` and their points, one as a list.
+fn folders() -> tempfile::TempDir {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir_all(at("images/b")).unwrap();
+    std::fs::create_dir_all(at("points/b")).unwrap();
+    for image in ["images/a.png", "images/b/c.png"] {
+        std::fs::copy(at("rgb.png"), at(image)).unwrap();
+    }
+    std::fs::copy(at("sparse.npy"), at("points/a.npy")).unwrap();
+    let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
+    let lines = sparse.points();
+    let lines: String = lines
+        .map(|p| format!("{},{},{}\n", p.x, p.y, p.depth))
+        .collect();
+    std::fs::write(at("points/b/c.csv"), lines).unwrap();
+    folder
+}
+
+#[test]
+fn folders_are_completed_and_gone_on_with() {
+    let folder = folders();
+    let at = |name: &str| folder.path().join(name);
+    let run = ["complete", "images", "points", "-o", "out"];
+    let told = |code: i32, words: &[&str]| {
+        let run = lsdc(folder.path()).args(run).assert().code(code);
+        let output = run.get_output();
+        let text = [&output.stdout[..], &output.stderr].concat();
+        let text = String::from_utf8(text).unwrap();
+        for word in words {
+            assert!(text.contains(word), "{text}");
+        }
+    };
+    told(0, &["2 completed, 0 there already, 0 failed"]);
+    lsdc(folder.path())
+        .args(["complete", "rgb.png", "sparse.npy"])
+        .assert()
+        .success();
+    let one = read_npy(&at("rgb_depth.npy"), 1.0).unwrap();
+    // A list of the same points is the same map.
+    for name in ["out/a_depth.npy", "out/b/c_depth.npy"] {
+        assert_eq!(read_npy(&at(name), 1.0).unwrap(), one);
+    }
+
+    // A third without points fails, the others are there; then it is all that is left.
+    std::fs::copy(at("rgb.png"), at("images/d.png")).unwrap();
+    std::fs::copy(at("rgb.png"), at("images/e.png")).unwrap();
+    std::fs::write(at("points/e.npy"), b"nothing").unwrap();
+    let failed = [
+        "2 there already, 2 failed",
+        "failed: d.png",
+        "failed: e.png",
+    ];
+    told(3, &failed);
+    for name in ["points/d.npy", "points/e.npy"] {
+        std::fs::copy(at("sparse.npy"), at(name)).unwrap();
+    }
+    told(0, &["2 completed, 2 there already, 0 failed"]);
+
+    // Two parts are the whole.
+    for part in ["0/2", "1/2"] {
+        lsdc(folder.path())
+            .args(["complete", "images", "points", "-o", "parts"])
+            .args(["--method", "nearest", "--shard", part])
+            .assert()
+            .success();
+    }
+    assert_eq!(names(&at("parts")), names(&at("out")));
+    assert_eq!(names(&at("parts/b")), names(&at("out/b")));
+    refused(
+        folder.path(),
+        &["complete", "images", "points"],
+        &["-o DIR"],
+    );
+}
+
+#[test]
+fn every_image_of_a_colmap_model_is_completed() {
+    let folder = folders();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("model")).unwrap();
+    let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
+    // The camera of `a.png` stands at the origin; points lie on its rays, at their depths.
+    let (width, height) = (sparse.width(), sparse.height());
+    let camera = format!("1 SIMPLE_PINHOLE {width} {height} 200 100 80\n");
+    std::fs::write(at("model/cameras.txt"), camera).unwrap();
+    let (mut seen, mut points) = (String::new(), String::new());
+    for (i, p) in sparse.points().enumerate() {
+        let (u, v, z) = (p.x as f64 + 0.5, p.y as f64 + 0.5, f64::from(p.depth));
+        let (x, y) = ((u - 100.0) * z / 200.0, (v - 80.0) * z / 200.0);
+        seen += &format!("{u} {v} {i} ");
+        points += &format!("{i} {x} {y} {z} 0 0 0 0.5 1 0 2 0\n");
+    }
+    let images = format!("1 1 0 0 0 0 0 0 1 a.png\n{seen}\n2 1 0 0 0 0 0 0 1 ../a.png\n\n");
+    std::fs::write(at("model/images.txt"), images).unwrap();
+    std::fs::write(at("model/points3D.txt"), points).unwrap();
+    let run = lsdc(folder.path())
+        .args(["complete", "images", "model", "-o", "out"])
+        .assert()
+        .code(3);
+    let text = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    assert!(text.contains("its name leads out of the folder"), "{text}");
+    let found = read_npy(&at("out/a_depth.npy"), 1.0).unwrap();
+    // Errors grow with the depth, so that far points count less than in a map without deviations.
+    let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
+    let pairs = found.values().iter().zip(truth.values());
+    let rel: f32 = pairs.map(|(a, b)| (a - b).abs() / b).sum();
+    assert!(rel / truth.values().len() as f32 * 100.0 < 10.0, "{rel}");
+    assert_eq!(names(&at("out")).len(), 3);
+}

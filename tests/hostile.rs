@@ -9,8 +9,8 @@
 use hdf5_pure::FileBuilder;
 use image::{Rgb, RgbImage};
 use lsdc::data::{
-    DataConfig, DatasetKind, DepthMap, Split, read_depth, read_mask, read_rgb, write_depth_png,
-    write_npy, write_rgb,
+    Colmap, DataConfig, DatasetKind, DepthMap, Sparse, Split, read_depth, read_mask, read_rgb,
+    write_depth_png, write_npy, write_rgb,
 };
 use lsdc::report::Report;
 use lsdc::rng::Rng;
@@ -238,6 +238,52 @@ fn a_chunk_that_promises_gigabytes_is_refused() {
     PEAK.store(before, Ordering::Relaxed);
     assert!(!readable(DatasetKind::Nyu, folder.path()));
     assert!(PEAK.load(Ordering::Relaxed) - before < MOST);
+}
+
+#[test]
+fn points() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |path: &Path| Sparse::read(path, None, (WIDTH, HEIGHT)).is_ok();
+    let path = folder.path().join("points.csv");
+    let line = |i: usize| format!("{},{},{},0.1\n", i % WIDTH, i / WIDTH, 1 + i);
+    let lines: String = (0..200).map(line).collect();
+    std::fs::write(&path, format!("u,v,depth,sigma\n{lines}")).unwrap();
+    survive(&path, || read(&path));
+
+    let model = folder.path();
+    let numbers =
+        |values: &[f64]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
+    let (one, none) = (1_u64.to_le_bytes(), [0; 4]);
+    let size = [WIDTH as u64, HEIGHT as u64].map(u64::to_le_bytes).concat();
+    let pinhole = [1_u32, 0].map(u32::to_le_bytes).concat();
+    let camera = [&one[..], &pinhole, &size, &numbers(&[50.0, 12.0, 9.0])].concat();
+    let pose = numbers(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let seen = [&one[..], &numbers(&[3.0, 4.0]), &one].concat();
+    let id = 1_u32.to_le_bytes();
+    let image = [&one[..], &none, &pose, &id, b"a.png\0", &seen].concat();
+    let place = numbers(&[1.0, 1.0, 5.0]);
+    let track = [&one[..], &none, &none].concat();
+    let landmark = [&one[..], &one, &place, &[1, 2, 3], &numbers(&[0.5]), &track].concat();
+    let files = [
+        ("cameras.bin", camera),
+        ("images.bin", image),
+        ("points3D.bin", landmark),
+    ];
+    for (name, bytes) in &files {
+        std::fs::write(model.join(name), bytes).unwrap();
+    }
+    for (name, bytes) in &files {
+        survive(&model.join(name), || {
+            let views = Colmap::read(model).map(|model| model.views);
+            views.is_ok_and(|views| {
+                let mut sparse = views
+                    .iter()
+                    .map(|view| Sparse::of_view(view, (WIDTH, HEIGHT)));
+                sparse.all(|sparse| sparse.is_ok())
+            })
+        });
+        std::fs::write(model.join(name), bytes).unwrap();
+    }
 }
 
 #[test]

@@ -1,19 +1,25 @@
 //! Files to frames: what a dataset is, and the readers that make one.
 
+mod colmap;
 mod depth;
 mod files;
 mod frame;
 mod sets;
 mod source;
+mod sparse;
+mod unit;
 
+pub use colmap::{Colmap, View};
 pub use depth::{DepthMap, Point};
 pub use files::{
-    read_depth, read_depth_png, read_mask, read_npy, read_rgb, write_atomically, write_depth_png,
-    write_npy, write_rgb,
+    images_below, read_depth, read_depth_png, read_mask, read_npy, read_rgb, write_atomically,
+    write_depth_png, write_npy, write_rgb,
 };
 pub use frame::{Frame, FrameId, Place};
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
 pub use source::{DataConfig, DatasetKind};
+pub use sparse::Sparse;
+pub use unit::Unit;
 
 use crate::error::Result;
 use serde::{Deserialize, Serialize};

@@ -5,6 +5,7 @@ mod method;
 mod preserve;
 mod weights;
 
+pub use crate::classic::Classic;
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
 pub use weights::{

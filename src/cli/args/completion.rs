@@ -2,6 +2,8 @@
 
 use super::values::{size, typed};
 use super::{FitFlags, Model};
+use crate::data::Unit;
+use crate::eval::Shard;
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
 use clap::Args as ClapArgs;
@@ -9,17 +11,20 @@ use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(in crate::cli) struct Complete {
-    /// Colour image (JPEG or PNG).
+    /// Colour image (JPEG or PNG), or a folder of such.
     pub(in crate::cli) rgb: PathBuf,
-    /// Sparse depths as large as the image: npy of shape (height, width), or 16-bit PNG; 0, NaN,
-    /// infinite and negative values mean no measurement.
+    /// Sparse depths: a map as large as the image (npy of shape (height, width), 16-bit PNG), or a
+    /// list of points u, v, depth[, sigma] (csv, txt, npy of shape (points, 3 or 4)), u and v in
+    /// pixels from the centre of the first; 0, NaN, infinite and negative values mean no measurement.
+    /// For a folder of images: a folder of such files of the same names, or a sparse model of COLMAP.
     pub(in crate::cli) sparse: PathBuf,
     /// Folder for the results [default: the folder of the image].
     #[arg(short, long, value_name = "DIR")]
     pub(in crate::cli) output: Option<PathBuf>,
-    /// Metres per stored unit of the sparse depths [default: 1 for npy, 0.001 for PNG].
-    #[arg(long, value_name = "M")]
-    pub(in crate::cli) depth_scale: Option<f64>,
+    /// Unit of the sparse depths: m, cm, mm, kitti (1/256 m), tum (1/5000), vkitti (1/100), or how
+    /// many make a metre [default: mm for integers, m for other numbers].
+    #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT")]
+    pub(in crate::cli) depth_unit: Option<Unit>,
     /// Size of the result, as WIDTHxHEIGHT [default: that of the image].
     #[arg(long, value_parser = size)]
     pub(in crate::cli) size: Option<Size>,
@@ -32,7 +37,8 @@ pub(in crate::cli) struct Complete {
     /// pixels), blend (and their neighbourhood follows).
     #[arg(long, value_enum, default_value = "none", value_name = "HOW")]
     pub(in crate::cli) preserve_input: Preserve,
-    /// The standard deviation of each sparse depth in metres, an npy array as large as the image.
+    /// The standard deviation of each sparse depth, a map in the unit of the depths [default: what a
+    /// list has].
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) sigma: Option<PathBuf>,
     /// Write the standard deviation of every pixel of the result, in metres.
@@ -44,6 +50,9 @@ pub(in crate::cli) struct Complete {
     /// Show the network every pixel, instead of a large image reduced to the size of training.
     #[arg(long)]
     pub(in crate::cli) full: bool,
+    /// Of a folder, complete only part I of N (I from 0).
+    #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N")]
+    pub(in crate::cli) shard: Shard,
     /// Replace existing results.
     #[arg(long)]
     pub(in crate::cli) force: bool,

@@ -1,18 +1,21 @@
 //! Single files: one reader or writer per format.
 
 mod hdf5;
+mod list;
 mod npy;
 mod picture;
 mod save;
 
 pub(super) use hdf5::{Hdf5, from_planes, read_pair};
+pub(super) use list::{Listed, read_list};
+pub(super) use npy::{Array, read_array};
 pub use npy::{read_npy, write_npy};
 pub use picture::{read_depth_png, read_rgb, write_depth_png, write_rgb};
 pub use save::write_atomically;
 
 use super::DepthMap;
 use crate::error::{Error, Result};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Whether a file of `size` bytes can hold `bytes` of values: deflate makes at most 1032 of one
 /// (zlib), and what is small may be asked for in any case. Damaged headers promise much more.
@@ -24,6 +27,28 @@ fn plausible(bytes: u64, size: u64) -> bool {
 pub(super) fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case(ending))
+}
+
+/// The JPEG and PNG images in a folder and those below it, in the order of their paths.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn images_below(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut images = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        let entries = std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))?;
+        for entry in entries {
+            let path = entry.map_err(|e| Error::read(&folder, e))?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if ["jpg", "jpeg", "png"].iter().any(|e| has_ending(&path, e)) {
+                images.push(path);
+            }
+        }
+    }
+    images.sort();
+    Ok(images)
 }
 
 /// Reads depths from `.npy` or 16-bit grey PNG, by the file's ending: metres = value x `scale`.

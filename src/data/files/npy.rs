@@ -8,6 +8,17 @@ use std::fs::File;
 use std::io::{BufReader, Read as _, Seek as _};
 use std::path::Path;
 
+/// Numbers in rows.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Array {
+    pub(crate) rows: usize,
+    pub(crate) columns: usize,
+    /// Row by row.
+    pub(crate) values: Vec<f32>,
+    /// Whether they are stored as integers.
+    pub(crate) integers: bool,
+}
+
 /// Reads a depth map of shape `[height, width]` or `[height, width, 1]`, as metres = value x
 /// `scale`.
 ///
@@ -17,6 +28,14 @@ use std::path::Path;
 /// # Errors
 /// Not an `.npy` file, another shape or element type, or fewer bytes than the header declares.
 pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
+    let array = read_array(path)?;
+    let metres = |value: f32| (f64::from(value) * scale) as f32;
+    let values = array.values.into_iter().map(metres).collect();
+    DepthMap::new(array.columns, array.rows, values)
+}
+
+/// Reads an array of shape `[rows, columns]` or `[rows, columns, 1]`.
+pub(crate) fn read_array(path: &Path) -> Result<Array> {
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
     let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
     let no_array = || {
@@ -28,8 +47,8 @@ pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
         return Err(no_array());
     }
     let npy = NpyFile::new(file).map_err(|e| no_array().because(e))?;
-    let (height, width) = match npy.shape()[..] {
-        [height, width] | [height, width, 1] => (height, width),
+    let (rows, columns) = match npy.shape()[..] {
+        [rows, columns] | [rows, columns, 1] => (rows, columns),
         ref other => {
             return Err(Error::format(
                 path,
@@ -44,34 +63,36 @@ pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
     };
     let bytes = element
         .size_field()
-        .checked_mul(height)
-        .and_then(|n| n.checked_mul(width));
-    if height == 0 || width == 0 || bytes.is_none_or(|n| n > size) {
+        .checked_mul(rows)
+        .and_then(|n| n.checked_mul(columns));
+    if rows == 0 || columns == 0 || bytes.is_none_or(|n| n > size) {
         return Err(Error::format(
             path,
-            format!("declares {height}x{width} values but is only {size} bytes long"),
+            format!("declares {rows}x{columns} values but is only {size} bytes long"),
         )
         .hint("the file is empty or cut off; write it again"));
     }
     let fortran = npy.order() == Order::Fortran;
-    let values = decode(npy, &element.to_string())
+    let element = element.to_string();
+    let stored = decode(npy, &element)
         .map_err(|e| Error::format(path, "is damaged").because(e))?
         .ok_or_else(|| {
             Error::format(path, format!("holds `{element}` values, expected numbers"))
                 .hint("save the depths as a float32 array")
         })?;
-    let (height, width) = (height as usize, width as usize);
-    let row_major = |i: usize| {
-        if fortran {
-            values[(i % width) * height + i / width]
-        } else {
-            values[i]
-        }
+    let (rows, columns) = (rows as usize, columns as usize);
+    let values = if fortran {
+        let place = |i: usize| (i % columns) * rows + i / columns;
+        (0..stored.len()).map(|i| stored[place(i)]).collect()
+    } else {
+        stored
     };
-    let scaled = (0..values.len())
-        .map(|i| (f64::from(row_major(i)) * scale) as f32)
-        .collect();
-    DepthMap::new(width, height, scaled)
+    Ok(Array {
+        rows,
+        columns,
+        values,
+        integers: element.contains(['u', 'i']),
+    })
 }
 
 /// The length that the header declares, which npyz asks memory for before it reads; the file is

@@ -1,0 +1,34 @@
+//! Sparse models of COLMAP: the first byte says which file the others are.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use lsdc::data::{Colmap, Sparse};
+use lsdc_fuzz::with_file;
+use std::fs::write;
+
+fuzz_target!(|data: &[u8]| {
+    let Some((&which, data)) = data.split_first() else {
+        return;
+    };
+    let endings = [["bin", "txt"], ["txt", "txt"]][usize::from(which & 1)];
+    let names = ["cameras", "images", "points3D"];
+    let own = usize::from(which >> 1) % 3;
+    with_file(data, &format!("{}.{}", names[own], endings[0]), |path| {
+        let sound = [
+            "1 PINHOLE 64 48 50 50 32 24\n",
+            "1 1 0 0 0 0 0 0 1 a.png\n3 4 1\n",
+            "1 0 0 5 0 0 0 0.5 1 0\n",
+        ];
+        for (name, text) in names.iter().zip(sound) {
+            let other = path.with_file_name(format!("{name}.txt"));
+            if *name != names[own] {
+                write(other, text).expect("a file");
+            }
+        }
+        let folder = path.parent().expect("a folder");
+        for view in Colmap::read(folder).into_iter().flat_map(|m| m.views) {
+            let _ = Sparse::of_view(&view, (64, 48));
+        }
+    });
+});

@@ -1,0 +1,130 @@
+//! Models in binary form: little-endian, as COLMAP's `reconstruction_io` writes them.
+
+use super::{Camera, Landmark, Parsed, Pose};
+use std::collections::HashMap;
+
+/// The number of parameters of each camera model, by its number.
+const PARAMETERS: [usize; 12] = [3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16];
+
+/// The number of a point that is none.
+const NONE: u64 = u64::MAX;
+
+pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, Camera>> {
+    let mut bytes = Bytes(bytes);
+    // An identity, a model and a size at least.
+    let count = bytes.count(24)?;
+    let mut cameras = HashMap::with_capacity(count);
+    for _ in 0..count {
+        let (id, model) = (bytes.u32()?, bytes.u32()?);
+        let size = (bytes.u64()?, bytes.u64()?);
+        let parameters = PARAMETERS
+            .get(model as usize)
+            .ok_or_else(|| format!("camera {id} is of an unknown model, {model}"))?;
+        let focal = bytes.f64()?;
+        bytes.skip(8 * (parameters - 1))?;
+        cameras.insert(id, Camera { size, focal });
+    }
+    Ok(cameras)
+}
+
+pub(super) fn poses(bytes: &[u8]) -> Parsed<Vec<Pose>> {
+    let mut bytes = Bytes(bytes);
+    let count = bytes.count(73)?;
+    let mut poses = Vec::with_capacity(count);
+    for _ in 0..count {
+        bytes.skip(4)?;
+        let mut numbers = [0.0; 7];
+        for value in &mut numbers {
+            *value = bytes.f64()?;
+        }
+        let [w, x, y, z, translation @ ..] = numbers;
+        let camera = bytes.u32()?;
+        let name = bytes.name()?;
+        let keypoints = bytes.count(24)?;
+        let mut seen = Vec::new();
+        for _ in 0..keypoints {
+            let (place, point) = ([bytes.f64()?, bytes.f64()?], bytes.u64()?);
+            if point != NONE {
+                seen.push((place, point));
+            }
+        }
+        poses.push(Pose {
+            rotation: [w, x, y, z],
+            translation,
+            camera,
+            name,
+            seen,
+        });
+    }
+    Ok(poses)
+}
+
+pub(super) fn landmarks(bytes: &[u8]) -> Parsed<HashMap<u64, Landmark>> {
+    let mut bytes = Bytes(bytes);
+    let count = bytes.count(51)?;
+    let mut landmarks = HashMap::with_capacity(count);
+    for _ in 0..count {
+        let id = bytes.u64()?;
+        let place = [bytes.f64()?, bytes.f64()?, bytes.f64()?];
+        // Its colour.
+        bytes.skip(3)?;
+        let error = bytes.f64()?;
+        let track = bytes.count(8)?;
+        bytes.skip(8 * track)?;
+        landmarks.insert(
+            id,
+            Landmark {
+                place,
+                error,
+                track,
+            },
+        );
+    }
+    Ok(landmarks)
+}
+
+/// What is left of a file.
+struct Bytes<'a>(&'a [u8]);
+
+impl Bytes<'_> {
+    fn take<const N: usize>(&mut self) -> Parsed<[u8; N]> {
+        let (some, rest) = self.0.split_first_chunk::<N>().ok_or("is cut off")?;
+        self.0 = rest;
+        Ok(*some)
+    }
+
+    fn u32(&mut self) -> Parsed<u32> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Parsed<u64> {
+        self.take().map(u64::from_le_bytes)
+    }
+
+    fn f64(&mut self) -> Parsed<f64> {
+        self.take().map(f64::from_le_bytes)
+    }
+
+    /// A number of things of so many bytes at least, which must be there.
+    fn count(&mut self, size: usize) -> Parsed<usize> {
+        let count = self.u64()?;
+        let left = self.0.len() / size;
+        match usize::try_from(count) {
+            Ok(count) if count <= left => Ok(count),
+            _ => Err(format!("promises {count} entries where {left} have room")),
+        }
+    }
+
+    fn skip(&mut self, count: usize) -> Parsed<()> {
+        self.0 = self.0.get(count..).ok_or("is cut off")?;
+        Ok(())
+    }
+
+    /// Bytes up to a zero.
+    fn name(&mut self) -> Parsed<String> {
+        let end = self.0.iter().position(|&b| b == 0).ok_or("is cut off")?;
+        let name = String::from_utf8_lossy(&self.0[..end]).into_owned();
+        self.skip(end + 1)?;
+        Ok(name)
+    }
+}

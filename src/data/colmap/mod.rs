@@ -1,0 +1,202 @@
+//! Sparse models of COLMAP (Schönberger and Frahm 2016), text and binary: every image with the
+//! points that it sees, at the depths that the model gives them.
+
+mod binary;
+mod text;
+
+use super::files::{Listed, has_ending};
+use crate::error::{Error, Result};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// A model: its images by name.
+#[derive(Clone, Debug)]
+pub struct Colmap {
+    /// In the order of their names.
+    pub views: Vec<View>,
+}
+
+/// An image of a model.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Its path below the folder of images.
+    pub name: String,
+    /// Width and height in pixels.
+    pub size: (usize, usize),
+    /// What it sees, in the unit of the model.
+    points: Vec<Listed>,
+    /// Observations of points that the model does not have, or that lie behind the camera.
+    pub ignored: usize,
+}
+
+/// What a file says of a camera.
+struct Camera {
+    size: (u64, u64),
+    /// In pixels; the first parameter of every camera model.
+    focal: f64,
+}
+
+/// What a file says of an image.
+struct Pose {
+    /// w, x, y, z: from the world to the camera.
+    rotation: [f64; 4],
+    translation: [f64; 3],
+    camera: u32,
+    name: String,
+    /// Place and point of each observation that has one.
+    seen: Vec<([f64; 2], u64)>,
+}
+
+/// What a file says of a point.
+struct Landmark {
+    place: [f64; 3],
+    /// Mean reprojection error in pixels.
+    error: f64,
+    /// Images that see it.
+    track: usize,
+}
+
+/// The three files of a model.
+struct Parts {
+    cameras: HashMap<u32, Camera>,
+    poses: Vec<Pose>,
+    landmarks: HashMap<u64, Landmark>,
+}
+
+/// What is wrong with a file, and where.
+type Parsed<T> = std::result::Result<T, String>;
+
+impl Colmap {
+    /// Whether a folder holds a model.
+    pub fn is_at(folder: &Path) -> bool {
+        let forms = ["bin", "txt"].map(|ending| folder.join(format!("cameras.{ending}")));
+        forms.iter().any(|path| path.exists())
+    }
+
+    /// Reads the folder that holds `cameras`, `images` and `points3D`, `.bin` or `.txt`.
+    ///
+    /// # Errors
+    /// Files that are missing or damaged, an image of an unknown camera.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let parts = Parts {
+            cameras: part(folder, "cameras", binary::cameras, text::cameras)?,
+            poses: part(folder, "images", binary::poses, text::poses)?,
+            landmarks: part(folder, "points3D", binary::landmarks, text::landmarks)?,
+        };
+        let mut views = Vec::with_capacity(parts.poses.len());
+        for pose in &parts.poses {
+            views.push(parts.view(folder, pose)?);
+        }
+        views.sort_by(|a, b| a.name.cmp(&b.name));
+        Ok(Self { views })
+    }
+}
+
+impl View {
+    /// The points as those of a list, their pixels counted from the centre of the first.
+    pub(super) fn listed(&self) -> &[Listed] {
+        &self.points
+    }
+}
+
+impl Parts {
+    fn view(&self, folder: &Path, pose: &Pose) -> Result<View> {
+        let camera = self.cameras.get(&pose.camera).ok_or_else(|| {
+            Error::format(
+                folder,
+                format!("image `{}` has no camera {}", pose.name, pose.camera),
+            )
+        })?;
+        let [_, _, row] = matrix(pose.rotation);
+        let mut points = Vec::with_capacity(pose.seen.len());
+        for ([u, v], point) in &pose.seen {
+            let Some(landmark) = self.landmarks.get(point) else {
+                continue;
+            };
+            let along = row.iter().zip(landmark.place).map(|(r, x)| r * x);
+            let depth = along.sum::<f64>() + pose.translation[2];
+            if depth > 0.0 && depth.is_finite() {
+                points.push(Listed {
+                    // COLMAP has the centre of the first pixel at 0.5.
+                    u: u - 0.5,
+                    v: v - 0.5,
+                    depth,
+                    sigma: Some(deviation(depth, landmark, camera.focal)),
+                });
+            }
+        }
+        let size = [camera.size.0, camera.size.1].map(usize::try_from);
+        let [Ok(width), Ok(height)] = size else {
+            return Err(Error::format(folder, "a camera is implausibly large"));
+        };
+        Ok(View {
+            name: pose.name.clone(),
+            size: (width, height),
+            ignored: pose.seen.len() - points.len(),
+            points,
+        })
+    }
+}
+
+/// How far a depth is off, but for a factor that all have: a reprojection error of so many pixels,
+/// seen from the distance, averaged over the images that see the point.
+fn deviation(depth: f64, landmark: &Landmark, focal: f64) -> f64 {
+    /// Errors below this are luck: no corner is found more exactly.
+    const LEAST: f64 = 0.3;
+    let error = landmark.error.max(LEAST);
+    depth * error / (focal.max(1.0) * (landmark.track.max(2) as f64 - 1.0).sqrt())
+}
+
+/// The rotation of a unit quaternion w, x, y, z.
+fn matrix(quaternion: [f64; 4]) -> [[f64; 3]; 3] {
+    let norm = quaternion.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let [w, x, y, z] = quaternion.map(|v| v / norm.max(f64::MIN_POSITIVE));
+    [
+        [
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - w * z),
+            2.0 * (x * z + w * y),
+        ],
+        [
+            2.0 * (x * y + w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - w * x),
+        ],
+        [
+            2.0 * (x * z - w * y),
+            2.0 * (y * z + w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ],
+    ]
+}
+
+/// Reads one file of a model, in the form in which it is there.
+fn part<T>(
+    folder: &Path,
+    name: &str,
+    binary: impl Fn(&[u8]) -> Parsed<T>,
+    text: impl Fn(&str) -> Parsed<T>,
+) -> Result<T> {
+    let forms = ["bin", "txt"].map(|ending| folder.join(format!("{name}.{ending}")));
+    let path = forms
+        .into_iter()
+        .find(|path| path.exists())
+        .ok_or_else(|| {
+            Error::format(folder, format!("holds no {name}.bin or {name}.txt"))
+                .hint("a sparse model of COLMAP is a folder such as sparse/0")
+        })?;
+    let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
+    let parsed = if has_ending(&path, "bin") {
+        binary(&bytes)
+    } else {
+        std::str::from_utf8(&bytes)
+            .map_err(|_| "is no text".to_owned())
+            .and_then(text)
+    };
+    parsed.map_err(|what| {
+        Error::format(&path, what).hint("export the model again (`colmap model_converter`)")
+    })
+}
+
+#[cfg(test)]
+mod tests;

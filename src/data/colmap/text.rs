@@ -1,0 +1,143 @@
+//! Models as text: one camera or point to a line, two lines to an image.
+
+use super::{Camera, Landmark, Parsed, Pose};
+use std::collections::HashMap;
+use std::str::FromStr;
+
+/// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS...`
+pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, Camera>> {
+    let mut cameras = HashMap::new();
+    for (number, line) in lines(text) {
+        let mut fields = Fields::new(number, line);
+        let id = fields.next("a camera")?;
+        fields.skip();
+        let size = (fields.next("a width")?, fields.next("a height")?);
+        let focal = fields.next("a focal length")?;
+        cameras.insert(id, Camera { size, focal });
+    }
+    Ok(cameras)
+}
+
+/// `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then `X Y POINT3D_ID` again and again, which may
+/// be an empty line.
+pub(super) fn poses(text: &str) -> Parsed<Vec<Pose>> {
+    let mut poses = Vec::new();
+    let mut lines = text
+        .lines()
+        .enumerate()
+        .filter(|(_, line)| !line.starts_with('#'));
+    while let Some((number, line)) = lines.next() {
+        if line.trim().is_empty() {
+            continue;
+        }
+        let mut fields = Fields::new(number, line);
+        fields.skip();
+        let mut numbers = [0.0; 7];
+        for value in &mut numbers {
+            *value = fields.next("a pose")?;
+        }
+        let [w, x, y, z, translation @ ..] = numbers;
+        let camera = fields.next("a camera")?;
+        let name = fields.rest();
+        let mut seen = Vec::new();
+        if let Some((number, line)) = lines.next() {
+            let mut fields = Fields::new(number, line);
+            while !fields.is_over() {
+                let place = [fields.next("a column")?, fields.next("a row")?];
+                // -1 where the keypoint has no point.
+                if let Ok(point) = u64::try_from(fields.next::<i64>("a point")?) {
+                    seen.push((place, point));
+                }
+            }
+        }
+        poses.push(Pose {
+            rotation: [w, x, y, z],
+            translation,
+            camera,
+            name,
+            seen,
+        });
+    }
+    Ok(poses)
+}
+
+/// `POINT3D_ID X Y Z R G B ERROR`, then `IMAGE_ID POINT2D_IDX` again and again.
+pub(super) fn landmarks(text: &str) -> Parsed<HashMap<u64, Landmark>> {
+    let mut landmarks = HashMap::new();
+    for (number, line) in lines(text) {
+        let mut fields = Fields::new(number, line);
+        let id = fields.next("a point")?;
+        let mut place = [0.0; 3];
+        for value in &mut place {
+            *value = fields.next("a place")?;
+        }
+        (0..3).for_each(|_| fields.skip());
+        let error = fields.next("an error")?;
+        let track = fields.count() / 2;
+        landmarks.insert(
+            id,
+            Landmark {
+                place,
+                error,
+                track,
+            },
+        );
+    }
+    Ok(landmarks)
+}
+
+/// Lines that are no remarks, with their places.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let lines = text.lines().enumerate();
+    lines.filter(|(_, line)| !line.starts_with('#') && !line.trim().is_empty())
+}
+
+/// The fields of a line.
+struct Fields<'a> {
+    line: usize,
+    rest: &'a str,
+}
+
+impl<'a> Fields<'a> {
+    /// Of the line of that number, from 0.
+    fn new(number: usize, line: &'a str) -> Self {
+        Self {
+            line: number + 1,
+            rest: line.trim(),
+        }
+    }
+
+    fn take(&mut self) -> &'a str {
+        let (field, rest) = self
+            .rest
+            .split_once(char::is_whitespace)
+            .unwrap_or((self.rest, ""));
+        self.rest = rest.trim_start();
+        field
+    }
+
+    fn next<T: FromStr>(&mut self, what: &str) -> Parsed<T> {
+        let field = self.take();
+        field
+            .parse()
+            .map_err(|_| format!("line {}: `{field}` in the place of {what}", self.line))
+    }
+
+    fn skip(&mut self) {
+        self.take();
+    }
+
+    fn is_over(&self) -> bool {
+        self.rest.is_empty()
+    }
+
+    /// How many fields are left.
+    fn count(&self) -> usize {
+        self.rest.split_whitespace().count()
+    }
+
+    /// All that is left: names may have blanks.
+    fn rest(self) -> String {
+        self.rest.to_owned()
+    }
+}

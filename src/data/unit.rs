@@ -1,0 +1,74 @@
+//! In what depths are stored.
+
+use crate::error::{Error, Result};
+use std::fmt::{Display, Formatter};
+use std::str::FromStr;
+
+/// How many stored units make a metre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unit(f64);
+
+impl Unit {
+    /// Metres as they are.
+    pub const METRE: Self = Self(1.0);
+    /// What most 16-bit depth images hold.
+    pub const MILLIMETRE: Self = Self(1000.0);
+
+    /// Units with names: what is typed, and how many make a metre. KITTI, TUM and Virtual KITTI 2
+    /// say so in their development kits.
+    const NAMED: [(&'static str, f64); 6] = [
+        ("m", 1.0),
+        ("cm", 100.0),
+        ("mm", 1000.0),
+        ("kitti", 256.0),
+        ("tum", 5000.0),
+        ("vkitti", 100.0),
+    ];
+
+    /// Metres to one stored unit.
+    pub fn metres(self) -> f64 {
+        1.0 / self.0
+    }
+}
+
+impl FromStr for Unit {
+    type Err = Error;
+
+    /// A name, or how many make a metre.
+    fn from_str(text: &str) -> Result<Self> {
+        if let Some((_, count)) = Self::NAMED.iter().find(|(name, _)| *name == text) {
+            return Ok(Self(*count));
+        }
+        match text.parse::<f64>() {
+            Ok(count) if count > 0.0 && count.is_finite() => Ok(Self(count)),
+            _ => Err(Error::config(format!("`{text}` is no unit of depth"))
+                .hint("m, cm, mm, kitti, tum, vkitti, or how many units make a metre, as in 256")),
+        }
+    }
+}
+
+impl Display for Unit {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            1.0 => write!(f, "metres"),
+            100.0 => write!(f, "centimetres"),
+            1000.0 => write!(f, "millimetres"),
+            count => write!(f, "1/{count} m"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_are_named_or_counted() {
+        for (text, metres) in [("mm", 0.001), ("kitti", 1.0 / 256.0), ("5000", 0.0002)] {
+            assert!((text.parse::<Unit>().unwrap().metres() - metres).abs() < 1e-12);
+        }
+        for text in ["", "inch", "0", "-1", "inf", "nan"] {
+            assert!(text.parse::<Unit>().is_err(), "{text}");
+        }
+    }
+}
