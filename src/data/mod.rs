@@ -13,7 +13,7 @@ pub use colmap::{Colmap, View};
 pub use depth::{DepthMap, Point};
 pub use files::{
     images_below, read_depth, read_depth_png, read_mask, read_npy, read_rgb, write_atomically,
-    write_depth_png, write_npy, write_rgb,
+    write_depth_png, write_exr, write_npy, write_npz, write_pfm, write_rgb, write_tiff,
 };
 pub use frame::{Frame, FrameId, Place};
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};

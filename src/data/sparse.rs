@@ -1,6 +1,9 @@
 //! Sparse depths as users have them: maps as large as the image, or lists of points.
 
-use super::files::{Array, Listed, has_ending, read_array, read_depth_png, read_list};
+use super::files::{
+    Array, Listed, has_ending, read_array, read_depth_png, read_exr, read_list, read_npz, read_pfm,
+    read_tiff,
+};
 use super::{DepthMap, Unit, View};
 use crate::error::{Error, Result};
 use std::path::Path;
@@ -25,16 +28,66 @@ pub struct Sparse {
 }
 
 impl Sparse {
-    /// Reads sparse depths for an image of `size` (width, height). `.png`: a 16-bit map; `.npy`: a
-    /// map, or `[points, 3 or 4]` as a list; `.csv` and `.txt`: a list of `u, v, depth[, sigma]`, u
-    /// and v in pixels from the centre of the first. Of several points in a pixel the nearest
-    /// counts. Without a unit integers are taken for millimetres, other numbers for metres.
+    /// Reads sparse depths for an image of `size` (width, height), by the file's ending. Maps: `png`
+    /// of 16 bits, `npy`, `npz`, `tiff`, `exr`, `pfm`. Lists of `u, v, depth[, sigma]`, u and v in
+    /// pixels from the centre of the first: `csv`, `txt`, and arrays `[points, 3 or 4]`. Of several
+    /// points in a pixel the nearest counts. Without a unit integers are taken for millimetres,
+    /// other numbers for metres.
     ///
     /// # Errors
     /// A file that is missing, damaged, or of another kind; a list without a point in the image.
     pub fn read(path: &Path, unit: Option<Unit>, size: (usize, usize)) -> Result<Self> {
-        let known = |guess: Unit| unit.unwrap_or(guess);
-        let map = |depth: DepthMap, unit: Unit| Self {
+        let known = |integers: bool| {
+            unit.unwrap_or(if integers {
+                Unit::MILLIMETRE
+            } else {
+                Unit::METRE
+            })
+        };
+        let is = |ending: &str| has_ending(path, ending);
+        let found = if is("png") {
+            let unit = known(true);
+            Self::of_map(read_depth_png(path, unit.metres())?, unit)
+        } else if is("tif") || is("tiff") {
+            let (depth, integers) = read_tiff(path, |integers| known(integers).metres())?;
+            Self::of_map(depth, known(integers))
+        } else if is("exr") {
+            let unit = known(false);
+            let (depth, sigma) = read_exr(path, unit.metres())?;
+            Self {
+                sigma,
+                ..Self::of_map(depth, unit)
+            }
+        } else if is("pfm") {
+            let unit = known(false);
+            Self::of_map(read_pfm(path, unit.metres())?, unit)
+        } else if is("csv") || is("txt") {
+            Self::of_list(path, &read_list(path)?, known(false), size)?
+        } else if is("npy") {
+            let array = read_array(path)?;
+            Self::of_array(path, &array, known(array.integers), size)?
+        } else if is("npz") {
+            let (array, sigma) = read_npz(path)?;
+            let unit = known(array.integers);
+            let found = Self::of_array(path, &array, unit, size)?;
+            let sigma = sigma.map(|sigma| in_metres(&sigma, unit)).transpose()?;
+            Self {
+                sigma: sigma.or(found.sigma),
+                ..found
+            }
+        } else {
+            return Err(Error::format(path, "is no kind of depth file").hint(
+                "sparse depths are read from npy, npz, 16-bit PNG, TIFF, EXR, PFM, csv and txt",
+            ));
+        };
+        Ok(Self {
+            guessed: unit.is_none(),
+            ..found
+        })
+    }
+
+    fn of_map(depth: DepthMap, unit: Unit) -> Self {
+        Self {
             ignored: depth.ignored(),
             depth,
             sigma: None,
@@ -42,34 +95,15 @@ impl Sparse {
             guessed: false,
             outside: 0,
             hidden: 0,
-        };
-        let found = if has_ending(path, "png") {
-            let unit = known(Unit::MILLIMETRE);
-            map(read_depth_png(path, unit.metres())?, unit)
-        } else if has_ending(path, "csv") || has_ending(path, "txt") {
-            Self::of_list(path, &read_list(path)?, known(Unit::METRE), size)?
-        } else if has_ending(path, "npy") {
-            let array = read_array(path)?;
-            let unit = known(if array.integers {
-                Unit::MILLIMETRE
-            } else {
-                Unit::METRE
-            });
-            if is_list(&array, size) {
-                Self::of_list(path, &listed(&array), unit, size)?
-            } else {
-                let metres = |value: &f32| (f64::from(*value) * unit.metres()) as f32;
-                let values = array.values.iter().map(metres).collect();
-                map(DepthMap::new(array.columns, array.rows, values)?, unit)
-            }
+        }
+    }
+
+    fn of_array(path: &Path, array: &Array, unit: Unit, size: (usize, usize)) -> Result<Self> {
+        if is_list(array, size) {
+            Self::of_list(path, &listed(array), unit, size)
         } else {
-            return Err(Error::format(path, "is no kind of depth file")
-                .hint("sparse depths are read from npy, 16-bit PNG, csv and txt"));
-        };
-        Ok(Self {
-            guessed: unit.is_none(),
-            ..found
-        })
+            Ok(Self::of_map(in_metres(array, unit)?, unit))
+        }
     }
 
     /// What a view of a model sees, for its image at `size` (width, height); the unit of the model
@@ -162,6 +196,12 @@ fn is_list(array: &Array, (width, height): (usize, usize)) -> bool {
     matches!(array.columns, 3 | 4) && (array.columns, array.rows) != (width, height)
 }
 
+fn in_metres(array: &Array, unit: Unit) -> Result<DepthMap> {
+    let metres = |value: &f32| (f64::from(*value) * unit.metres()) as f32;
+    let values = array.values.iter().map(metres).collect();
+    DepthMap::new(array.columns, array.rows, values)
+}
+
 fn listed(array: &Array) -> Vec<Listed> {
     let rows = array.values.chunks_exact(array.columns);
     let point = |row: &[f32]| Listed {
@@ -176,6 +216,7 @@ fn listed(array: &Array) -> Vec<Listed> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::{write_exr, write_npz, write_pfm, write_tiff};
 
     fn list(text: &str, unit: Option<Unit>) -> Result<Sparse> {
         let folder = tempfile::tempdir().unwrap();
@@ -201,6 +242,44 @@ mod tests {
         assert_eq!((found.guessed, found.unit), (true, Unit::METRE));
         assert_eq!(found.depth.at(1, 2), 3.0);
         assert_eq!(found.sigma.unwrap().at(1, 2), 0.25);
+    }
+
+    /// A map without two equal values.
+    fn map(first: f32) -> DepthMap {
+        let values = (0..12).map(|i| first + i as f32 * 0.123).collect();
+        DepthMap::new(4, 3, values).unwrap()
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let (depth, sigma) = (map(1.0), map(0.01));
+        let at = |name: &str| folder.path().join(name);
+        write_pfm(&at("a.pfm"), &depth).unwrap();
+        write_tiff(&at("a.tiff"), &depth).unwrap();
+        write_exr(&at("a.exr"), &depth, None).unwrap();
+        write_exr(&at("b.EXR"), &depth, Some(&sigma)).unwrap();
+        write_npz(&at("a.npz"), &[("anything", &depth)]).unwrap();
+        write_npz(&at("b.npz"), &[("depth", &depth), ("sigma", &sigma)]).unwrap();
+        for (name, with) in [
+            ("a.pfm", None),
+            ("a.tiff", None),
+            ("a.exr", None),
+            ("b.EXR", Some(&sigma)),
+            ("a.npz", None),
+            ("b.npz", Some(&sigma)),
+        ] {
+            let found = Sparse::read(&at(name), None, (4, 3)).unwrap();
+            assert_eq!(
+                (&found.depth, found.sigma.as_ref()),
+                (&depth, with),
+                "{name}"
+            );
+            assert_eq!((found.unit, found.guessed), (Unit::METRE, true));
+            let found = Sparse::read(&at(name), Some(Unit::MILLIMETRE), (4, 3)).unwrap();
+            assert!((found.depth.at(0, 0) - 0.001).abs() < 1e-9, "{name}");
+            assert!(!found.guessed);
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What is typed to complete depth, and to measure how fast.
 
-use super::values::{size, typed};
+use super::values::{Format, size, typed};
 use super::{FitFlags, Model};
 use crate::data::Unit;
 use crate::eval::Shard;
@@ -25,6 +25,15 @@ pub(in crate::cli) struct Complete {
     /// many make a metre [default: mm for integers, m for other numbers].
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT")]
     pub(in crate::cli) depth_unit: Option<Unit>,
+    /// What is written of a result: npy (float32 metres), png (16-bit millimetres), color, tiff, exr,
+    /// pfm (metres), npz (metres; exr and npz with standard deviations, if these are asked for).
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        default_value = "npy,png,color"
+    )]
+    pub(in crate::cli) formats: Vec<Format>,
     /// Size of the result, as WIDTHxHEIGHT [default: that of the image].
     #[arg(long, value_parser = size)]
     pub(in crate::cli) size: Option<Size>,

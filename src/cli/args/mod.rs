@@ -12,6 +12,7 @@ pub(super) use evaluation::{Eval, Export};
 use fit::FitFlags;
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 pub(super) use training::{Calibrate, Convert, Train, WeightsCommand};
+pub(super) use values::Format;
 
 use crate::data::DatasetKind;
 use clap::{Args as ClapArgs, Parser, Subcommand};

@@ -62,6 +62,51 @@ macro_rules! by_name {
     };
 }
 
+/// A file that a result is written to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::cli) enum Format {
+    /// float32 in metres.
+    Npy,
+    /// With standard deviations, if they are asked for.
+    Npz,
+    /// 16-bit millimetres.
+    Png,
+    /// 32-bit floats in metres.
+    Tiff,
+    /// Channel Z in metres, and sigma, if it is asked for.
+    Exr,
+    /// In metres.
+    Pfm,
+    /// Colours to look at.
+    Color,
+}
+
+impl Format {
+    const ALL: [Self; 7] = [
+        Self::Npy,
+        Self::Npz,
+        Self::Png,
+        Self::Tiff,
+        Self::Exr,
+        Self::Pfm,
+        Self::Color,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Npy => "npy",
+            Self::Npz => "npz",
+            Self::Png => "png",
+            Self::Tiff => "tiff",
+            Self::Exr => "exr",
+            Self::Pfm => "pfm",
+            Self::Color => "color",
+        }
+    }
+}
+
+by_name!(Format, Self::ALL);
+
 /// A robust loss, or none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Robustness(Option<Loss>);

@@ -41,12 +41,12 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     let outputs = |name: &Path| {
         let folder = output.join(name.parent().unwrap_or(Path::new("")));
         let stem = name.file_stem().unwrap_or_default().to_string_lossy();
-        Outputs::new(&folder, &stem, args.force)
+        Outputs::new(args, &folder, &stem)
     };
     let all = jobs.len();
     let left: Vec<Job> = jobs
         .into_iter()
-        .filter(|job| args.force || !outputs(&job.name).npy.exists())
+        .filter(|job| args.force || !outputs(&job.name).exist())
         .collect();
     let there = all - left.len();
     let engine = Engine::new(args)?;
@@ -75,7 +75,7 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
         let writer = scope.spawn(move || {
             let mut done = 0;
             for (name, completed, points) in found {
-                match outputs(name).write(args, &completed, &points.depth) {
+                match outputs(name).write(&completed, &points.depth) {
                     Ok(()) => {
                         done += 1;
                         bar.inc(1);
@@ -187,7 +187,10 @@ fn jobs(args: &Complete, output: &Path, failures: &Failures) -> Result<Vec<Job>>
         if ours || !holds(&name) {
             continue;
         }
-        let endings = ["npy", "png", "csv", "txt"].into_iter();
+        let endings = [
+            "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "csv", "txt",
+        ]
+        .into_iter();
         let mut files = endings.map(|ending| args.sparse.join(&name).with_extension(ending));
         let file = files.find(|file| file.exists() && *file != path);
         let points = file.map(Points::File).ok_or_else(|| {

@@ -34,8 +34,9 @@ fn one(args: &Complete) -> Result<Exit> {
     let writing = Instant::now();
     let folder = args.output.as_deref().or(args.rgb.parent());
     let stem = args.rgb.file_stem().unwrap_or_default().to_string_lossy();
-    let outputs = Outputs::new(folder.unwrap_or(Path::new("")), &stem, args.force);
-    outputs.write(args, &found, &points.depth)?;
+    let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
+    let outputs = Outputs::new(args, folder.unwrap_or(Path::new(".")), &stem);
+    outputs.write(&found, &points.depth)?;
     print_points(&points);
     if let Some((low, high)) = found.depth.range() {
         ui::print(&format!(
@@ -53,7 +54,7 @@ fn one(args: &Complete) -> Result<Exit> {
         ui::millis(read),
         ui::millis(writing.elapsed())
     ));
-    ui::print(&format!("written   {}", outputs.npy.display()));
+    ui::print(&format!("written   {}", outputs.first().display()));
     Ok(Exit::Done)
 }
 

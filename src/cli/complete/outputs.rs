@@ -2,6 +2,7 @@
 
 use super::Complete;
 use super::frame::Completed;
+use crate::cli::args::Format;
 use crate::data::{self, DepthMap, Unit};
 use crate::error::{Error, Result};
 use crate::report::coloured;
@@ -9,63 +10,103 @@ use std::path::{Path, PathBuf};
 
 /// The files of a result.
 pub(super) struct Outputs {
-    pub(super) npy: PathBuf,
-    png: PathBuf,
-    colour: PathBuf,
-    sigma: PathBuf,
-    outliers: PathBuf,
+    folder: PathBuf,
+    depths: Vec<(Format, PathBuf)>,
+    /// Of maps of standard deviations, and of lists of outliers.
+    sigma: Option<PathBuf>,
+    outliers: Option<PathBuf>,
     force: bool,
 }
 
 impl Outputs {
     /// Of a frame of that name, in a folder.
-    pub(super) fn new(folder: &Path, stem: &str, force: bool) -> Self {
+    pub(super) fn new(args: &Complete, folder: &Path, stem: &str) -> Self {
         let path = |end: &str| folder.join(format!("{stem}_{end}"));
+        let depths = args.formats.iter().map(|&format| {
+            let end = match format {
+                Format::Npy => "depth.npy",
+                Format::Npz => "depth.npz",
+                Format::Png => "depth.png",
+                Format::Tiff => "depth.tiff",
+                Format::Exr => "depth.exr",
+                Format::Pfm => "depth.pfm",
+                Format::Color => "depth_color.png",
+            };
+            (format, path(end))
+        });
         Self {
-            npy: path("depth.npy"),
-            png: path("depth.png"),
-            colour: path("depth_color.png"),
-            sigma: path("sigma.npy"),
-            outliers: path("outliers.csv"),
-            force,
+            folder: folder.to_owned(),
+            depths: depths.collect(),
+            sigma: args.uncertainty.then(|| path("sigma.npy")),
+            outliers: args.outliers.then(|| path("outliers.csv")),
+            force: args.force,
         }
     }
 
-    /// Writes the depth in three forms, and what was asked for beside it; the depth as npy last, so
-    /// that a frame that has it has everything. An existing result is replaced only by an equal one,
-    /// or with `--force`; else nothing is written.
-    pub(super) fn write(
-        &self,
-        args: &Complete,
-        found: &Completed,
-        sparse: &DepthMap,
-    ) -> Result<()> {
+    /// The file that is named first.
+    pub(super) fn first(&self) -> &Path {
+        self.depths.first().map_or(&self.folder, |(_, path)| path)
+    }
+
+    /// Whether all files are there.
+    pub(super) fn exist(&self) -> bool {
+        let depths = self.depths.iter().map(|(_, path)| path);
+        let mut all = depths.chain(&self.sigma).chain(&self.outliers);
+        all.all(|path| path.exists())
+    }
+
+    /// Writes what was asked for. An existing result is replaced only by an equal one, as far as
+    /// that can be read back, or with `--force`; else nothing is written.
+    pub(super) fn write(&self, found: &Completed, sparse: &DepthMap) -> Result<()> {
         let depth = &found.depth;
         let fitted = found.fitted.as_ref();
         let deviations = fitted.and_then(|fitted| fitted.deviations.as_ref());
-        let list = fitted.filter(|_| args.outliers);
-        let outliers = list.map(|fitted| fitted.outliers(sparse));
-        let maps = [(&self.sigma, deviations), (&self.npy, Some(depth))];
-        for (path, map) in maps {
-            let same = |map: &DepthMap| data::read_npy(path, 1.0).is_ok_and(|old| old == *map);
-            self.replaceable(path, map.is_none_or(same))?;
-        }
-        let same =
-            |text: &str| std::fs::read_to_string(&self.outliers).is_ok_and(|old| old == text);
-        self.replaceable(&self.outliers, outliers.as_deref().is_none_or(same))?;
+        let sigma = self.sigma.as_deref().zip(deviations);
+        let list = self.outliers.as_deref().zip(fitted);
+        let list = list.map(|(path, fitted)| (path, fitted.outliers(sparse)));
 
-        if let Some(folder) = self.npy.parent() {
-            std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+        let same = |path: &Path, map: &DepthMap| data::read_npy(path, 1.0).is_ok_and(|m| m == *map);
+        let npy = self.depths.iter().find(|(f, _)| *f == Format::Npy);
+        let equal = npy.is_some_and(|(_, path)| same(path, depth));
+        for (_, path) in &self.depths {
+            self.replaceable(path, equal)?;
         }
-        data::write_depth_png(&self.png, depth, Unit::MILLIMETRE.metres())?;
-        let (low, high) = depth.range().unwrap_or((0.0, 1.0));
-        data::write_rgb(&self.colour, &coloured(depth, low, high))?;
-        if let Some(text) = &outliers {
-            data::write_atomically(&self.outliers, |out| out.write_all(text.as_bytes()))?;
+        if let Some((path, map)) = sigma {
+            self.replaceable(path, same(path, map))?;
         }
-        maps.into_iter()
-            .filter_map(|(path, map)| Some((path, map?)))
-            .try_for_each(|(path, map)| data::write_npy(path, map))
+        if let Some((path, text)) = &list {
+            let old = std::fs::read_to_string(path);
+            self.replaceable(path, old.is_ok_and(|old| old == *text))?;
+        }
+
+        std::fs::create_dir_all(&self.folder).map_err(|e| Error::write(&self.folder, e))?;
+        for (format, path) in &self.depths {
+            match format {
+                Format::Npy => data::write_npy(path, depth),
+                Format::Npz => {
+                    let maps = [("depth", Some(depth)), ("sigma", deviations)];
+                    let maps = maps
+                        .into_iter()
+                        .filter_map(|(name, map)| Some((name, map?)));
+                    data::write_npz(path, &maps.collect::<Vec<_>>())
+                }
+                Format::Png => data::write_depth_png(path, depth, Unit::MILLIMETRE.metres()),
+                Format::Tiff => data::write_tiff(path, depth),
+                Format::Exr => data::write_exr(path, depth, deviations),
+                Format::Pfm => data::write_pfm(path, depth),
+                Format::Color => {
+                    let (low, high) = depth.range().unwrap_or((0.0, 1.0));
+                    data::write_rgb(path, &coloured(depth, low, high))
+                }
+            }?;
+        }
+        if let Some((path, map)) = sigma {
+            data::write_npy(path, map)?;
+        }
+        if let Some((path, text)) = list {
+            data::write_atomically(path, |out| out.write_all(text.as_bytes()))?;
+        }
+        Ok(())
     }
 
     fn replaceable(&self, path: &Path, same: bool) -> Result<()> {

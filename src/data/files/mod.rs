@@ -1,17 +1,29 @@
 //! Single files: one reader or writer per format.
 
+mod exr;
 mod hdf5;
 mod list;
 mod npy;
+mod npz;
+mod pfm;
 mod picture;
 mod save;
+mod tiff;
 
+pub(super) use exr::read_exr;
+pub use exr::write_exr;
 pub(super) use hdf5::{Hdf5, from_planes, read_pair};
 pub(super) use list::{Listed, read_list};
 pub(super) use npy::{Array, read_array};
 pub use npy::{read_npy, write_npy};
+pub(super) use npz::read_npz;
+pub use npz::write_npz;
+pub(super) use pfm::read_pfm;
+pub use pfm::write_pfm;
 pub use picture::{read_depth_png, read_rgb, write_depth_png, write_rgb};
 pub use save::write_atomically;
+pub(super) use tiff::read_tiff;
+pub use tiff::write_tiff;
 
 use super::DepthMap;
 use crate::error::{Error, Result};

@@ -4,8 +4,6 @@ use super::write_atomically;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
-use std::fs::File;
-use std::io::{BufReader, Read as _, Seek as _};
 use std::path::Path;
 
 /// Numbers in rows.
@@ -36,17 +34,21 @@ pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
 
 /// Reads an array of shape `[rows, columns]` or `[rows, columns, 1]`.
 pub(crate) fn read_array(path: &Path) -> Result<Array> {
-    let file = File::open(path).map_err(|e| Error::read(path, e))?;
-    let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
+    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    parse(path, &bytes)
+}
+
+/// The array in the bytes of an `.npy` file, or of one within the archive at `path`.
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Array> {
     let no_array = || {
         Error::format(path, "is not a NumPy array")
             .hint("save the depths with `numpy.save`, as a float32 array of shape (height, width)")
     };
-    let mut file = BufReader::new(file);
-    if header_length(&mut file).is_none_or(|length| length > size) {
+    let size = bytes.len() as u64;
+    if header_length(bytes).is_none_or(|length| length > size) {
         return Err(no_array());
     }
-    let npy = NpyFile::new(file).map_err(|e| no_array().because(e))?;
+    let npy = NpyFile::new(bytes).map_err(|e| no_array().because(e))?;
     let (rows, columns) = match npy.shape()[..] {
         [rows, columns] | [rows, columns, 1] => (rows, columns),
         ref other => {
@@ -95,14 +97,10 @@ pub(crate) fn read_array(path: &Path) -> Result<Array> {
     })
 }
 
-/// The length that the header declares, which npyz asks memory for before it reads; the file is
-/// left at its beginning. `None` if there is no header (NumPy's format 1.0 has two bytes of length,
-/// later ones four).
-fn header_length(file: &mut BufReader<File>) -> Option<u64> {
-    let mut start = [0; 12];
-    file.read_exact(&mut start).ok()?;
-    file.rewind().ok()?;
-    let [.., version, _, a, b, c, d] = start;
+/// The length that the header declares, which npyz asks memory for before it reads. `None` if there
+/// is no header (NumPy's format 1.0 has two bytes of length, later ones four).
+fn header_length(bytes: &[u8]) -> Option<u64> {
+    let [.., version, _, a, b, c, d] = *bytes.first_chunk::<12>()?;
     Some(match version {
         1 => u64::from(u16::from_le_bytes([a, b])),
         _ => u64::from(u32::from_le_bytes([a, b, c, d])),
@@ -110,7 +108,7 @@ fn header_length(file: &mut BufReader<File>) -> Option<u64> {
 }
 
 /// The values in file order, or `None` for an element type that is no number.
-fn decode(npy: NpyFile<BufReader<File>>, element: &str) -> std::io::Result<Option<Vec<f32>>> {
+fn decode(npy: NpyFile<&[u8]>, element: &str) -> std::io::Result<Option<Vec<f32>>> {
     macro_rules! as_f32 {
         ($t:ty) => {
             npy.into_vec::<$t>()?

@@ -1,0 +1,70 @@
+//! Portable float maps: a header of three lines, then rows of f32 from the bottom up.
+
+use super::write_atomically;
+use crate::data::DepthMap;
+use crate::error::{Error, Result};
+use std::path::Path;
+
+/// Reads a grey map (`Pf`) as depth: metres = value x `scale`.
+///
+/// # Errors
+/// A missing or damaged file, or a colour map (`PF`).
+pub(crate) fn read_pfm(path: &Path, scale: f64) -> Result<DepthMap> {
+    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    let wrong = |what: &str| {
+        Error::format(path, what).hint("grey float maps are read: Pf, width and height, -1.0")
+    };
+    let mut rest = &bytes[..];
+    let mut next = || -> Option<&str> {
+        let start = rest.iter().position(|b| !b.is_ascii_whitespace())?;
+        let tail = &rest[start..];
+        let end = tail.iter().position(u8::is_ascii_whitespace)?;
+        let (word, after) = tail.split_at(end);
+        // One blank ends a word; after the last it is followed by the values.
+        rest = &after[1..];
+        std::str::from_utf8(word).ok()
+    };
+    if next() != Some("Pf") {
+        return Err(wrong("is no grey float map"));
+    }
+    let mut number = || next()?.parse::<f64>().ok();
+    let (Some(width), Some(height), Some(order)) = (number(), number(), number()) else {
+        return Err(wrong("has a damaged header"));
+    };
+    let count = width * height;
+    if !(width >= 1.0 && height >= 1.0 && count * 4.0 <= rest.len() as f64) {
+        return Err(wrong(&format!(
+            "declares {width}x{height} values but holds {} bytes of them",
+            rest.len()
+        )));
+    }
+    let (width, height) = (width as usize, height as usize);
+    let (words, _) = rest.as_chunks::<4>();
+    let value = |word: [u8; 4]| {
+        let value = if order < 0.0 {
+            f32::from_le_bytes(word)
+        } else {
+            f32::from_be_bytes(word)
+        };
+        (f64::from(value) * scale) as f32
+    };
+    let rows = words[..width * height].chunks_exact(width).rev();
+    let values = rows.flat_map(|row| row.iter().map(|&word| value(word)));
+    DepthMap::new(width, height, values.collect())
+}
+
+/// Writes a grey map in metres, little-endian.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_pfm(path: &Path, depth: &DepthMap) -> Result<()> {
+    write_atomically(path, |out| {
+        write!(out, "Pf\n{} {}\n-1.0\n", depth.width(), depth.height())?;
+        for row in depth.values().chunks_exact(depth.width()).rev() {
+            for value in row {
+                out.write_all(&value.to_le_bytes())?;
+            }
+        }
+        Ok(())
+    })
+}
