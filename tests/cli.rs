@@ -434,7 +434,7 @@ fn bad_input_is_refused_in_one_line() {
     let folder = room();
     let path = |name: &str| folder.path().join(name);
     let map = |values: Vec<f32>, w, h| DepthMap::new(w, h, values).unwrap();
-    write_npy(&path("small.npy"), &map(vec![1.0; 12], 4, 3)).unwrap();
+    write_npy(&path("small.npy"), &map(vec![1.0; 30], 6, 5)).unwrap();
     write_npy(&path("none.npy"), &DepthMap::empty(304, 228)).unwrap();
     std::fs::write(path("text.npy"), "no array").unwrap();
     let whole = std::fs::read(asset("rgb.png")).unwrap();
@@ -460,7 +460,7 @@ fn bad_input_is_refused_in_one_line() {
     refused(
         at,
         &complete("rgb.png", "small.npy"),
-        &["304x228", "4x3", "hint:"],
+        &["304x228", "6x5", "hint:"],
     );
     refused(
         at,

@@ -64,6 +64,10 @@ def enter_environment(args: argparse.Namespace) -> None:
     os.execv(python, [str(python), *sys.argv])
 
 
+# The fit that the others have.
+PLAIN = ["--fit", "lse", "--prior", "none"]
+
+
 def lsdc(args: argparse.Namespace, *words) -> str:
     environment = {**os.environ, "RAYON_NUM_THREADS": str(args.threads)}
     return subprocess.run(
@@ -161,7 +165,7 @@ def check(runs: dict, args: argparse.Namespace, width: int, height: int) -> "num
         rgb = np.asarray(Image.open(room / "rgb.png"), np.float32) / 255
         sparse = np.load(room / "sparse.npy")
         files = [room / "rgb.png", room / "sparse.npy"]
-        lsdc(args, "complete", *files, "--weights", args.weights, "--full")
+        lsdc(args, "complete", *files, "--weights", args.weights, "--full", *PLAIN)
         ours = np.load(room / "rgb_depth.npy")
     image = (rgb - normalisation["mean"]) / normalisation["deviation"]
     image = np.ascontiguousarray(image.transpose(2, 0, 1)[None], np.float32)
@@ -188,7 +192,7 @@ def completion(args: argparse.Namespace) -> None:
     width, height = map(int, args.size.split("x"))
     runs = peers(args, width, height)
     image = check(runs, args, width, height)
-    ours = lambda: bench(args, "--full", "--points", args.points)["total_ms"]
+    ours = lambda: bench(args, "--full", "--points", args.points, *PLAIN)["total_ms"]
     others = {
         name: lambda run=run: seconds(lambda: run(image), args.runs) * 1e3
         for name, run in runs.items()

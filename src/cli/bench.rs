@@ -109,8 +109,10 @@ fn setting(model: &Model, size: Size, runs: usize) -> Setting {
 }
 
 fn complete(args: &Bench, size: Size) -> Result<Completing> {
-    let mut completer =
-        Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
+    let completer = Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
+    let mut settings = *completer.fit_config();
+    args.fit.apply(&mut settings);
+    let mut completer = completer.with_fit(settings);
     if args.full {
         completer = completer.with_input([size.height, size.width]);
     }

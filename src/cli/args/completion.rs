@@ -80,6 +80,8 @@ pub(in crate::cli) struct Bench {
     /// Completions or steps to measure, after one that is not.
     #[arg(long, default_value_t = 15)]
     pub(in crate::cli) runs: usize,
+    #[command(flatten)]
+    pub(in crate::cli) fit: FitFlags,
     /// Show the network every pixel, instead of a large image reduced to the size of training.
     #[arg(long)]
     pub(in crate::cli) full: bool,

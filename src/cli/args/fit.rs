@@ -24,16 +24,18 @@ pub(in crate::cli) struct FitFlags {
 }
 
 impl FitFlags {
-    /// Lays the flags over settings. A learned prior is one over weights of depths: in another
-    /// space the flat one takes its place. A lambda that was chosen for base functions beside a
-    /// field says nothing of base functions alone, and the reverse.
+    /// Lays the flags over settings. A field is one of depths, and a learned prior one over weights
+    /// of depths: in another space base functions alone and the flat prior take their places. A
+    /// lambda that was chosen for base functions beside a field says nothing of base functions
+    /// alone, and the reverse.
     pub(in crate::cli) fn apply(&self, fit: &mut FitConfig) {
-        if let Some(method) = self.fit_method.filter(|&method| method != fit.method) {
+        fit.robust = self.robust.map_or(fit.robust, Robustness::settings);
+        fit.space = self.space.unwrap_or(fit.space);
+        let alone = (fit.space != Space::Depth).then_some(FitMethod::Lse);
+        if let Some(method) = self.fit_method.or(alone).filter(|&m| m != fit.method) {
             fit.method = method;
             fit.lambda = Lambda::Evidence;
         }
-        fit.robust = self.robust.map_or(fit.robust, Robustness::settings);
-        fit.space = self.space.unwrap_or(fit.space);
         if fit.space != Space::Depth && fit.prior == PriorKind::Learned {
             fit.prior = PriorKind::Flat;
         }
