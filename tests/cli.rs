@@ -808,10 +808,10 @@ fn folders() -> tempfile::TempDir {
     std::fs::copy(at("sparse.npy"), at("points/a.npy")).unwrap();
     let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
     let lines = sparse.points();
-    let lines: String = lines
-        .map(|p| format!("{},{},{}\n", p.x, p.y, p.depth))
+    let lines: Vec<String> = lines
+        .map(|p| format!("{},{},{}", p.x, p.y, p.depth))
         .collect();
-    std::fs::write(at("points/b/c.csv"), lines).unwrap();
+    std::fs::write(at("points/b/c.csv"), lines.join("\n")).unwrap();
     folder
 }
 
@@ -882,16 +882,17 @@ fn every_image_of_a_colmap_model_is_completed() {
     let (width, height) = (sparse.width(), sparse.height());
     let camera = format!("1 SIMPLE_PINHOLE {width} {height} 200 100 80\n");
     std::fs::write(at("model/cameras.txt"), camera).unwrap();
-    let (mut seen, mut points) = (String::new(), String::new());
+    let (mut seen, mut points) = (Vec::new(), Vec::new());
     for (i, p) in sparse.points().enumerate() {
         let (u, v, z) = (p.x as f64 + 0.5, p.y as f64 + 0.5, f64::from(p.depth));
         let (x, y) = ((u - 100.0) * z / 200.0, (v - 80.0) * z / 200.0);
-        seen += &format!("{u} {v} {i} ");
-        points += &format!("{i} {x} {y} {z} 0 0 0 0.5 1 0 2 0\n");
+        seen.push(format!("{u} {v} {i}"));
+        points.push(format!("{i} {x} {y} {z} 0 0 0 0.5 1 0 2 0"));
     }
+    let seen = seen.join(" ");
     let images = format!("1 1 0 0 0 0 0 0 1 a.png\n{seen}\n2 1 0 0 0 0 0 0 1 ../a.png\n\n");
     std::fs::write(at("model/images.txt"), images).unwrap();
-    std::fs::write(at("model/points3D.txt"), points).unwrap();
+    std::fs::write(at("model/points3D.txt"), points.join("\n")).unwrap();
     let run = lsdc(folder.path())
         .args(["complete", "images", "model", "-o", "out"])
         .assert()

@@ -195,7 +195,7 @@ fn trained_weights_complete() {
         .unwrap();
     let text = String::from_utf8(info.stdout).unwrap();
     for words in [
-        "full resolution",
+        "judges edges",
         "edge-aware field",
         "learned prior",
         "2 steps",
@@ -217,4 +217,61 @@ fn trained_weights_complete() {
         .args(["--weights", "a/weights.safetensors"])
         .assert()
         .success();
+}
+
+/// The named tensors of the network in a weights file.
+fn tensors(path: &Path) -> std::collections::BTreeMap<String, Vec<u8>> {
+    let bytes = std::fs::read(path).unwrap();
+    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let tensors = file.tensors().into_iter();
+    let named = tensors.map(|(name, tensor)| (name, tensor.data().to_vec()));
+    named
+        .filter(|(name, _)| !name.starts_with("prior"))
+        .collect()
+}
+
+#[test]
+fn training_edges_leaves_base_functions_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), joint()).unwrap();
+    let short = ["--set", "train.steps=2", "--set", "train.calibrate=false"];
+    train(
+        at,
+        &[&["--config", "c.toml", "-o", "a"][..], &short].concat(),
+    );
+    let edges = [
+        "--set",
+        "train.part=\"edges\"",
+        "--set",
+        "train.start=\"a/weights.safetensors\"",
+    ];
+    train(
+        at,
+        &[&["--config", "c.toml", "-o", "b"][..], &short, &edges].concat(),
+    );
+    let [before, after] = ["a", "b"].map(|run| tensors(&at.join(run).join("weights.safetensors")));
+    assert!(before.keys().eq(after.keys()));
+    let changed: Vec<&String> = before
+        .keys()
+        .filter(|name| before[*name] != after[*name])
+        .collect();
+    assert!(changed.len() > 20, "{changed:?}");
+    assert!(
+        changed.iter().all(|name| name.starts_with("edges.")),
+        "{changed:?}"
+    );
+
+    std::fs::write(at.join("d.toml"), CONFIG).unwrap();
+    let refused = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(at)
+        .args(["train", "--config", "d.toml", "-o", "c"])
+        .args(["--set", "train.part=\"edges\""])
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&refused.stderr);
+    assert!(
+        text.contains("needs a network with `edges` above 0"),
+        "{text}"
+    );
 }

@@ -68,12 +68,10 @@ impl Dashboard {
         let losses: Vec<f64> = seen.map(|(sum, count)| sum / *count as f64).collect();
         let named = [("loss", &losses), ("held out", &self.errors)];
         let curves = named.into_iter().filter(|(_, values)| values.len() > 1);
-        curves
-            .map(|(name, values)| {
-                let last = &values[values.len().saturating_sub(WIDTH)..];
-                format!("\n{name:>8} {}", curve(last))
-            })
-            .collect()
+        curves.fold(String::new(), |text, (name, values)| {
+            let last = &values[values.len().saturating_sub(WIDTH)..];
+            text + &format!("\n{name:>8} {}", curve(last))
+        })
     }
 }
 

@@ -59,12 +59,16 @@ pub struct ImageBases {
 
 #[derive(Clone, Debug)]
 enum Values {
-    Net {
-        bases: Bases,
-        net: Box<BasisNet>,
-        image: Tensor<4>,
-    },
+    Net(Box<Unplanned>),
     Plan(PlannedBases),
+}
+
+/// What the plain network needs.
+#[derive(Clone, Debug)]
+struct Unplanned {
+    bases: Bases,
+    net: BasisNet,
+    image: Tensor<4>,
 }
 
 impl ImageBases {
@@ -72,9 +76,9 @@ impl ImageBases {
     pub fn at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
         match &self.values {
             Values::Plan(bases) => bases.at(size, pixels),
-            Values::Net { .. } if pixels.is_empty() => Vec::new(),
-            Values::Net { bases, .. } => {
-                let values = bases.at(size, &[pixels.to_vec()]).into_data();
+            Values::Net(_) if pixels.is_empty() => Vec::new(),
+            Values::Net(net) => {
+                let values = net.bases.at(size, &[pixels.to_vec()]).into_data();
                 values.iter::<f32>().collect()
             }
         }
@@ -87,8 +91,8 @@ impl ImageBases {
                 let (strengths, size) = bases.edges();
                 Edges::new(size, &strengths)
             }
-            Values::Net { net, image, .. } => {
-                let strengths = net.edges(image.clone());
+            Values::Net(net) => {
+                let strengths = net.net.edges(net.image.clone());
                 let [_, height, width, _] = strengths.dims();
                 let strengths: Vec<f32> = strengths.into_data().iter::<f32>().collect();
                 Edges::new((height, width), &strengths)
@@ -100,9 +104,9 @@ impl ImageBases {
     pub fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
         match &self.values {
             Values::Plan(bases) => bases.combine(size, weights),
-            Values::Net { bases, .. } => {
+            Values::Net(net) => {
                 let weights: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
-                bases.combine(size, &weights)
+                net.bases.combine(size, &weights)
             }
         }
     }
@@ -349,11 +353,11 @@ impl Completer {
         let values = match &self.engine {
             Engine::Net(net, device) => {
                 let image = image_tensor(&[&working], mean, deviation, device)?;
-                Values::Net {
+                Values::Net(Box::new(Unplanned {
                     bases: net.bases(image.clone()),
-                    net: net.clone(),
+                    net: BasisNet::clone(net),
                     image,
-                }
+                }))
             }
             Engine::Plan(plan) => {
                 let (width, height) = working.dimensions();

@@ -1,4 +1,4 @@
-//! OpenEXR images with depths.
+//! `OpenEXR` images with depths.
 
 use super::{plausible, write_atomically};
 use crate::data::DepthMap;

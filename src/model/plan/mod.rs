@@ -94,7 +94,9 @@ pub struct PlannedBases {
 impl Drop for PlannedBases {
     fn drop(&mut self) {
         let maps = [&mut self.inputs, &mut self.image].map(std::mem::take);
-        maps.into_iter().for_each(|map| self.plan.0.pool.give(map));
+        for map in maps {
+            self.plan.0.pool.give(map);
+        }
     }
 }
 
@@ -120,7 +122,9 @@ impl PlannedBases {
         let changes = rayon::scope(|_| Some(edges.as_ref()?.forward(&self.image, run)));
         let values = changes.as_ref().map(|map| &map.values[..]);
         let strengths = strengths_of(&self.image.values, size, values);
-        changes.into_iter().for_each(|map| pool.give(map));
+        if let Some(map) = changes {
+            pool.give(map);
+        }
         (strengths, size)
     }
 
