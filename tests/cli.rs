@@ -870,6 +870,11 @@ fn folders_are_completed_and_gone_on_with() {
         &["complete", "images", "points"],
         &["-o DIR"],
     );
+    let none = ["complete", "images", "nowhere", "-o", "more"];
+    refused(folder.path(), &none, &["is no folder of points"]);
+    std::fs::create_dir(at("empty")).unwrap();
+    let none = ["complete", "empty", "points", "-o", "more"];
+    refused(folder.path(), &none, &["holds no JPEG or PNG image"]);
 }
 
 #[test]

@@ -181,7 +181,15 @@ fn jobs(args: &Complete, output: &Path, failures: &Failures) -> Result<Vec<Job>>
         }
         return Ok(jobs);
     }
-    for path in data::images_below(&args.rgb)? {
+    if !args.sparse.is_dir() {
+        let what = "is no folder of points and no model of COLMAP";
+        return Err(Error::format(&args.sparse, what));
+    }
+    let images = data::images_below(&args.rgb)?;
+    if images.is_empty() {
+        return Err(Error::format(&args.rgb, "holds no JPEG or PNG image"));
+    }
+    for path in images {
         let ours = path.starts_with(output) && !args.rgb.starts_with(output);
         let name = path.strip_prefix(&args.rgb).unwrap_or(&path).to_owned();
         if ours || !holds(&name) {
