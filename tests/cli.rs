@@ -855,6 +855,25 @@ fn folders_are_completed_and_gone_on_with() {
     }
     told(0, &["2 completed, 2 there already, 0 failed"]);
 
+    // What was interrupted between the files of a frame is finished, whichever are missing.
+    let formats = ["npy", "npz", "png", "tiff", "exr", "pfm", "color"];
+    let every = ["complete", "images", "points", "-o", "every", "--formats"];
+    let run = || {
+        let run = lsdc(folder.path())
+            .args(every)
+            .arg(formats.join(","))
+            .assert();
+        run.success();
+    };
+    run();
+    let whole = names(&at("every"));
+    assert_eq!(whole.len(), 3 * formats.len() + 1);
+    for name in ["a_depth.npy", "d_depth.tiff", "e_depth_color.png"] {
+        std::fs::remove_file(at("every").join(name)).unwrap();
+    }
+    run();
+    assert_eq!(names(&at("every")), whole);
+
     // Two parts are the whole.
     for part in ["0/2", "1/2"] {
         lsdc(folder.path())

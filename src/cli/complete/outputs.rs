@@ -3,7 +3,7 @@
 use super::Complete;
 use super::frame::Completed;
 use crate::cli::args::Format;
-use crate::data::{self, DepthMap, Unit};
+use crate::data::{self, DepthMap, Sparse, Unit};
 use crate::error::{Error, Result};
 use crate::report::coloured;
 use std::path::{Path, PathBuf};
@@ -55,8 +55,8 @@ impl Outputs {
         all.all(|path| path.exists())
     }
 
-    /// Writes what was asked for. An existing result is replaced only by an equal one, as far as
-    /// that can be read back, or with `--force`; else nothing is written.
+    /// Writes what was asked for. An existing file is replaced only by an equal one, or with
+    /// `--force`; else nothing is written. So what an interrupted run has left is no obstacle.
     pub(super) fn write(&self, found: &Completed, sparse: &DepthMap) -> Result<()> {
         let depth = &found.depth;
         let fitted = found.fitted.as_ref();
@@ -65,12 +65,11 @@ impl Outputs {
         let list = self.outliers.as_deref().zip(fitted);
         let list = list.map(|(path, fitted)| (path, fitted.outliers(sparse)));
 
-        let same = |path: &Path, map: &DepthMap| data::read_npy(path, 1.0).is_ok_and(|m| m == *map);
-        let npy = self.depths.iter().find(|(f, _)| *f == Format::Npy);
-        let equal = npy.is_some_and(|(_, path)| same(path, depth));
-        for (_, path) in &self.depths {
-            self.replaceable(path, equal)?;
+        for (format, path) in &self.depths {
+            self.replaceable(path, format.is_same(path, depth))?;
         }
+        let same =
+            |path: &Path, map: &DepthMap| data::read_npy(path, 1.0).is_ok_and(|old| old == *map);
         if let Some((path, map)) = sigma {
             self.replaceable(path, same(path, map))?;
         }
@@ -115,5 +114,31 @@ impl Outputs {
         }
         Err(Error::config(format!("`{}` exists", path.display()))
             .hint("give --force to replace it, or -o DIR to write elsewhere"))
+    }
+}
+
+impl Format {
+    /// Whether a file holds a depth map, as exactly as the format does.
+    fn is_same(self, path: &Path, depth: &DepthMap) -> bool {
+        let size = (depth.width(), depth.height());
+        match self {
+            Self::Color => {
+                let (low, high) = depth.range().unwrap_or((0.0, 1.0));
+                data::read_rgb(path).is_ok_and(|old| old == coloured(depth, low, high))
+            }
+            Self::Png => data::read_depth_png(path, Unit::MILLIMETRE.metres()).is_ok_and(|old| {
+                /// What 16 bits of millimetres hold, and half of the last.
+                const MOST: f32 = 65.5355;
+                let stored = depth
+                    .values()
+                    .iter()
+                    .map(|&v| if v < MOST { v } else { 0.0 });
+                let mut pairs = old.values().iter().zip(stored);
+                (old.width(), old.height()) == size && pairs.all(|(a, b)| (a - b).abs() < 6e-4)
+            }),
+            Self::Npy | Self::Npz | Self::Tiff | Self::Exr | Self::Pfm => {
+                Sparse::read(path, Some(Unit::METRE), size).is_ok_and(|old| old.depth == *depth)
+            }
+        }
     }
 }
