@@ -50,10 +50,10 @@ fn completion(criterion: &mut Criterion) {
             bencher.iter(|| completer.fit(&bases, black_box(&sparse), None));
         });
         group.bench_function("new points", |bencher| {
-            bencher.iter(|| completer.complete_with(&bases, black_box(&sparse), None));
+            bencher.iter(|| completer.complete_with(&bases, black_box(&sparse)));
         });
         group.bench_function("everything", |bencher| {
-            bencher.iter(|| completer.complete(black_box(&frame.rgb), &sparse, None));
+            bencher.iter(|| completer.complete(black_box(&frame.rgb), &sparse));
         });
     }
 }

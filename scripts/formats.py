@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Files of other programs read by lsdc, and its files read by them.
 
-Writes the points of the room in `assets/` in every form with NumPy, tifffile, OpenEXR, OpenCV and
-pycolmap, completes each, and compares the results with that of the npy map; then reads every form
-of the result back.
+Writes the points of the room in `assets/` in every form with NumPy, tifffile, OpenEXR, OpenCV,
+plyfile, pypcd4, laspy and pycolmap, completes each, and compares the results with that of the npy
+map; then reads every form of the result back. Clouds lie in the world of a camera whose lens bends,
+as OpenCV says.
 
-    pip install numpy tifffile OpenEXR opencv-python-headless pycolmap
+    pip install numpy tifffile OpenEXR opencv-python-headless plyfile pypcd4 'laspy[lazrs]' pycolmap
     python3 scripts/formats.py [PROGRAM]
 """
 
@@ -15,10 +16,13 @@ import tempfile
 from pathlib import Path
 
 import cv2
+import laspy
 import numpy as np
 import OpenEXR
+import plyfile
 import pycolmap
 import tifffile
+from pypcd4 import Encoding, PointCloud
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOM = ROOT / "assets/room"
@@ -86,6 +90,112 @@ def model(folder: Path, sparse: np.ndarray) -> None:
     found.write_text(str(folder / "txt"))
 
 
+CAMERA = np.array([[310.0, 0.0, 150.0], [0.0, 305.0, 116.0], [0.0, 0.0, 1.0]])
+LENSES = {
+    "radtan": [0.08, -0.05, 0.001, -0.002, 0.01],
+    "fisheye": [0.02, -0.01, 0.004, -0.001],
+}
+# The camera stands far from the origin, as in maps, and looks along the world's x.
+TO_WORLD = np.array([[0.0, 0.0, 1.0, 4512.0], [-1.0, 0.0, 0.0, -218.0], [0.0, -1.0, 0.0, 37.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def camera_file(path: Path, model: str) -> None:
+    rows = ", ".join(str(row) for row in TO_WORLD[:3].tolist())
+    path.write_text(
+        f"fx = {CAMERA[0, 0]}\nfy = {CAMERA[1, 1]}\ncx = {CAMERA[0, 2]}\ncy = {CAMERA[1, 2]}\n"
+        f"model = '{model}'\ndistortion = {LENSES[model]}\ncamera_to_world = [{rows}]\n")
+
+
+def unproject(u: np.ndarray, v: np.ndarray, depth: np.ndarray, model: str) -> np.ndarray:
+    pixels = np.column_stack([u, v]).astype(np.float64).reshape(-1, 1, 2)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+    if model == "fisheye":
+        rays = cv2.fisheye.undistortPoints(pixels, CAMERA, np.array(LENSES[model]), criteria=criteria)
+    else:
+        rays = cv2.undistortPointsIter(pixels, CAMERA, np.array(LENSES[model]), None, None, criteria)
+    rays = np.column_stack([rays.reshape(-1, 2), np.ones(len(u))])
+    return rays * depth[:, None] @ TO_WORLD[:3, :3].T + TO_WORLD[:3, 3]
+
+
+def clouds(folder: Path, places: np.ndarray) -> dict[str, float]:
+    """Writes places in space in every form; says how far depths may be off, in metres."""
+    vertices = np.array([tuple(p) for p in places], dtype=[("x", "f8"), ("y", "f8"), ("z", "f8")])
+    faces = np.array([([0, 1, 2],)], dtype=[("vertex_indices", "i4", (3,))])
+    for name, text, order in (("text", True, "="), ("little", False, "<"), ("big", False, ">")):
+        elements = [plyfile.PlyElement.describe(vertices, "vertex"), plyfile.PlyElement.describe(faces, "face")]
+        plyfile.PlyData(elements, text=text, byte_order=order).write(str(folder / f"{name}.ply"))
+    fields, types = ("x", "y", "z", "intensity"), (np.float64, np.float64, np.float64, np.float32)
+    cloud = PointCloud.from_points([*places.T, np.ones(len(places))], fields, types)
+    for name, encoding in (("text", Encoding.ASCII), ("binary", Encoding.BINARY), ("packed", Encoding.BINARY_COMPRESSED)):
+        cloud.save(folder / f"{name}.pcd", encoding=encoding)
+    for name, version, kind in (("old.las", "1.2", 1), ("new.las", "1.4", 6), ("new.laz", "1.4", 7)):
+        header = laspy.LasHeader(version=version, point_format=kind)
+        header.offsets, header.scales = np.floor(places.min(axis=0)), np.full(3, 1e-4)
+        scan = laspy.LasData(header)
+        scan.x, scan.y, scan.z = places.T
+        scan.write(str(folder / name))
+    return {path.name: 1e-4 if "las" in path.name or "laz" in path.name else 1e-5 for path in sorted(folder.iterdir())}
+
+
+def check_clouds(program: str, at: Path, sparse: np.ndarray) -> None:
+    v, u = np.nonzero(sparse)
+    print("\n| cloud read by lsdc | largest difference of the result (m) |\n|---|---|")
+    for lens in LENSES:
+        camera_file(at / f"{lens}.toml", lens)
+        (at / lens).mkdir()
+        bounds = clouds(at / lens, unproject(u, v, sparse[v, u].astype(np.float64), lens))
+        expected = None
+        for name, bound in bounds.items():
+            run(program, ROOM / "rgb.png", at / lens / name, "--camera", at / f"{lens}.toml",
+                "-o", at / f"{lens}-{name}.npy")
+            result = np.load(at / f"{lens}-{name}.npy")
+            expected = result if expected is None else expected
+            worst = np.abs(result - expected).max()
+            print(f"| {name}, {lens} | {worst:.2g} |")
+            assert worst <= 20 * bound, f"{name}: {worst}"
+        run(program, ROOM / "rgb.png", ROOM / "sparse.npy", "-o", at / f"{lens}-map.npy")
+        rel = np.abs(expected / np.load(at / f"{lens}-map.npy") - 1).mean()
+        print(f"| all of {lens}, to the map | REL {rel:.4f} |")
+        # Hidden points alone are missing.
+        assert rel < 0.01
+
+    print("\n| cloud written by lsdc | largest difference to npy (m; pixels) |\n|---|---|")
+    image = cv2.imread(str(ROOM / "rgb.png"))[..., ::-1]
+    for lens in LENSES:
+        args = ["--camera", at / f"{lens}.toml"]
+        run(program, ROOM / "rgb.png", ROOM / "sparse.npy", *args, "-o", at / f"{lens}-out.ply")
+        vertex = plyfile.PlyData.read(str(at / f"{lens}-out.ply"))["vertex"]
+        places = np.column_stack([vertex[axis] for axis in "xyz"])
+        rotation, origin = TO_WORLD[:3, :3], TO_WORLD[:3, 3]
+        seen = (places - origin) @ rotation
+        module = cv2.fisheye if lens == "fisheye" else cv2
+        pixels = module.projectPoints(seen.reshape(1, -1, 3) if lens == "fisheye" else seen, np.zeros(3),
+                                      np.zeros(3), CAMERA, np.array(LENSES[lens]))[0].reshape(-1, 2)
+        nearest = np.round(pixels).astype(int)
+        depth = np.load(at / f"{lens}-map.npy")
+        off = np.abs(pixels - nearest).max()
+        worst = np.abs(depth[nearest[:, 1], nearest[:, 0]] - seen[:, 2]).max()
+        colours = np.column_stack([vertex[name] for name in ("red", "green", "blue")])
+        print(f"| ply, {lens} | {worst:.2g}; {off:.2g} |")
+        assert worst < 1e-5 and off < 1e-3 and len(places) > 0.99 * depth.size
+        assert (colours == image[nearest[:, 1], nearest[:, 0]]).all()
+
+
+def check_images(program: str, at: Path) -> None:
+    image = cv2.imread(str(ROOM / "rgb.png"))
+    cv2.imwrite(str(at / "lossless.webp"), image, [cv2.IMWRITE_WEBP_QUALITY, 101])
+    cv2.imwrite(str(at / "deep.png"), image.astype(np.uint16) * 257)
+    tifffile.imwrite(at / "image.tiff", image[..., ::-1])
+    tifffile.imwrite(at / "deep.tiff", image[..., ::-1].astype(np.uint16) * 257, compression="deflate")
+    run(program, ROOM / "rgb.png", ROOM / "sparse.npy", "-o", at / "expected.npy")
+    print("\n| image read by lsdc | largest difference of the result (m) |\n|---|---|")
+    for name in ("lossless.webp", "deep.png", "image.tiff", "deep.tiff"):
+        run(program, at / name, ROOM / "sparse.npy", "-o", at / f"{name}.npy")
+        worst = np.abs(np.load(at / f"{name}.npy") - np.load(at / "expected.npy")).max()
+        print(f"| {name} | {worst:.2g} |")
+        assert worst == 0, name
+
+
 def main(program: str = str(ROOT / "target/release/lsdc")) -> None:
     sparse = np.load(ROOM / "sparse.npy")
     with tempfile.TemporaryDirectory() as temporary:
@@ -132,6 +242,8 @@ def main(program: str = str(ROOT / "target/release/lsdc")) -> None:
             worst = np.abs(values - depth).max()
             print(f"| {name} | {worst:.2g} |")
             assert worst <= (5.1e-4 if "png" in name else 1e-6), name
+        check_clouds(program, at, sparse)
+        check_images(program, at)
 
 
 if __name__ == "__main__":

@@ -30,12 +30,15 @@ def allowed(expression: str, permitted: set[str]) -> bool:
 
 
 def main() -> int:
-    permitted = set(tomllib.loads((ROOT / "deny.toml").read_text())["licenses"]["allow"])
+    rules = tomllib.loads((ROOT / "deny.toml").read_text())["licenses"]
+    permitted = set(rules["allow"])
+    clarified = {rule["crate"]: rule["expression"] for rule in rules.get("clarify", [])}
     command = ["cargo", "tree", "--locked", "--all-features", "--edges", "normal,build"]
     command += ["--prefix", "none", "--format", "{p}\t{l}"]
     lines = set(subprocess.check_output(command, cwd=ROOT, text=True).splitlines())
     crates = sorted(tuple(line.removesuffix(" (*)").split("\t")) for line in lines if line)
-    bad = [crate for crate in crates if not allowed(crate[1], permitted)]
+    licence = lambda crate: crate[1] or clarified.get(crate[0].split()[0], "")
+    bad = [crate for crate in crates if not allowed(licence(crate), permitted)]
     print(f"{len(crates)} crates, {len(bad)} with a licence that deny.toml does not allow")
     for crate in bad:
         print("  ", *crate)

@@ -9,7 +9,7 @@
 //! use lsdc::{data, predict::Completer};
 //! let image = data::read_rgb("rgb.png".as_ref())?;
 //! let points = data::read_npy("sparse.npy".as_ref(), 1.0)?;
-//! let depth = Completer::load()?.complete(&image, &points, None)?.depth;
+//! let depth = Completer::load()?.complete(&image, &points)?.depth;
 //! # Ok(())
 //! # }
 //! ```

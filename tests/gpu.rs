@@ -280,7 +280,7 @@ fn completion_agrees() {
     let sparse = Pattern::Exactly(300).draw(&frame, 0).unwrap();
     let on = |device: &Device| {
         let completer = Completer::open(None, device).unwrap().with_input([57, 76]);
-        completer.complete(&frame.rgb, &sparse, None).unwrap().depth
+        completer.complete(&frame.rgb, &sparse).unwrap().depth
     };
     let (here, there) = (on(&Device::flex()), on(&gpu));
     let squares = here

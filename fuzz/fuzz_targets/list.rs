@@ -8,6 +8,6 @@ use lsdc_fuzz::with_file;
 
 fuzz_target!(|data: &[u8]| {
     with_file(data, "f.csv", |path| {
-        let _ = Sparse::read(path, None, (64, 48));
+        let _ = Sparse::read(path, None, None, (64, 48));
     });
 });

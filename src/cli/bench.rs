@@ -122,7 +122,7 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
     let mut times: Vec<(Timings, Duration)> = Vec::with_capacity(args.runs);
     for run in 0..=args.runs {
         let started = Instant::now();
-        let completion = completer.complete(&frame.rgb, &sparse, None)?;
+        let completion = completer.complete(&frame.rgb, &sparse)?;
         // The first run warms up caches and memory.
         if run > 0 {
             times.push((completion.timings, started.elapsed()));

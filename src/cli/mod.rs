@@ -7,6 +7,8 @@ mod complete;
 mod dashboard;
 mod eval;
 mod export;
+mod inspect;
+mod manual;
 mod report;
 mod settings;
 mod train;
@@ -46,6 +48,7 @@ impl From<&Error> for Exit {
 pub fn main() -> ExitCode {
     let args = Args::parse();
     ui::start_log(args.verbose);
+    ui::be_quiet(args.quiet);
     let exit = run(args).unwrap_or_else(|error| {
         ui::print_error(&error);
         Exit::from(&error)
@@ -56,6 +59,9 @@ pub fn main() -> ExitCode {
 fn run(args: Args) -> Result<Exit> {
     match args.command {
         Command::Complete(args) => complete::run(&args),
+        Command::Inspect(args) => inspect::run(&args),
+        Command::Completions(args) => Ok(manual::completions(&args)),
+        Command::Man(args) => manual::man(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Report(ReportCommand::Merge(args)) => report::merge(&args),
         Command::Report(ReportCommand::Curve(args)) => report::curve(&args),

@@ -1,9 +1,11 @@
 //! Everything that the program prints: results on stdout, talk on stderr.
 
-use crate::error::Error;
+use crate::error::{Error, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::error::Error as _;
+use std::fs::File;
 use std::io::Write as _;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -13,25 +15,67 @@ pub(super) fn print(text: &str) {
     let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
 }
 
+/// Prints how it went: a result that `--quiet` can spare.
+pub(super) fn tell(text: &str) {
+    if !is_quiet() {
+        print(text);
+    }
+}
+
 /// Prints a remark.
 pub(super) fn say(text: &str) {
+    if !is_quiet() {
+        warn(text);
+    }
+}
+
+/// Prints what must be read.
+fn warn(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Whether remarks are unwanted.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+pub(super) fn be_quiet(quiet: bool) {
+    QUIET.store(quiet, Ordering::Relaxed);
+}
+
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Sends a file to stdout.
+pub(super) fn pass_on(path: &Path) -> Result<()> {
+    let mut file = File::open(path).map_err(|e| Error::read(path, e))?;
+    match std::io::copy(&mut file, &mut std::io::stdout()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::write(Path::new("standard output"), e))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Says that one of many could not be done, and why.
+pub(super) fn print_failure(name: &Path, error: &Error) {
+    warn(&format!("failed: {}", name.display()));
+    print_error(error);
 }
 
 /// One line that says what is wrong, its causes, and what to do.
 pub(super) fn print_error(error: &Error) {
-    say(&format!("error: {error}"));
+    warn(&format!("error: {error}"));
     let mut source = error.source();
     while let Some(cause) = source {
         let text = cause.to_string();
-        say(&format!(
+        warn(&format!(
             "  caused by: {}",
             text.lines().next().unwrap_or_default()
         ));
         source = cause.source();
     }
     if let Some(hint) = error.advice() {
-        say(&format!("hint: {hint}"));
+        warn(&format!("hint: {hint}"));
     }
 }
 
@@ -52,7 +96,12 @@ pub(super) fn bar(total: usize, unit: &str) -> ProgressBar {
     let template = format!("{{bar:30}} {{pos}}/{{len}} {unit}, {{eta}} left {{msg}}");
     let style =
         ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(total as u64).with_style(style)
+    let bar = if is_quiet() {
+        ProgressBar::hidden()
+    } else {
+        ProgressBar::new(total as u64)
+    };
+    bar.with_style(style)
 }
 
 /// A duration in milliseconds.

@@ -27,7 +27,7 @@ pub(super) fn run(command: &WeightsCommand) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
+pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     let weights = open_weights(file)?;
     let fit = recorded_fit(&weights)?.unwrap_or_default();
     let calibration = recorded_prior(&weights)?.map(|(_, calibration)| calibration);

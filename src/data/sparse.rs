@@ -1,10 +1,11 @@
 //! Sparse depths as users have them: maps as large as the image, or lists of points.
 
 use super::files::{
-    Array, Listed, has_ending, read_array, read_depth_png, read_exr, read_list, read_npz, read_pfm,
-    read_tiff,
+    Array, CLOUDS, Listed, has_ending, read_array, read_cloud, read_depth_png, read_exr, read_list,
+    read_npz, read_pfm, read_tiff,
 };
-use super::{DepthMap, Unit, View};
+use super::occlusion::remove_hidden;
+use super::{Camera, DepthMap, Unit, View};
 use crate::error::{Error, Result};
 use std::path::Path;
 
@@ -21,9 +22,10 @@ pub struct Sparse {
     pub guessed: bool,
     /// Points without a positive and finite depth.
     pub ignored: usize,
-    /// Points of a list that lie outside the image.
+    /// Points of a list or cloud that lie outside the image.
     pub outside: usize,
-    /// Points of a list behind another one in the same pixel.
+    /// Points of a list or cloud behind another one in the same pixel, and those of a cloud that
+    /// nearer ones surround.
     pub hidden: usize,
 }
 
@@ -31,12 +33,19 @@ impl Sparse {
     /// Reads sparse depths for an image of `size` (width, height), by the file's ending. Maps: `png`
     /// of 16 bits, `npy`, `npz`, `tiff`, `exr`, `pfm`. Lists of `u, v, depth[, sigma]`, u and v in
     /// pixels from the centre of the first: `csv`, `txt`, and arrays `[points, 3 or 4]`. Of several
-    /// points in a pixel the nearest counts. Without a unit integers are taken for millimetres,
-    /// other numbers for metres.
+    /// points in a pixel the nearest counts. Clouds, `ply`, `pcd`, `las` and `laz`, are looked at by
+    /// the camera. Without a unit integers are taken for millimetres, other numbers and clouds for
+    /// metres.
     ///
     /// # Errors
-    /// A file that is missing, damaged, or of another kind; a list without a point in the image.
-    pub fn read(path: &Path, unit: Option<Unit>, size: (usize, usize)) -> Result<Self> {
+    /// A file that is missing, damaged, or of another kind; a list without a point in the image; a
+    /// cloud without a camera.
+    pub fn read(
+        path: &Path,
+        unit: Option<Unit>,
+        camera: Option<&Camera>,
+        size: (usize, usize),
+    ) -> Result<Self> {
         let known = |integers: bool| {
             unit.unwrap_or(if integers {
                 Unit::MILLIMETRE
@@ -75,14 +84,56 @@ impl Sparse {
                 sigma: sigma.or(found.sigma),
                 ..found
             }
+        } else if CLOUDS.into_iter().any(is) {
+            let camera = camera.ok_or_else(|| {
+                Error::format(path, "is a cloud, which only a camera sees")
+                    .hint("give --camera FILE, or --camera FX,FY,CX,CY")
+            })?;
+            Self::of_cloud(path, &camera.resized(size), known(false), size)?
         } else {
             return Err(Error::format(path, "is no kind of depth file").hint(
-                "sparse depths are read from npy, npz, 16-bit PNG, TIFF, EXR, PFM, csv and txt",
+                "sparse depths are read from npy, npz, 16-bit PNG, TIFF, EXR, PFM, csv, txt, PLY, \
+                 PCD, LAS and LAZ",
             ));
         };
         Ok(Self {
             guessed: unit.is_none(),
             ..found
+        })
+    }
+
+    /// The same depths on an image of another size but of the same shape: each at the pixel that
+    /// shows it, as from a sensor of fewer pixels. What has another shape stays as it is.
+    ///
+    /// # Errors
+    /// No depth is left.
+    pub fn placed_on(self, (width, height): (usize, usize)) -> Result<Self> {
+        let from = &self.depth;
+        let factors = [
+            width as f64 / from.width() as f64,
+            height as f64 / from.height() as f64,
+        ];
+        // Sizes are rounded to whole pixels.
+        let least = from.width().min(from.height()).min(width).min(height) as f64;
+        let same_shape = (factors[0] / factors[1] - 1.0).abs() * least <= 1.0;
+        if factors == [1.0, 1.0] || !same_shape || from.count() == 0 {
+            return Ok(self);
+        }
+        let place = |pixel: usize, factor: f64| (pixel as f64 + 0.5) * factor - 0.5;
+        let sigma = |x, y| self.sigma.as_ref().map(|sigma| f64::from(sigma.at(x, y)));
+        let points = from.points().map(|point| Listed {
+            u: place(point.x, factors[0]),
+            v: place(point.y, factors[1]),
+            depth: f64::from(point.depth),
+            sigma: sigma(point.x, point.y),
+        });
+        let points: Vec<Listed> = points.collect();
+        let placed = Self::of_list(Path::new("map"), &points, Unit::METRE, (width, height))?;
+        Ok(Self {
+            depth: placed.depth,
+            sigma: placed.sigma,
+            hidden: placed.hidden,
+            ..self
         })
     }
 
@@ -128,6 +179,56 @@ impl Sparse {
         })
     }
 
+    fn of_cloud(
+        path: &Path,
+        camera: &Camera,
+        unit: Unit,
+        (width, height): (usize, usize),
+    ) -> Result<Self> {
+        let mut depths = vec![0.0_f32; width * height];
+        let (mut all, mut ignored, mut outside, mut hidden) = (0_usize, 0, 0, 0);
+        read_cloud(path, &mut |point| {
+            all += 1;
+            if point.iter().any(|v| !v.is_finite()) {
+                ignored += 1;
+                return;
+            }
+            let point = point.map(|v| v * unit.metres());
+            let pixel = camera
+                .project(point)
+                .and_then(|(place, depth)| Some((pixel(place, (width, height))?, depth as f32)));
+            let Some((pixel, depth)) = pixel else {
+                outside += 1;
+                return;
+            };
+            let here = &mut depths[pixel];
+            if *here > 0.0 {
+                hidden += 1;
+            }
+            if *here == 0.0 || depth < *here {
+                *here = depth;
+            }
+        })?;
+        hidden += remove_hidden(width, &mut depths);
+        let depth = DepthMap::new(width, height, depths)?;
+        if depth.count() == 0 {
+            let what = format!("none of its {all} points lies in the image of {width}x{height}");
+            return Err(Error::format(path, what).hint(
+                "check the camera: its pose leads from the cloud's axes to x right, y down, z \
+                 forwards, in metres",
+            ));
+        }
+        Ok(Self {
+            depth,
+            sigma: None,
+            unit,
+            guessed: false,
+            ignored,
+            outside,
+            hidden,
+        })
+    }
+
     fn of_list(
         path: &Path,
         points: &[Listed],
@@ -146,22 +247,18 @@ impl Sparse {
                 ignored += 1;
                 continue;
             }
-            let pixel = [(point.u, width), (point.v, height)].map(|(place, length)| {
-                let place = (place + 0.5).floor();
-                (place >= 0.0 && place < length as f64).then_some(place as usize)
-            });
-            let [Some(x), Some(y)] = pixel else {
+            let Some(pixel) = pixel([point.u, point.v], (width, height)) else {
                 outside += 1;
                 continue;
             };
-            let here = &mut depths[y * width + x];
+            let here = &mut depths[pixel];
             if *here > 0.0 {
                 hidden += 1;
             }
             if *here == 0.0 || depth < *here {
                 *here = depth;
                 if let (Some(sigmas), Some(sigma)) = (&mut sigmas, point.sigma) {
-                    sigmas[y * width + x] = (sigma * unit.metres()) as f32;
+                    sigmas[pixel] = (sigma * unit.metres()) as f32;
                 }
             }
         }
@@ -191,8 +288,17 @@ impl Sparse {
     }
 }
 
+/// The index of the pixel that holds a place, if the image does.
+fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize> {
+    let within = |place: f64, length: usize| {
+        let place = (place + 0.5).floor();
+        (place >= 0.0 && place < length as f64).then_some(place as usize)
+    };
+    Some(within(v, height)? * width + within(u, width)?)
+}
+
 /// Whether an array is a list of points rather than a map: a map is as large as the image.
-fn is_list(array: &Array, (width, height): (usize, usize)) -> bool {
+pub(super) fn is_list(array: &Array, (width, height): (usize, usize)) -> bool {
     matches!(array.columns, 3 | 4) && (array.columns, array.rows) != (width, height)
 }
 
@@ -202,7 +308,7 @@ fn in_metres(array: &Array, unit: Unit) -> Result<DepthMap> {
     DepthMap::new(array.columns, array.rows, values)
 }
 
-fn listed(array: &Array) -> Vec<Listed> {
+pub(super) fn listed(array: &Array) -> Vec<Listed> {
     let rows = array.values.chunks_exact(array.columns);
     let point = |row: &[f32]| Listed {
         u: f64::from(row[0]),
@@ -222,7 +328,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("points.csv");
         std::fs::write(&path, text).unwrap();
-        Sparse::read(&path, unit, (4, 3))
+        Sparse::read(&path, unit, None, (4, 3))
     }
 
     #[test]
@@ -269,17 +375,29 @@ mod tests {
             ("a.npz", None),
             ("b.npz", Some(&sigma)),
         ] {
-            let found = Sparse::read(&at(name), None, (4, 3)).unwrap();
+            let found = Sparse::read(&at(name), None, None, (4, 3)).unwrap();
             assert_eq!(
                 (&found.depth, found.sigma.as_ref()),
                 (&depth, with),
                 "{name}"
             );
             assert_eq!((found.unit, found.guessed), (Unit::METRE, true));
-            let found = Sparse::read(&at(name), Some(Unit::MILLIMETRE), (4, 3)).unwrap();
+            let found = Sparse::read(&at(name), Some(Unit::MILLIMETRE), None, (4, 3)).unwrap();
             assert!((found.depth.at(0, 0) - 0.001).abs() < 1e-9, "{name}");
             assert!(!found.guessed);
         }
+    }
+
+    #[test]
+    fn a_smaller_map_of_the_same_shape_is_placed_on_the_image() {
+        let points = Sparse::of_map(map(1.0), Unit::METRE);
+        let placed = points.clone().placed_on((8, 6)).unwrap();
+        assert_eq!((placed.depth.width(), placed.depth.height()), (8, 6));
+        assert_eq!(placed.depth.count(), 12);
+        // Pixel 1 of 4 covers 2 and 3 of 8; its centre lies between them and counts as the later.
+        assert_eq!(placed.depth.at(3, 5), points.depth.at(1, 2));
+        let other = points.clone().placed_on((9, 4)).unwrap();
+        assert_eq!(other.depth, points.depth);
     }
 
     #[test]

@@ -50,7 +50,7 @@ impl<'a> Prepared<'a> {
                 Ok((complete_classic(*method, &frame.rgb, sparse)?, None))
             }
             (Candidate::Method(Method::Lsdc), Some((completer, bases))) => {
-                let Completion { depth, fit, .. } = completer.complete_with(bases, sparse, None)?;
+                let Completion { depth, fit, .. } = completer.complete_with(bases, sparse)?;
                 let deviations = self
                     .uncertainty
                     .then(|| completer.deviation(bases, sparse, &fit, &depth));

@@ -77,8 +77,8 @@ pub struct FitConfig {
     /// What is assumed of the weights: "none", "flat" or "learned". Takes the place of `rcond` and
     /// `ridge`.
     pub prior: PriorKind,
-    /// How strongly the fit is drawn towards the prior: "evidence", "gcv", or the ratio of the
-    /// variances of noise and prior.
+    /// How strongly the fit is drawn towards the prior: "evidence", "gcv", the ratio of the variances
+    /// of noise and prior, or three pairs of a number of points and that ratio.
     pub lambda: Lambda,
     /// What base functions add up to: "depth" (the paper's), "log" or "inverse" depth.
     pub space: Space,
@@ -132,10 +132,24 @@ impl FitConfig {
         if !(self.ridge >= 0.0 && self.ridge.is_finite()) {
             return Err(Error::config("`fit.ridge` must be 0 or more"));
         }
-        if let Lambda::Fixed(lambda) = self.lambda
-            && !(lambda > 0.0 && lambda.is_finite())
-        {
+        let sound = |value: f64| value > 0.0 && value.is_finite();
+        let (positive, rising) = match self.lambda {
+            Lambda::Evidence | Lambda::Gcv => (true, true),
+            Lambda::Fixed(lambda) => (sound(lambda), true),
+            Lambda::ByCount(values) => (
+                values
+                    .iter()
+                    .all(|&(count, value)| sound(count) && sound(value)),
+                values.is_sorted_by(|a, b| a.0 < b.0),
+            ),
+        };
+        if !positive {
             return Err(Error::config("`fit.lambda` must be above 0"));
+        }
+        if !rising {
+            return Err(Error::config(
+                "the numbers of points of `fit.lambda` must rise",
+            ));
         }
         if self.method != FitMethod::Lse && self.space != Space::Depth {
             return Err(Error::config(
@@ -168,6 +182,13 @@ impl Display for FitConfig {
             (PriorKind::None, _) => write!(f, " by SVD, truncated at {}", self.rcond)?,
             (prior, Lambda::Fixed(lambda)) => {
                 write!(f, " with the {} prior, lambda {lambda}", prior.name())?;
+            }
+            (prior, Lambda::ByCount(values)) => {
+                write!(f, " with the {} prior, lambda", prior.name())?;
+                for (count, lambda) in values {
+                    write!(f, " {lambda:.2e} at {count}")?;
+                }
+                write!(f, " points")?;
             }
             (prior, Lambda::Evidence) => write!(f, " with the {} prior by evidence", prior.name())?,
             (prior, Lambda::Gcv) => {

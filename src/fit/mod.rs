@@ -27,7 +27,7 @@ pub use reweighted::{Reweighting, RobustGradient, reweighted};
 pub use robust::{Loss, Robust};
 pub use running::RunningFit;
 pub use scene::{Edges, Scene, Smooth};
-pub use shrink::Lambda;
+pub use shrink::{COUNTS, Lambda};
 pub use space::Space;
 
 use crate::error::{Error, Result};

@@ -102,6 +102,24 @@ impl Prior {
         Self { noise, ..self }
     }
 
+    /// The same spread about other weights, of any scale.
+    ///
+    /// # Errors
+    /// Another number of weights, or weights that are not finite.
+    pub fn about(&self, weights: &[f64]) -> Result<Self> {
+        if weights.len() != self.columns() || weights.iter().any(|w| !w.is_finite()) {
+            return Err(Error::weights(format!(
+                "{} weights, not all finite or not {} as in the prior",
+                weights.len(),
+                self.columns()
+            )));
+        }
+        Ok(Self {
+            mean: weights.to_vec(),
+            ..self.clone()
+        })
+    }
+
     /// Learns mean and covariance from images whose depths were divided by their mean: the maximum
     /// of the likelihood, by expectation and maximisation (Dempster, Laird and Rubin 1977),
     /// starting from a constant depth. The noise, in the same unit, is the same for all images.

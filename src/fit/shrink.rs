@@ -19,6 +19,45 @@ pub enum Lambda {
     /// This value.
     #[serde(untagged)]
     Fixed(f64),
+    /// Numbers of points, rising, and the value for each. Between them logarithms are interpolated;
+    /// beyond them the values stay.
+    #[serde(untagged)]
+    ByCount([(f64, f64); COUNTS]),
+}
+
+impl Lambda {
+    /// So many times as strong, where it is a value.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        match self {
+            Self::Evidence | Self::Gcv => self,
+            Self::Fixed(value) => Self::Fixed(value * factor),
+            Self::ByCount(values) => {
+                Self::ByCount(values.map(|(count, value)| (count, value * factor)))
+            }
+        }
+    }
+}
+
+/// The numbers of points for which lambda can be given.
+pub const COUNTS: usize = 3;
+
+/// The value for a number of points.
+fn by_count(values: &[(f64, f64); COUNTS], count: usize) -> f64 {
+    let place = (count.max(1) as f64).ln();
+    let (first, last) = (values[0], values[COUNTS - 1]);
+    for [(from, low), (to, high)] in values.array_windows() {
+        let (start, end) = (from.ln(), to.ln());
+        if place >= start && place < end {
+            let share = (place - start) / (end - start);
+            return (low.ln() * (1.0 - share) + high.ln() * share).exp();
+        }
+    }
+    if place < first.0.ln() {
+        first.1
+    } else {
+        last.1
+    }
 }
 
 /// A problem in the coordinates of its prior: minimise `|d - s A m - A L u|^2 + lambda |u|^2` over
@@ -61,6 +100,7 @@ impl Moments {
         let spectrum = Spectrum::new(self, prior)?;
         let lambda = match lambda {
             Lambda::Fixed(lambda) => lambda,
+            Lambda::ByCount(values) => by_count(&values, self.count),
             Lambda::Evidence => spectrum.best(|lambda| spectrum.surprise(lambda)),
             Lambda::Gcv => spectrum.best(|lambda| spectrum.cross_validation(lambda)),
         };

@@ -224,6 +224,35 @@ fn the_noise_is_known_beforehand_where_points_are_few() {
 }
 
 #[test]
+fn lambda_follows_the_number_of_points() {
+    let prior = prior(6, 4, UNKNOWN);
+    let given = "lambda = [[2, 1e-3], [8, 1e-1], [32, 0.4]]";
+    let config: FitConfig = toml::from_str(&format!("prior = \"learned\"\n{given}")).unwrap();
+    assert!(config.check().is_ok());
+    for (points, expected) in [
+        (1, 1e-3),
+        (2, 1e-3),
+        (4, 1e-2),
+        (8, 0.1),
+        (16, 0.2),
+        (99, 0.4),
+    ] {
+        let (bases, depths) = scene(&prior, points, 0.2, 2);
+        let points = Points::new(&bases, &depths);
+        let found = fit(&points, &config, Some(&prior)).unwrap();
+        assert!((found.lambda.unwrap() / expected - 1.0).abs() < 1e-12);
+        let fixed = fit(&points, &learned(Lambda::Fixed(expected)), Some(&prior)).unwrap();
+        for (a, b) in found.weights.iter().zip(&fixed.weights) {
+            assert!((a - b).abs() < 1e-9);
+        }
+    }
+    for wrong in ["[[2, 1], [2, 1], [3, 1]]", "[[2, 1], [3, 0], [4, 1]]"] {
+        let config: FitConfig = toml::from_str(&format!("lambda = {wrong}")).unwrap();
+        assert!(config.check().is_err(), "{wrong}");
+    }
+}
+
+#[test]
 fn leverages_and_left_out_residuals_are_those_of_fits_without_the_point() {
     let prior = prior(6, 4, UNKNOWN);
     let (bases, depths) = scene(&prior, 15, 0.2, 2);

@@ -29,6 +29,10 @@ use std::time::{Duration, Instant};
 /// the depths, so that scaling them scales the result.
 pub const RANGE: f32 = 10.0;
 
+/// How much closer to those of the frame before than to those of any image weights are expected, as a
+/// ratio of variances.
+const CLOSER: f64 = 10.0;
+
 /// A trained network and a fit, ready to complete depth.
 #[derive(Clone, Debug)]
 pub struct Completer {
@@ -212,6 +216,20 @@ impl Completer {
         self
     }
 
+    /// Expects weights near those of another fit, up to their scale: for the next frame of a video.
+    ///
+    /// # Errors
+    /// No prior, or weights of other base functions.
+    pub fn after(&self, weights: &[f64]) -> Result<Self> {
+        let prior = self.prior.as_ref().ok_or_else(|| {
+            Error::config("without a learned prior there is nothing to draw towards another fit")
+        })?;
+        let mut next = self.clone();
+        next.prior = Some(prior.about(weights)?);
+        next.fit.lambda = self.fit.lambda.times(CLOSER);
+        Ok(next)
+    }
+
     /// Changes the height and width down to whose number of pixels larger images are reduced
     /// before the network sees them.
     #[must_use]
@@ -220,36 +238,26 @@ impl Completer {
         self
     }
 
-    /// Completes `sparse` under the guidance of `rgb`, at `size` or the size of `rgb`.
+    /// Completes `sparse` under the guidance of `rgb`, at their size; [`Self::dense`] has any other.
     ///
     /// # Errors
     /// Image and sparse depths of different sizes, no point, or damaged weights.
-    pub fn complete(
-        &self,
-        rgb: &RgbImage,
-        sparse: &DepthMap,
-        size: Option<Size>,
-    ) -> Result<Completion> {
+    pub fn complete(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<Completion> {
         check_sizes(rgb, sparse)?;
         let started = Instant::now();
         let bases = self.bases(rgb)?;
         let network = started.elapsed();
-        let mut completion = self.complete_with(&bases, sparse, size)?;
+        let mut completion = self.complete_with(&bases, sparse)?;
         completion.timings.network = network;
         Ok(completion)
     }
 
     /// Completes `sparse` with base functions that were kept: new points for the same image cost
-    /// only a fit. The result has `size` or the size of `sparse`.
+    /// only a fit.
     ///
     /// # Errors
     /// No point, or damaged weights.
-    pub fn complete_with(
-        &self,
-        bases: &ImageBases,
-        sparse: &DepthMap,
-        size: Option<Size>,
-    ) -> Result<Completion> {
+    pub fn complete_with(&self, bases: &ImageBases, sparse: &DepthMap) -> Result<Completion> {
         let started = Instant::now();
         // On a thread of the pool, which need not be awaited for each step.
         let (fit, reading) = rayon::scope(|_| {
@@ -261,7 +269,7 @@ impl Completer {
         let fitting = started.elapsed();
 
         let started = Instant::now();
-        let depth = self.dense(bases, &fit, sparse, size)?;
+        let depth = self.dense(bases, &fit, sparse, None)?;
         Ok(Completion {
             depth,
             fit,

@@ -4,7 +4,9 @@
 use super::TrainConfig;
 use crate::data::{Dataset, Frame};
 use crate::error::{Error, Result};
-use crate::fit::{FitConfig, FitMethod, ImageMoments, Lambda, NoisePrior, Prior, PriorKind};
+use crate::fit::{
+    COUNTS, FitConfig, FitMethod, ImageMoments, Lambda, NoisePrior, Prior, PriorKind,
+};
 use crate::metrics::{Metric, Rules, Scores};
 use crate::model::Weights;
 use crate::predict::{Completer, record_fit, record_prior};
@@ -36,14 +38,14 @@ pub fn divide(frames: &dyn Dataset, count: usize) -> (Vec<usize>, Vec<usize>) {
 /// Shares of the variance that training images suggest, among which lambda is chosen for base
 /// functions beside a field: where the field's model of its own steps is wrong, so is theirs.
 const SHARES: [f64; 9] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
-/// Numbers of points with which it is chosen.
-const FEW_AND_MANY: [usize; 2] = [50, 500];
+/// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.
+const NUMBERS: [(usize, u64); COUNTS] = [(5, 8), (50, 2), (500, 1)];
 
 /// Learns the prior over weights from the frames that `config` trained on, the strength of the
 /// noise and the scale of standard deviations from those that it held out (from all, if it held out
 /// none), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
-/// frames best takes the place of the strength of the noise. Calls `progress` with the number of
-/// frames seen and of all.
+/// frames best takes the place of the strength of the noise, for few and for many points. Calls
+/// `progress` with the number of frames seen and of all.
 ///
 /// # Errors
 /// Frames that cannot be read, or fewer than two.
@@ -94,28 +96,31 @@ pub fn calibrate(
     let completer = completer.with_prior(prior.clone().with_noise(unknown), 1.0);
     let (fit, measured) = if fit.method == FitMethod::Joint {
         let scale = prior.noise().mean.exp();
-        let joint = |share: f64| FitConfig {
+        let joint = |lambda: Lambda| FitConfig {
             prior: PriorKind::Learned,
-            lambda: Lambda::Fixed(share * scale),
+            lambda,
             ..fit
         };
-        let mut best = (f64::INFINITY, fit);
-        for fit in SHARES.map(joint) {
-            let error = error(
-                &completer.clone().with_fit(fit),
-                &held_out,
-                &load,
-                config.seed,
-            )?;
-            if error < best.0 {
-                best = (error, fit);
+        let mut best = [(f64::INFINITY, 0.0); COUNTS];
+        for lambda in SHARES.map(|share| share * scale) {
+            let completer = completer.clone().with_fit(joint(Lambda::Fixed(lambda)));
+            let errors = errors(&completer, &held_out, &load, config.seed)?;
+            for (best, error) in best.iter_mut().zip(errors) {
+                if error < best.0 {
+                    *best = (error, lambda);
+                }
             }
         }
+        let mut chosen = [(0.0, 0.0); COUNTS];
+        for ((chosen, (points, _)), (_, lambda)) in chosen.iter_mut().zip(NUMBERS).zip(best) {
+            *chosen = (points as f64, lambda);
+        }
+        let fit = joint(Lambda::ByCount(chosen));
         (
-            best.1,
+            fit,
             FitConfig {
                 robust: None,
-                ..best.1
+                ..fit
             },
         )
     } else {
@@ -133,7 +138,7 @@ pub fn calibrate(
         let frame = load(index)?;
         let bases = completer.bases(&frame.rgb)?;
         let sparse = Pattern::Exactly(500).draw(&frame, config.seed)?;
-        let completion = completer.complete_with(&bases, &sparse, None)?;
+        let completion = completer.complete_with(&bases, &sparse)?;
         lambdas.extend(alone.fit(&bases, &sparse, None)?.lambda.map(f64::ln));
         let depth = &completion.depth;
         let deviations = completer.deviation(&bases, &sparse, &completion.fit, depth)?;
@@ -158,29 +163,40 @@ pub fn calibrate(
     record_fit(weights, &fit)
 }
 
-/// The mean of the logarithms of errors, over frames and numbers of points.
-fn error(
+/// The mean of the logarithms of errors over frames and draws, for each number of points: of the
+/// root mean square and of the relative error, which weigh far and near.
+fn errors(
     completer: &Completer,
     frames: &[usize],
     load: &(impl Fn(usize) -> Result<Frame> + Sync),
     seed: u64,
-) -> Result<f64> {
-    let errors: Vec<f64> = frames
+) -> Result<[f64; COUNTS]> {
+    let errors: Vec<[f64; COUNTS]> = frames
         .par_iter()
         .map(|&index| {
             let frame = load(index)?;
             let bases = completer.bases(&frame.rgb)?;
-            let mut sum = 0.0;
-            for points in FEW_AND_MANY {
-                let sparse = Pattern::Exactly(points).draw(&frame, seed)?;
-                let found = completer.complete_with(&bases, &sparse, None)?.depth;
-                let scores = Scores::of(&found, &frame.depth, &Rules::default())?;
-                sum += scores[Metric::Rmse].max(f64::MIN_POSITIVE).ln();
+            let mut means = [0.0; COUNTS];
+            for (mean, (points, draws)) in means.iter_mut().zip(NUMBERS) {
+                for draw in 0..draws {
+                    let sparse = Pattern::Exactly(points).draw(&frame, seed + draw)?;
+                    let found = completer.complete_with(&bases, &sparse)?.depth;
+                    let scores = Scores::of(&found, &frame.depth, &Rules::default())?;
+                    for metric in [Metric::Rmse, Metric::Rel] {
+                        *mean += scores[metric].max(f64::MIN_POSITIVE).ln() / draws as f64;
+                    }
+                }
             }
-            Ok(sum)
+            Ok(means)
         })
         .collect::<Result<_>>()?;
-    Ok(mean(&errors))
+    let mut sums = [0.0; COUNTS];
+    for image in &errors {
+        for (sum, error) in sums.iter_mut().zip(image) {
+            *sum += error;
+        }
+    }
+    Ok(sums)
 }
 
 fn frame(frames: &dyn Dataset, index: usize, protocol: &Protocol) -> Result<Frame> {

@@ -210,7 +210,7 @@ impl Trainer {
         for &index in frames {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
             let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
-            let completion = completer.complete(&frame.rgb, &sparse, None)?;
+            let completion = completer.complete(&frame.rgb, &sparse)?;
             tally.add(&Scores::of(
                 &completion.depth,
                 &frame.depth,

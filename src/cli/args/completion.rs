@@ -1,39 +1,50 @@
 //! What is typed to complete depth, and to measure how fast.
 
-use super::values::{Format, size, typed};
+use super::values::{Format, range, size, typed};
 use super::{FitFlags, Model};
-use crate::data::Unit;
+use crate::data::{Camera, Unit};
 use crate::eval::Shard;
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
 use clap::Args as ClapArgs;
 use std::path::PathBuf;
 
-#[derive(Debug, ClapArgs)]
+#[derive(Clone, Debug, ClapArgs)]
 pub(in crate::cli) struct Complete {
-    /// Colour image (JPEG or PNG), or a folder of such.
-    pub(in crate::cli) rgb: PathBuf,
-    /// Sparse depths: a map as large as the image (npy of shape (height, width), 16-bit PNG), or a
-    /// list of points u, v, depth[, sigma] (csv, txt, npy of shape (points, 3 or 4)), u and v in
-    /// pixels from the centre of the first; 0, NaN, infinite and negative values mean no measurement.
-    /// For a folder of images: a folder of such files of the same names, or a sparse model of COLMAP.
+    /// Colour image (JPEG, PNG, WebP, TIFF), or several: images, a folder, a pattern such as
+    /// 'left/*.png', or a list (txt) with an image to a line, its points behind it or in the folder of
+    /// points. `-` is standard input.
+    #[arg(required = true)]
+    pub(in crate::cli) rgb: Vec<PathBuf>,
+    /// Sparse depths: a map as large as the image or of its shape (npy, npz, 16-bit PNG, TIFF, EXR,
+    /// PFM), a list of points u, v, depth[, sigma] (csv, txt, npy of shape (points, 3 or 4)), u and v
+    /// in pixels from the centre of the first, a cloud (PLY, PCD, LAS, LAZ; needs --camera), or a
+    /// sparse model of COLMAP; 0, NaN, infinite and negative values mean no measurement. For several
+    /// images: a folder of such files of the same names, or a model. `-` is standard input.
     pub(in crate::cli) sparse: PathBuf,
-    /// Folder for the results [default: the folder of the image].
-    #[arg(short, long, value_name = "DIR")]
+    /// Folder for the results, or for one image the file, whose ending says the format, or `-`, which
+    /// is standard output [default: the folder of the image].
+    #[arg(short, long, value_name = "PATH")]
     pub(in crate::cli) output: Option<PathBuf>,
     /// Unit of the sparse depths: m, cm, mm, kitti (1/256 m), tum (1/5000), vkitti (1/100), or how
     /// many make a metre [default: mm for integers, m for other numbers].
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT")]
     pub(in crate::cli) depth_unit: Option<Unit>,
+    /// The camera, which looks at clouds and places pixels in space: a file (TOML or JSON with fx, fy,
+    /// cx, cy, distortion, pose), or FX,FY,CX,CY in pixels.
+    #[arg(long, value_parser = typed::<Camera>, value_name = "CAMERA")]
+    pub(in crate::cli) camera: Option<Camera>,
     /// What is written of a result: npy (float32 metres), png (16-bit millimetres), color, tiff, exr,
-    /// pfm (metres), npz (metres; exr and npz with standard deviations, if these are asked for).
-    #[arg(
-        long,
-        value_enum,
-        value_delimiter = ',',
-        default_value = "npy,png,color"
-    )]
-    pub(in crate::cli) formats: Vec<Format>,
+    /// pfm (metres), npz (metres; exr and npz with standard deviations, if these are asked for), ply
+    /// (a cloud with colours; needs a camera), json (what is said of it) [default: npy,png,color].
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "FORMAT,...")]
+    pub(in crate::cli) formats: Option<Vec<Format>>,
+    /// Metres of the first and the last colour [default: the nearest and the farthest].
+    #[arg(long, value_parser = range, value_name = "LOW,HIGH")]
+    pub(in crate::cli) range: Option<(f32, f32)>,
+    /// Leave pixels out of clouds whose standard deviation is larger, in metres.
+    #[arg(long, value_name = "METRES")]
+    pub(in crate::cli) max_sigma: Option<f32>,
     /// Size of the result, as WIDTHxHEIGHT [default: that of the image].
     #[arg(long, value_parser = size)]
     pub(in crate::cli) size: Option<Size>,
@@ -59,12 +70,19 @@ pub(in crate::cli) struct Complete {
     /// Show the network every pixel, instead of a large image reduced to the size of training.
     #[arg(long)]
     pub(in crate::cli) full: bool,
+    /// The images are a video: weights are drawn towards those of the frame before, so that few
+    /// points flicker less. Writes the weights of each frame.
+    #[arg(long)]
+    pub(in crate::cli) temporal: bool,
     /// Of a folder, complete only part I of N (I from 0).
     #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N")]
     pub(in crate::cli) shard: Shard,
     /// Replace existing results.
     #[arg(long)]
     pub(in crate::cli) force: bool,
+    /// Print one JSON object to a frame.
+    #[arg(long)]
+    pub(in crate::cli) json: bool,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
 }

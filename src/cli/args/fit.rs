@@ -5,7 +5,7 @@ use crate::fit::{FitConfig, FitMethod, Lambda, PriorKind, Space};
 use clap::Args as ClapArgs;
 
 /// Settings of the fit, laid over those of the weights.
-#[derive(Debug, ClapArgs)]
+#[derive(Clone, Debug, ClapArgs)]
 pub(in crate::cli) struct FitFlags {
     /// What depth is made of: lse (the paper's base functions), wls (a field that is smooth but for
     /// the image's edges), joint (both) [default: as the weights say].

@@ -3,6 +3,7 @@
 mod completion;
 mod evaluation;
 mod fit;
+mod looking;
 mod reports;
 mod training;
 mod values;
@@ -10,6 +11,7 @@ mod values;
 pub(super) use completion::{Bench, Complete};
 pub(super) use evaluation::{Eval, Export};
 use fit::FitFlags;
+pub(super) use looking::{Completions, Inspect, Manual};
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 pub(super) use training::{Calibrate, Convert, Train, WeightsCommand};
 pub(super) use values::Format;
@@ -25,14 +27,19 @@ pub(super) struct Args {
     /// Say more (-v: progress of the parts, -vv: everything); RUST_LOG overrides.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub(super) verbose: u8,
+    /// Print nothing but what was asked for and errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub(super) quiet: bool,
     #[command(subcommand)]
     pub(super) command: Command,
 }
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// Complete the depth of one image.
-    Complete(Complete),
+    /// Complete the depth of images.
+    Complete(Box<Complete>),
+    /// Say what is in a file: kind, size, units, coverage, range.
+    Inspect(Inspect),
     /// Measure methods on a dataset.
     Eval(Box<Eval>),
     /// Join and show reports.
@@ -52,9 +59,13 @@ pub(super) enum Command {
     Bench(Bench),
     /// Print every setting with its value.
     Config(Settings),
+    /// Print a script that completes what is typed, for a shell to source.
+    Completions(Completions),
+    /// Write man pages.
+    Man(Manual),
 }
 
-#[derive(Debug, ClapArgs)]
+#[derive(Clone, Debug, ClapArgs)]
 pub(super) struct Model {
     /// Weights file [default: the weights in the program].
     #[arg(long, value_name = "FILE")]

@@ -7,7 +7,7 @@ use crate::model::Precision;
 use crate::predict::Preserve;
 use crate::sample::{Interpolation, Size};
 use clap::ValueEnum;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Reads a value; what is wrong comes with the hint.
@@ -48,6 +48,19 @@ pub(super) fn size(text: &str) -> Result<Size> {
     })
 }
 
+/// `LOW,HIGH` in metres.
+pub(super) fn range(text: &str) -> Result<(f32, f32)> {
+    let numbers = text.split_once(',').and_then(|(low, high)| {
+        let numbers = (
+            low.trim().parse::<f32>().ok()?,
+            high.trim().parse::<f32>().ok()?,
+        );
+        (numbers.0 < numbers.1 && numbers.1.is_finite()).then_some(numbers)
+    });
+    numbers
+        .ok_or_else(|| Error::config(format!("`{text}` is no range of depths")).hint("as in 0.5,8"))
+}
+
 macro_rules! by_name {
     ($kind:ty, $variants:expr) => {
         impl ValueEnum for $kind {
@@ -79,10 +92,14 @@ pub(in crate::cli) enum Format {
     Pfm,
     /// Colours to look at.
     Color,
+    /// A cloud with colours.
+    Ply,
+    /// What is said of the result.
+    Json,
 }
 
 impl Format {
-    const ALL: [Self; 7] = [
+    const ALL: [Self; 9] = [
         Self::Npy,
         Self::Npz,
         Self::Png,
@@ -90,6 +107,8 @@ impl Format {
         Self::Exr,
         Self::Pfm,
         Self::Color,
+        Self::Ply,
+        Self::Json,
     ];
 
     fn name(self) -> &'static str {
@@ -101,7 +120,32 @@ impl Format {
             Self::Exr => "exr",
             Self::Pfm => "pfm",
             Self::Color => "color",
+            Self::Ply => "ply",
+            Self::Json => "json",
         }
+    }
+
+    /// How names of such files end.
+    pub(in crate::cli) fn end(self) -> &'static str {
+        match self {
+            Self::Npy => "depth.npy",
+            Self::Npz => "depth.npz",
+            Self::Png => "depth.png",
+            Self::Tiff => "depth.tiff",
+            Self::Exr => "depth.exr",
+            Self::Pfm => "depth.pfm",
+            Self::Color => "depth_color.png",
+            Self::Ply => "cloud.ply",
+            Self::Json => "report.json",
+        }
+    }
+
+    /// The format that a file's ending says.
+    pub(in crate::cli) fn of(path: &Path) -> Option<Self> {
+        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+        let ending = if ending == "tif" { "tiff" } else { &ending };
+        let found = Self::ALL.into_iter().find(|format| format.name() == ending);
+        found.filter(|format| *format != Self::Color)
     }
 }
 

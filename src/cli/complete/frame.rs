@@ -1,11 +1,10 @@
 //! One frame: an image and its points to depth, and what belongs to it.
 
 use super::Complete;
-use crate::cli::ui;
 use crate::data::{DepthMap, Sparse};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::fit::{Fit, root_mean_square};
+use crate::fit::{Fit, FitMethod};
 use crate::predict::{Classic, Completer, Method, check_sizes, complete_classic};
 use image::RgbImage;
 use std::time::{Duration, Instant};
@@ -35,7 +34,8 @@ impl<'a> Engine<'a> {
         let way = match args.method {
             Method::Classic(_) if args.needs_fit() => {
                 return Err(Error::config(
-                    "`--size`, `--sigma`, `--uncertainty` and `--outliers` need method `lsdc`",
+                    "`--size`, `--sigma`, `--uncertainty`, `--max-sigma`, `--outliers` and `--temporal` \
+                     need method `lsdc`",
                 ));
             }
             Method::Classic(method) => Way::Untrained(method),
@@ -50,11 +50,19 @@ impl<'a> Engine<'a> {
         Ok(Self { args, way })
     }
 
-    pub(super) fn complete(&self, rgb: &RgbImage, points: &Sparse) -> Result<Completed> {
+    /// Completes a frame, near the weights of the one before, if they are given.
+    pub(super) fn complete(
+        &self,
+        rgb: &RgbImage,
+        points: &Sparse,
+        before: Option<&[f64]>,
+    ) -> Result<Completed> {
         let sparse = &points.depth;
         check_sizes(rgb, sparse)?;
         let (depth, fitted) = match &self.way {
             Way::Trained(completer) => {
+                let next = before.map(|weights| completer.after(weights)).transpose()?;
+                let completer = next.as_ref().unwrap_or(completer);
                 let (depth, fitted) = self.fitted(completer, rgb, points)?;
                 (depth, Some(fitted))
             }
@@ -90,11 +98,10 @@ impl<'a> Engine<'a> {
         let started = Instant::now();
         let depth = completer.dense(&bases, &fit, sparse, self.args.size)?;
         let dense = started.elapsed();
-        let deviations = self
-            .args
-            .uncertainty
-            .then(|| completer.deviation(&bases, sparse, &fit, &depth));
+        let wanted = self.args.uncertainty || self.args.max_sigma.is_some();
+        let deviations = wanted.then(|| completer.deviation(&bases, sparse, &fit, &depth));
         let fitted = Fitted {
+            method: completer.fit_config().method,
             leverages: completer.leverages(&bases, sparse, &fit),
             deviations: deviations.transpose()?,
             fit,
@@ -109,57 +116,54 @@ impl<'a> Engine<'a> {
 impl Complete {
     /// Whether something is asked for that only a fit has.
     fn needs_fit(&self) -> bool {
-        self.size.is_some() || self.sigma.is_some() || self.uncertainty || self.outliers
+        self.size.is_some()
+            || self.sigma.is_some()
+            || self.uncertainty
+            || self.max_sigma.is_some()
+            || self.outliers
+            || self.temporal
     }
 }
 
-/// A fit with what is printed and written of it.
+/// A fit with what is said and written of it.
 pub(super) struct Fitted {
+    pub(super) method: FitMethod,
     pub(super) fit: Fit,
     leverages: Vec<f64>,
     pub(super) deviations: Option<DepthMap>,
-    network: Duration,
-    fitting: Duration,
-    dense: Duration,
+    pub(super) network: Duration,
+    pub(super) fitting: Duration,
+    pub(super) dense: Duration,
 }
 
 impl Fitted {
-    pub(super) fn print(&self) {
-        let fit = &self.fit;
-        ui::print(&format!(
-            "residual  {:.4} m rms at the points, {:.4} m at points left out, rank {} of {}",
-            fit.rms(),
-            root_mean_square(&fit.left_out(&self.leverages)),
-            fit.rank,
-            fit.weights.len()
-        ));
-        ui::print(&format!(
-            "time      network {}, fit {}, dense {}",
-            ui::millis(self.network),
-            ui::millis(self.fitting),
-            ui::millis(self.dense)
-        ));
+    /// What is left of each depth if the others alone are asked.
+    pub(super) fn left_out(&self) -> Vec<f64> {
+        self.fit.left_out(&self.leverages)
     }
 
-    /// The points that do not agree with the others, as CSV, the worst first.
-    pub(super) fn outliers(&self, sparse: &DepthMap) -> String {
-        let (fit, leverages) = (&self.fit, &self.leverages);
-        let left_out = fit.left_out(leverages);
-        let scores = fit.scores(leverages);
-        let mut lines: Vec<(f64, String)> = Vec::new();
-        for (i, point) in sparse.points().enumerate() {
-            if scores[i].abs() > OUTLYING {
-                let others = f64::from(point.depth) - left_out[i];
-                let (x, y, depth, score) = (point.x, point.y, point.depth, scores[i]);
-                let weight = fit.point_weights[i];
-                let line = format!("{x},{y},{depth},{others:.4},{score:.2},{weight:.4}\n");
-                lines.push((-score.abs(), line));
-            }
-        }
-        lines.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let header = "x,y,depth,depth_by_the_others,score,weight\n";
-        lines
+    /// The numbers and scores of the points that do not agree with the others.
+    pub(super) fn outlying(&self) -> impl Iterator<Item = (usize, f64)> {
+        let scores = self.fit.scores(&self.leverages);
+        scores
             .into_iter()
-            .fold(header.to_owned(), |text, (_, line)| text + &line)
+            .enumerate()
+            .filter(|(_, score)| score.abs() > OUTLYING)
+    }
+
+    /// These points as CSV, the worst first.
+    pub(super) fn outliers(&self, sparse: &DepthMap) -> String {
+        let left_out = self.left_out();
+        let points: Vec<_> = sparse.points().collect();
+        let mut outlying: Vec<(usize, f64)> = self.outlying().collect();
+        outlying.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        let lines = outlying.into_iter().map(|(i, score)| {
+            let others = f64::from(points[i].depth) - left_out[i];
+            let (x, y, depth) = (points[i].x, points[i].y, points[i].depth);
+            let weight = self.fit.point_weights[i];
+            format!("{x},{y},{depth},{others:.4},{score:.2},{weight:.4}\n")
+        });
+        let header = "x,y,depth,depth_by_the_others,score,weight\n";
+        lines.fold(header.to_owned(), |text, line| text + &line)
     }
 }

@@ -1,14 +1,17 @@
-//! Folders of images: reading, completing and writing at the same time, frame after frame.
+//! Many images: reading, completing and writing at the same time, frame after frame.
 
 use super::frame::{Completed, Engine};
-use super::outputs::Outputs;
+use super::inputs::{self, Job, Loaded};
+use super::outputs::{Outputs, read_weights};
+use super::summary::Summary;
 use crate::cli::args::Complete;
 use crate::cli::{Exit, ui};
-use crate::data::{self, Colmap, Sparse, View};
+use crate::data;
 use crate::error::{Error, Result};
-use image::RgbImage;
+use crate::eval::Shard;
+use indicatif::ProgressBar;
 use std::collections::HashSet;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::sync_channel;
@@ -16,83 +19,93 @@ use std::sync::mpsc::sync_channel;
 /// Frames that wait between two stages.
 const WAITING: usize = 2;
 
-/// An image and where its points are.
-struct Job {
-    /// Path of the image below its folder.
-    name: PathBuf,
-    points: Points,
-}
-
-enum Points {
-    File(PathBuf),
-    View(View),
-}
-
 pub(super) fn run(args: &Complete) -> Result<Exit> {
     let output = args.output.as_deref().ok_or_else(|| {
-        Error::config("where the results of a folder go is missing").hint("give -o DIR")
+        Error::config("where the results of many images go is missing").hint("give -o DIR")
     })?;
     if args.sigma.is_some() {
         return Err(Error::config("`--sigma` is for one image")
             .hint("give lists with a fourth column, or a model of COLMAP"));
     }
+    if args.temporal && args.shard != Shard::WHOLE {
+        return Err(Error::config("a part of the frames is no video")
+            .hint("give either `--temporal` or `--shard`"));
+    }
     let failures = Failures::default();
-    let jobs = jobs(args, output, &failures)?;
-    let outputs = |name: &Path| {
-        let folder = output.join(name.parent().unwrap_or(Path::new("")));
-        let stem = name.file_stem().unwrap_or_default().to_string_lossy();
-        Outputs::new(args, &folder, &stem)
-    };
-    let all = jobs.len();
-    let left: Vec<Job> = jobs
-        .into_iter()
-        .filter(|job| args.force || !outputs(&job.name).exist())
-        .collect();
-    let there = all - left.len();
+    let jobs = inputs::many(args, output, &failures)?;
+    let mut left = Vec::new();
+    let mut there = 0;
+    let mut before = None;
+    for job in jobs {
+        let outputs = Outputs::below(args, output, &job)?;
+        let weights = outputs.weights().map(Path::to_owned);
+        if !args.force && outputs.exist() {
+            there += 1;
+        } else {
+            left.push(Frame {
+                job,
+                outputs,
+                before: before.take(),
+            });
+        }
+        before = weights;
+    }
+    let folders: HashSet<&Path> = left.iter().map(|frame| frame.outputs.folder()).collect();
+    folders.into_iter().for_each(data::remove_leftovers);
     let engine = Engine::new(args)?;
     let stop = ui::stop_flag();
     let bar = ui::bar(left.len(), "frames");
+    let failures = failures.beside(&bar);
 
     let done = std::thread::scope(|scope| {
-        let (send_read, read) = sync_channel::<(&Path, RgbImage, Sparse)>(WAITING);
-        let (send_found, found) = sync_channel::<(&Path, Completed, Sparse)>(WAITING);
+        let (send_read, read) = sync_channel::<(&Frame, Loaded)>(WAITING);
+        let (send_found, found) = sync_channel::<(&Frame, Loaded, Completed)>(WAITING);
         let (failures, bar, stop, left) = (&failures, &bar, &stop, &left);
         scope.spawn(move || {
-            for job in left {
+            for frame in left {
                 if stop.load(Ordering::Relaxed) {
                     break;
                 }
-                match job.load(args) {
-                    Ok((rgb, points)) => {
-                        if send_read.send((&job.name, rgb, points)).is_err() {
+                match frame.job.load(args) {
+                    Ok(loaded) => {
+                        if send_read.send((frame, loaded)).is_err() {
                             break;
                         }
                     }
-                    Err(error) => failures.add(&job.name, &error, bar),
+                    Err(error) => failures.add(&frame.job.name, &error),
                 }
             }
         });
         let writer = scope.spawn(move || {
             let mut done = 0;
-            for (name, completed, points) in found {
-                match outputs(name).write(&completed, &points.depth) {
+            for (Frame { job, outputs, .. }, loaded, completed) in found {
+                let summary = Summary::new(&job.name, &loaded, &completed);
+                match outputs.write(&loaded, &completed, &summary) {
                     Ok(()) => {
                         done += 1;
                         bar.inc(1);
+                        if args.json {
+                            bar.suspend(|| ui::print(&summary.json()));
+                        }
                     }
-                    Err(error) => failures.add(name, &error, bar),
+                    Err(error) => failures.add(&job.name, &error),
                 }
             }
             done
         });
-        for (name, rgb, points) in read {
-            match engine.complete(&rgb, &points) {
+        let mut chain = Chain::default();
+        for (frame, loaded) in read {
+            let completed = chain
+                .before(frame)
+                .and_then(|before| engine.complete(&loaded.rgb, &loaded.points, before.as_deref()));
+            match completed {
                 Ok(completed) => {
-                    if send_found.send((name, completed, points)).is_err() {
+                    chain.go_on(frame, &completed);
+                    if send_found.send((frame, loaded, completed)).is_err() {
                         break;
                     }
                 }
-                Err(error) => failures.add(name, &error, bar),
+                Err(error) => failures.add(&frame.job.name, &error),
             }
         }
         drop(send_found);
@@ -101,10 +114,13 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     bar.finish_and_clear();
 
     let failed = failures.count();
-    ui::print(&format!(
-        "frames    {done} completed, {there} there already, {failed} failed"
-    ));
-    ui::print(&format!("written   {}", output.display()));
+    let counts = format!("frames    {done} completed, {there} there already, {failed} failed");
+    if args.json {
+        ui::say(&counts);
+    } else {
+        ui::tell(&counts);
+        ui::tell(&format!("written   {}", output.display()));
+    }
     if stop.load(Ordering::Relaxed) && done + failed < left.len() {
         ui::say("hint: the same command goes on with what is left");
         return Ok(Exit::Interrupted);
@@ -116,96 +132,65 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     })
 }
 
-/// Frames that could not be completed.
+/// What is left to do.
+struct Frame<'a> {
+    job: Job,
+    outputs: Outputs<'a>,
+    /// Where the weights of the frame before are, in a video.
+    before: Option<PathBuf>,
+}
+
+/// The weights of the frame that was completed last.
 #[derive(Default)]
-struct Failures(Mutex<usize>);
+struct Chain(Option<(PathBuf, Vec<f64>)>);
+
+impl Chain {
+    /// The weights of the frame before this one: in memory, or of an earlier run; none if it failed.
+    fn before(&self, frame: &Frame<'_>) -> Result<Option<Vec<f64>>> {
+        match (&frame.before, &self.0) {
+            (Some(path), Some((last, weights))) if path == last => Ok(Some(weights.clone())),
+            (Some(path), _) if path.exists() => read_weights(path).map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    fn go_on(&mut self, frame: &Frame<'_>, completed: &Completed) {
+        let path = frame.outputs.weights();
+        let fitted = path.zip(completed.fitted.as_ref());
+        self.0 = fitted.map(|(path, fitted)| (path.to_owned(), fitted.fit.weights.clone()));
+    }
+}
+
+/// Frames that could not be completed: said at once, counted for the end.
+#[derive(Default)]
+pub(super) struct Failures {
+    count: Mutex<usize>,
+    bar: Option<ProgressBar>,
+}
 
 impl Failures {
-    fn add(&self, name: &Path, error: &Error, bar: &indicatif::ProgressBar) {
-        bar.suspend(|| {
-            ui::say(&format!("failed: {}", name.display()));
-            ui::print_error(error);
-        });
-        bar.inc(1);
-        if let Ok(mut count) = self.0.lock() {
+    /// Goes on beside a bar, which steps with every failure.
+    fn beside(self, bar: &ProgressBar) -> Self {
+        Self {
+            bar: Some(bar.clone()),
+            ..self
+        }
+    }
+
+    pub(super) fn add(&self, name: &Path, error: &Error) {
+        let say = || ui::print_failure(name, error);
+        if let Some(bar) = &self.bar {
+            bar.suspend(say);
+            bar.inc(1);
+        } else {
+            say();
+        }
+        if let Ok(mut count) = self.count.lock() {
             *count += 1;
         }
     }
 
     fn count(&self) -> usize {
-        self.0.lock().map_or(0, |count| *count)
+        self.count.lock().map_or(0, |count| *count)
     }
-}
-
-impl Job {
-    fn load(&self, args: &Complete) -> Result<(RgbImage, Sparse)> {
-        let rgb = data::read_rgb(&args.rgb.join(&self.name))?;
-        let size = (rgb.width() as usize, rgb.height() as usize);
-        let points = match &self.points {
-            Points::File(path) => Sparse::read(path, args.depth_unit, size)?,
-            Points::View(view) => Sparse::of_view(view, size)?,
-        };
-        Ok((rgb, points))
-    }
-}
-
-/// The images of a folder, each with its points: a file of the same name, or a view of a model.
-/// What has none, or no name of its own, has failed.
-fn jobs(args: &Complete, output: &Path, failures: &Failures) -> Result<Vec<Job>> {
-    let hidden = indicatif::ProgressBar::hidden();
-    let holds = |name: &Path| args.shard.holds(&name.to_string_lossy());
-    let mut jobs = Vec::new();
-    let mut names = HashSet::new();
-    let mut add = |name: PathBuf, points: Result<Points>| {
-        let inside = name.components().all(|c| matches!(c, Component::Normal(_)));
-        let points = if !inside {
-            Err(Error::config("its name leads out of the folder"))
-        } else if !names.insert(name.with_extension("")) {
-            Err(Error::config(
-                "another image has that name, but for the ending",
-            ))
-        } else {
-            points
-        };
-        match points {
-            Ok(points) => jobs.push(Job { name, points }),
-            Err(error) => failures.add(&name, &error, &hidden),
-        }
-    };
-    if Colmap::is_at(&args.sparse) {
-        for view in Colmap::read(&args.sparse)?.views {
-            let name = PathBuf::from(&view.name);
-            if holds(&name) {
-                add(name, Ok(Points::View(view)));
-            }
-        }
-        return Ok(jobs);
-    }
-    if !args.sparse.is_dir() {
-        let what = "is no folder of points and no model of COLMAP";
-        return Err(Error::format(&args.sparse, what));
-    }
-    let images = data::images_below(&args.rgb)?;
-    if images.is_empty() {
-        return Err(Error::format(&args.rgb, "holds no JPEG or PNG image"));
-    }
-    for path in images {
-        let ours = path.starts_with(output) && !args.rgb.starts_with(output);
-        let name = path.strip_prefix(&args.rgb).unwrap_or(&path).to_owned();
-        if ours || !holds(&name) {
-            continue;
-        }
-        let endings = [
-            "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "csv", "txt",
-        ]
-        .into_iter();
-        let mut files = endings.map(|ending| args.sparse.join(&name).with_extension(ending));
-        let file = files.find(|file| file.exists() && *file != path);
-        let points = file.map(Points::File).ok_or_else(|| {
-            let folder = args.sparse.display();
-            Error::config(format!("there are no points of that name in `{folder}`"))
-        });
-        add(name, points);
-    }
-    Ok(jobs)
 }

@@ -1,144 +1,290 @@
 //! The files of a result.
 
 use super::Complete;
-use super::frame::Completed;
-use crate::cli::args::Format;
-use crate::data::{self, DepthMap, Sparse, Unit};
+use super::frame::{Completed, Fitted};
+use super::inputs::{Job, Loaded};
+use super::summary::Summary;
+pub(super) use crate::cli::args::Format;
+use crate::data::{self, Camera, Colored, DepthMap, Unit};
 use crate::error::{Error, Result};
 use crate::report::coloured;
+use image::RgbImage;
 use std::path::{Path, PathBuf};
 
+/// What is written without `--formats`.
+const USUAL: [Format; 3] = [Format::Npy, Format::Png, Format::Color];
+
+/// How names of files of weights end.
+const WEIGHTS: &str = "weights.json";
+
 /// The files of a result.
-pub(super) struct Outputs {
+pub(super) struct Outputs<'a> {
+    args: &'a Complete,
     folder: PathBuf,
-    depths: Vec<(Format, PathBuf)>,
-    /// Of maps of standard deviations, and of lists of outliers.
-    sigma: Option<PathBuf>,
-    outliers: Option<PathBuf>,
-    force: bool,
+    files: Vec<(Kind, PathBuf)>,
 }
 
-impl Outputs {
-    /// Of a frame of that name, in a folder.
-    pub(super) fn new(args: &Complete, folder: &Path, stem: &str) -> Self {
-        let path = |end: &str| folder.join(format!("{stem}_{end}"));
-        let depths = args.formats.iter().map(|&format| {
-            let end = match format {
-                Format::Npy => "depth.npy",
-                Format::Npz => "depth.npz",
-                Format::Png => "depth.png",
-                Format::Tiff => "depth.tiff",
-                Format::Exr => "depth.exr",
-                Format::Pfm => "depth.pfm",
-                Format::Color => "depth_color.png",
-            };
-            (format, path(end))
-        });
-        Self {
-            folder: folder.to_owned(),
-            depths: depths.collect(),
-            sigma: args.uncertainty.then(|| path("sigma.npy")),
-            outliers: args.outliers.then(|| path("outliers.csv")),
-            force: args.force,
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Depth(Format),
+    Sigma,
+    Outliers,
+    /// Weights, which the next frame of a video starts from.
+    Weights,
+}
+
+impl<'a> Outputs<'a> {
+    /// Of the one image: in the folder of `-o`, in that file, or beside the image.
+    pub(super) fn beside(args: &'a Complete, job: &Job) -> Result<Self> {
+        let output = args.output.as_deref();
+        if let Some(path) = output.filter(|path| !path.is_dir())
+            && let Some(format) = Format::of(path)
+        {
+            if args.formats.is_some() {
+                return Err(Error::config(
+                    "`-o FILE` and `--formats` name the format twice",
+                ));
+            }
+            let folder = path.parent().unwrap_or(Path::new(""));
+            let stem = path.file_stem().unwrap_or_default();
+            let files = Self::new(args, folder, &stem.to_string_lossy(), &[]).files;
+            return Self {
+                args,
+                folder: folder.to_owned(),
+                files: [(Kind::Depth(format), path.to_owned())]
+                    .into_iter()
+                    .chain(files)
+                    .collect(),
+            }
+            .checked();
         }
+        let folder = output.or(args.rgb[0].parent()).unwrap_or(Path::new(""));
+        Self::of(args, folder, job)
+    }
+
+    /// Of one image among many.
+    pub(super) fn below(args: &'a Complete, output: &Path, job: &Job) -> Result<Self> {
+        let folder = output.join(job.name.parent().unwrap_or(Path::new("")));
+        Self::of(args, &folder, job)
+    }
+
+    fn of(args: &'a Complete, folder: &Path, job: &Job) -> Result<Self> {
+        let formats = args.formats.as_deref().unwrap_or(&USUAL);
+        let stem = job.name.file_stem().unwrap_or_default();
+        Self::new(args, folder, &stem.to_string_lossy(), formats).checked()
+    }
+
+    fn new(args: &'a Complete, folder: &Path, stem: &str, formats: &[Format]) -> Self {
+        let path = |end: &str| folder.join(format!("{stem}_{end}"));
+        let mut files: Vec<(Kind, PathBuf)> = formats
+            .iter()
+            .map(|&format| (Kind::Depth(format), path(format.end())))
+            .collect();
+        if args.uncertainty {
+            files.push((Kind::Sigma, path("sigma.npy")));
+        }
+        if args.outliers {
+            files.push((Kind::Outliers, path("outliers.csv")));
+        }
+        if args.temporal {
+            files.push((Kind::Weights, path(WEIGHTS)));
+        }
+        Self {
+            args,
+            folder: folder.to_owned(),
+            files,
+        }
+    }
+
+    fn checked(self) -> Result<Self> {
+        if self.args.max_sigma.is_some() && !self.has_cloud() {
+            return Err(Error::config("`--max-sigma` is for clouds").hint("add ply to --formats"));
+        }
+        Ok(self)
+    }
+
+    fn has_cloud(&self) -> bool {
+        let mut kinds = self.files.iter().map(|(kind, _)| *kind);
+        kinds.any(|kind| kind == Kind::Depth(Format::Ply))
+    }
+
+    /// The file of weights, if there is one.
+    pub(super) fn weights(&self) -> Option<&Path> {
+        let mut files = self.files.iter();
+        let found = files.find(|(kind, _)| *kind == Kind::Weights);
+        found.map(|(_, path)| path.as_path())
+    }
+
+    /// Where the files are.
+    pub(super) fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// The file that is named first.
     pub(super) fn first(&self) -> &Path {
-        self.depths.first().map_or(&self.folder, |(_, path)| path)
+        self.files.first().map_or(&self.folder, |(_, path)| path)
     }
 
     /// Whether all files are there.
     pub(super) fn exist(&self) -> bool {
-        let depths = self.depths.iter().map(|(_, path)| path);
-        let mut all = depths.chain(&self.sigma).chain(&self.outliers);
-        all.all(|path| path.exists())
+        self.files.iter().all(|(_, path)| path.exists())
     }
 
     /// Writes what was asked for. An existing file is replaced only by an equal one, or with
     /// `--force`; else nothing is written. So what an interrupted run has left is no obstacle.
-    pub(super) fn write(&self, found: &Completed, sparse: &DepthMap) -> Result<()> {
-        let depth = &found.depth;
-        let fitted = found.fitted.as_ref();
-        let deviations = fitted.and_then(|fitted| fitted.deviations.as_ref());
-        let sigma = self.sigma.as_deref().zip(deviations);
-        let list = self.outliers.as_deref().zip(fitted);
-        let list = list.map(|(path, fitted)| (path, fitted.outliers(sparse)));
-
-        for (format, path) in &self.depths {
-            self.replaceable(path, format.is_same(path, depth))?;
+    pub(super) fn write(&self, frame: &Loaded, found: &Completed, summary: &Summary) -> Result<()> {
+        let result = Contents::new(self.args, frame, found, summary);
+        if frame.camera.is_none() && self.has_cloud() {
+            return Err(no_camera());
         }
-        let same =
-            |path: &Path, map: &DepthMap| data::read_npy(path, 1.0).is_ok_and(|old| old == *map);
-        if let Some((path, map)) = sigma {
-            self.replaceable(path, same(path, map))?;
+        for (kind, path) in &self.files {
+            if !self.args.force && path.exists() && !result.is_in(*kind, path) {
+                return Err(Error::config(format!("`{}` exists", path.display()))
+                    .hint("give --force to replace it, or -o DIR to write elsewhere"));
+            }
         }
-        if let Some((path, text)) = &list {
-            let old = std::fs::read_to_string(path);
-            self.replaceable(path, old.is_ok_and(|old| old == *text))?;
+        if !self.folder.as_os_str().is_empty() {
+            std::fs::create_dir_all(&self.folder).map_err(|e| Error::write(&self.folder, e))?;
         }
-
-        std::fs::create_dir_all(&self.folder).map_err(|e| Error::write(&self.folder, e))?;
-        for (format, path) in &self.depths {
-            match format {
-                Format::Npy => data::write_npy(path, depth),
-                Format::Npz => {
-                    let maps = [("depth", Some(depth)), ("sigma", deviations)];
-                    let maps = maps
-                        .into_iter()
-                        .filter_map(|(name, map)| Some((name, map?)));
-                    data::write_npz(path, &maps.collect::<Vec<_>>())
-                }
-                Format::Png => data::write_depth_png(path, depth, Unit::MILLIMETRE.metres()),
-                Format::Tiff => data::write_tiff(path, depth),
-                Format::Exr => data::write_exr(path, depth, deviations),
-                Format::Pfm => data::write_pfm(path, depth),
-                Format::Color => {
-                    let (low, high) = depth.range().unwrap_or((0.0, 1.0));
-                    data::write_rgb(path, &coloured(depth, low, high))
-                }
-            }?;
-        }
-        if let Some((path, map)) = sigma {
-            data::write_npy(path, map)?;
-        }
-        if let Some((path, text)) = list {
-            data::write_atomically(path, |out| out.write_all(text.as_bytes()))?;
-        }
-        Ok(())
-    }
-
-    fn replaceable(&self, path: &Path, same: bool) -> Result<()> {
-        if self.force || same || !path.exists() {
-            return Ok(());
-        }
-        Err(Error::config(format!("`{}` exists", path.display()))
-            .hint("give --force to replace it, or -o DIR to write elsewhere"))
+        self.files
+            .iter()
+            .try_for_each(|(kind, path)| result.write(*kind, path))
     }
 }
 
-impl Format {
-    /// Whether a file holds a depth map, as exactly as the format does.
-    fn is_same(self, path: &Path, depth: &DepthMap) -> bool {
-        let size = (depth.width(), depth.height());
-        match self {
-            Self::Color => {
-                let (low, high) = depth.range().unwrap_or((0.0, 1.0));
-                data::read_rgb(path).is_ok_and(|old| old == coloured(depth, low, high))
-            }
-            Self::Png => data::read_depth_png(path, Unit::MILLIMETRE.metres()).is_ok_and(|old| {
-                /// What 16 bits of millimetres hold, and half of the last.
-                const MOST: f32 = 65.5355;
-                let stored = depth
-                    .values()
-                    .iter()
-                    .map(|&v| if v < MOST { v } else { 0.0 });
-                let mut pairs = old.values().iter().zip(stored);
-                (old.width(), old.height()) == size && pairs.all(|(a, b)| (a - b).abs() < 6e-4)
-            }),
-            Self::Npy | Self::Npz | Self::Tiff | Self::Exr | Self::Pfm => {
-                Sparse::read(path, Some(Unit::METRE), size).is_ok_and(|old| old.depth == *depth)
-            }
+/// What goes into the files.
+struct Contents<'a> {
+    depth: &'a DepthMap,
+    deviations: Option<&'a DepthMap>,
+    /// Metres of the first and the last colour.
+    range: (f32, f32),
+    rgb: &'a RgbImage,
+    camera: Option<&'a Camera>,
+    max_sigma: Option<f32>,
+    outliers: Option<String>,
+    weights: Option<&'a [f64]>,
+    summary: &'a Summary,
+    wanted: bool,
+}
+
+impl<'a> Contents<'a> {
+    fn new(args: &Complete, frame: &'a Loaded, found: &'a Completed, summary: &'a Summary) -> Self {
+        let depth = &found.depth;
+        let fitted = found.fitted.as_ref();
+        let list = |fitted: &Fitted| fitted.outliers(&frame.points.depth);
+        Self {
+            depth,
+            deviations: fitted.and_then(|fitted| fitted.deviations.as_ref()),
+            range: args.range.or(depth.range()).unwrap_or((0.0, 1.0)),
+            rgb: &frame.rgb,
+            camera: frame.camera.as_ref(),
+            max_sigma: args.max_sigma,
+            outliers: fitted.filter(|_| args.outliers).map(list),
+            weights: fitted.map(|fitted| &fitted.fit.weights[..]),
+            summary,
+            wanted: args.uncertainty,
         }
     }
+
+    /// Deviations that are asked for, not only needed.
+    fn sigma(&self) -> Option<&'a DepthMap> {
+        self.deviations.filter(|_| self.wanted)
+    }
+
+    fn write(&self, kind: Kind, path: &Path) -> Result<()> {
+        let depth = self.depth;
+        match kind {
+            Kind::Depth(Format::Npy) => data::write_npy(path, depth),
+            Kind::Depth(Format::Npz) => {
+                let maps = [("depth", Some(depth)), ("sigma", self.sigma())];
+                let maps = maps
+                    .into_iter()
+                    .filter_map(|(name, map)| Some((name, map?)));
+                data::write_npz(path, &maps.collect::<Vec<_>>())
+            }
+            Kind::Depth(Format::Png) => {
+                data::write_depth_png(path, depth, Unit::MILLIMETRE.metres())
+            }
+            Kind::Depth(Format::Tiff) => data::write_tiff(path, depth),
+            Kind::Depth(Format::Exr) => data::write_exr(path, depth, self.sigma()),
+            Kind::Depth(Format::Pfm) => data::write_pfm(path, depth),
+            Kind::Depth(Format::Color) => data::write_rgb(path, &self.colours()),
+            Kind::Depth(Format::Ply) => data::write_ply(path, &self.cloud()?),
+            Kind::Depth(Format::Json) => {
+                data::write_atomically(path, |out| writeln!(out, "{}", self.summary.json()))
+            }
+            Kind::Sigma => self
+                .deviations
+                .map_or(Ok(()), |map| data::write_npy(path, map)),
+            Kind::Weights => data::write_atomically(path, |out| {
+                let text = serde_json::to_string(&self.weights)?;
+                writeln!(out, "{text}")
+            }),
+            Kind::Outliers => data::write_atomically(path, |out| {
+                out.write_all(self.outliers.as_deref().unwrap_or_default().as_bytes())
+            }),
+        }
+    }
+
+    /// Whether a file holds this already. The same depths make the same bytes; only reports say how
+    /// long it took.
+    fn is_in(&self, kind: Kind, path: &Path) -> bool {
+        if kind == Kind::Depth(Format::Json) {
+            let old = std::fs::read_to_string(path);
+            return old.is_ok_and(|old| self.summary.is_but_for_times(&old));
+        }
+        let Ok(folder) = tempfile::tempdir() else {
+            return false;
+        };
+        let again = folder.path().join("again");
+        let bytes = |path: &Path| std::fs::read(path).ok();
+        self.write(kind, &again).is_ok() && bytes(path) == bytes(&again)
+    }
+
+    fn colours(&self) -> RgbImage {
+        coloured(self.depth, self.range.0, self.range.1)
+    }
+
+    /// The pixels in space, with the colours of the image.
+    fn cloud(&self) -> Result<Vec<Colored>> {
+        let camera = self.camera.ok_or_else(no_camera)?;
+        let (width, height) = (self.depth.width(), self.depth.height());
+        let camera = camera.resized((width, height));
+        let shown = (self.rgb.width() as usize, self.rgb.height() as usize);
+        let points = self.depth.points().filter_map(|point| {
+            let sigma = self.deviations.map(|map| map.at(point.x, point.y));
+            if sigma
+                .zip(self.max_sigma)
+                .is_some_and(|(sigma, most)| sigma > most)
+            {
+                return None;
+            }
+            let pixel = [point.x as f64, point.y as f64];
+            let color = self.rgb.get_pixel(
+                (point.x * shown.0 / width) as u32,
+                (point.y * shown.1 / height) as u32,
+            );
+            Some(Colored {
+                place: camera.unproject(pixel, f64::from(point.depth))?,
+                color: color.0,
+                sigma,
+            })
+        });
+        Ok(points.collect())
+    }
+}
+
+fn no_camera() -> Error {
+    Error::config("a cloud needs a camera")
+        .hint("give --camera FILE, --camera FX,FY,CX,CY, or points of a model of COLMAP")
+}
+
+/// Weights that were written.
+pub(super) fn read_weights(path: &Path) -> Result<Vec<f64>> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+    serde_json::from_str(&text).map_err(|e| {
+        Error::format(path, "holds no weights")
+            .because(e)
+            .hint("remove it: the video starts anew there")
+    })
 }

@@ -1,28 +1,27 @@
 //! Models in binary form: little-endian, as COLMAP's `reconstruction_io` writes them.
 
-use super::{Camera, Landmark, Parsed, Pose};
+use super::calibration::{Calibration, model};
+use super::{Landmark, Parsed, Pose};
 use std::collections::HashMap;
-
-/// The number of parameters of each camera model, by its number.
-const PARAMETERS: [usize; 12] = [3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16];
 
 /// The number of a point that is none.
 const NONE: u64 = u64::MAX;
 
-pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, Camera>> {
+pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, Calibration>> {
     let mut bytes = Bytes(bytes);
     // An identity, a model and a size at least.
     let count = bytes.count(24)?;
     let mut cameras = HashMap::with_capacity(count);
     for _ in 0..count {
-        let (id, model) = (bytes.u32()?, bytes.u32()?);
+        let (id, number) = (bytes.u32()?, bytes.u32()?);
         let size = (bytes.u64()?, bytes.u64()?);
-        let parameters = PARAMETERS
-            .get(model as usize)
-            .ok_or_else(|| format!("camera {id} is of an unknown model, {model}"))?;
-        let focal = bytes.f64()?;
-        bytes.skip(8 * (parameters - 1))?;
-        cameras.insert(id, Camera { size, focal });
+        let (name, count) =
+            model(number).ok_or_else(|| format!("camera {id} is of an unknown model, {number}"))?;
+        let mut parameters = vec![0.0; count];
+        for value in &mut parameters {
+            *value = bytes.f64()?;
+        }
+        cameras.insert(id, Calibration::new(name, size, &parameters)?);
     }
     Ok(cameras)
 }

@@ -2,10 +2,13 @@
 //! points that it sees, at the depths that the model gives them.
 
 mod binary;
+mod calibration;
 mod text;
 
+use super::Camera;
 use super::files::{Listed, has_ending};
 use crate::error::{Error, Result};
+use calibration::Calibration;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -27,13 +30,8 @@ pub struct View {
     points: Vec<Listed>,
     /// Observations of points that the model does not have, or that lie behind the camera.
     pub ignored: usize,
-}
-
-/// What a file says of a camera.
-struct Camera {
-    size: (u64, u64),
-    /// In pixels; the first parameter of every camera model.
-    focal: f64,
+    /// The camera at its place, in the unit of the model, if its kind is known.
+    pub camera: Option<Camera>,
 }
 
 /// What a file says of an image.
@@ -58,7 +56,7 @@ struct Landmark {
 
 /// The three files of a model.
 struct Parts {
-    cameras: HashMap<u32, Camera>,
+    cameras: HashMap<u32, Calibration>,
     poses: Vec<Pose>,
     landmarks: HashMap<u64, Landmark>,
 }
@@ -93,6 +91,11 @@ impl Colmap {
 }
 
 impl View {
+    /// The number of points that it sees.
+    pub fn count(&self) -> usize {
+        self.points.len()
+    }
+
     /// The points as those of a list, their pixels counted from the centre of the first.
     pub(super) fn listed(&self) -> &[Listed] {
         &self.points
@@ -107,7 +110,8 @@ impl Parts {
                 format!("image `{}` has no camera {}", pose.name, pose.camera),
             )
         })?;
-        let [_, _, row] = matrix(pose.rotation);
+        let rotation = matrix(pose.rotation);
+        let row = rotation[2];
         let mut points = Vec::with_capacity(pose.seen.len());
         for ([u, v], point) in &pose.seen {
             let Some(landmark) = self.landmarks.get(point) else {
@@ -132,6 +136,11 @@ impl Parts {
         Ok(View {
             name: pose.name.clone(),
             size: (width, height),
+            camera: camera.camera.clone().map(|camera| {
+                camera
+                    .with_size((width, height))
+                    .with_pose(rotation, pose.translation)
+            }),
             ignored: pose.seen.len() - points.len(),
             points,
         })

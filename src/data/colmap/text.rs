@@ -1,19 +1,23 @@
 //! Models as text: one camera or point to a line, two lines to an image.
 
-use super::{Camera, Landmark, Parsed, Pose};
+use super::calibration::Calibration;
+use super::{Landmark, Parsed, Pose};
 use std::collections::HashMap;
 use std::str::FromStr;
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS...`
-pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, Camera>> {
+pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, Calibration>> {
     let mut cameras = HashMap::new();
     for (number, line) in lines(text) {
         let mut fields = Fields::new(number, line);
         let id = fields.next("a camera")?;
-        fields.skip();
+        let model: String = fields.next("a model")?;
         let size = (fields.next("a width")?, fields.next("a height")?);
-        let focal = fields.next("a focal length")?;
-        cameras.insert(id, Camera { size, focal });
+        let mut parameters = Vec::new();
+        while !fields.is_over() {
+            parameters.push(fields.next("a parameter")?);
+        }
+        cameras.insert(id, Calibration::new(&model, size, &parameters)?);
     }
     Ok(cameras)
 }

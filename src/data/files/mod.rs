@@ -2,11 +2,14 @@
 
 mod exr;
 mod hdf5;
+mod las;
 mod list;
 mod npy;
 mod npz;
+mod pcd;
 mod pfm;
 mod picture;
+mod ply;
 mod save;
 mod tiff;
 
@@ -20,8 +23,10 @@ pub(super) use npz::read_npz;
 pub use npz::write_npz;
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
+pub(super) use picture::image_kind;
 pub use picture::{read_depth_png, read_rgb, write_depth_png, write_rgb};
-pub use save::write_atomically;
+pub use ply::{Colored, write_ply};
+pub use save::{remove_leftovers, write_atomically};
 pub(super) use tiff::read_tiff;
 pub use tiff::write_tiff;
 
@@ -30,9 +35,30 @@ use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Whether a file of `size` bytes can hold `bytes` of values: deflate makes at most 1032 of one
-/// (zlib), and what is small may be asked for in any case. Damaged headers promise much more.
+/// (zlib), what is small may be asked for in any case, and no image or scan at a time is so large as
+/// a gigabyte. Damaged headers promise much more.
 fn plausible(bytes: u64, size: u64) -> bool {
-    bytes <= (1 << 20).max(size.saturating_mul(1100))
+    bytes <= (1 << 20).max(size.saturating_mul(1100)).min(1 << 30)
+}
+
+/// The endings of colour images.
+pub(super) const IMAGES: [&str; 6] = ["jpg", "jpeg", "png", "webp", "tif", "tiff"];
+
+/// What is done with each point of a cloud: x, y, z in stored units, maybe not finite.
+pub(super) type Visit<'a> = dyn FnMut([f64; 3]) + 'a;
+
+/// The endings of clouds.
+pub(super) const CLOUDS: [&str; 4] = ["ply", "pcd", "las", "laz"];
+
+/// Visits every point of a cloud, which is read by its ending and never whole.
+pub(super) fn read_cloud(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
+    if has_ending(path, "ply") {
+        ply::read_ply(path, visit)
+    } else if has_ending(path, "pcd") {
+        pcd::read_pcd(path, visit)
+    } else {
+        las::read_las(path, visit)
+    }
 }
 
 /// Whether the path ends in `.ending`, in capitals or not.
@@ -41,7 +67,7 @@ pub(super) fn has_ending(path: &Path, ending: &str) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case(ending))
 }
 
-/// The JPEG and PNG images in a folder and those below it, in the order of their paths.
+/// The images in a folder and those below it, in the order of their paths.
 ///
 /// # Errors
 /// A folder that cannot be read.
@@ -54,7 +80,7 @@ pub fn images_below(folder: &Path) -> Result<Vec<PathBuf>> {
             let path = entry.map_err(|e| Error::read(&folder, e))?.path();
             if path.is_dir() {
                 folders.push(path);
-            } else if ["jpg", "jpeg", "png"].iter().any(|e| has_ending(&path, e)) {
+            } else if IMAGES.iter().any(|e| has_ending(&path, e)) {
                 images.push(path);
             }
         }

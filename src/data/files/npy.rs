@@ -4,6 +4,7 @@ use super::write_atomically;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
+use std::io::Write;
 use std::path::Path;
 
 /// Numbers in rows.
@@ -144,13 +145,16 @@ fn decode(npy: NpyFile<&[u8]>, element: &str) -> std::io::Result<Option<Vec<f32>
 /// # Errors
 /// The file cannot be written.
 pub fn write_npy(path: &Path, depth: &DepthMap) -> Result<()> {
-    write_atomically(path, |out| {
-        let mut writer = npyz::WriteOptions::new()
-            .default_dtype()
-            .shape(&[depth.height() as u64, depth.width() as u64])
-            .writer(out)
-            .begin_nd()?;
-        writer.extend(depth.values().iter().copied())?;
-        writer.finish()
-    })
+    write_atomically(path, |out| encode(out, depth))
+}
+
+/// The bytes of an `.npy` file, float32 of shape `(height, width)`.
+pub(super) fn encode(out: &mut dyn Write, depth: &DepthMap) -> std::io::Result<()> {
+    let mut writer = npyz::WriteOptions::new()
+        .default_dtype()
+        .shape(&[depth.height() as u64, depth.width() as u64])
+        .writer(out)
+        .begin_nd()?;
+    writer.extend(depth.values().iter().copied())?;
+    writer.finish()
 }

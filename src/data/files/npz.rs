@@ -1,13 +1,14 @@
-//! NumPy `.npz` archives.
+//! NumPy `.npz` archives: ZIP files of `.npy` arrays.
 
-use super::npy::parse;
+use super::npy::{encode, parse};
 use super::{Array, plausible, write_atomically};
 use crate::data::DepthMap;
 use crate::error::{Cause, Error, Result};
-use npyz::WriterBuilder as _;
-use npyz::npz::{NpzArchive, NpzWriter};
-use std::io::{Cursor, Read as _};
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read as _};
 use std::path::Path;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 /// What depths are called in archives, the first that is there counts.
 const DEPTHS: [&str; 5] = ["depth", "depths", "sparse", "points", "arr_0"];
@@ -17,11 +18,15 @@ const SIGMAS: [&str; 2] = ["sigma", "std"];
 /// The depths of an archive, and their standard deviations if it has them. An archive of a single
 /// array may call it anything.
 pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
-    let damaged = |e: std::io::Error| Error::format(path, "is no sound npz archive").because(e);
-    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
-    let size = bytes.len() as u64;
-    let mut archive = NpzArchive::new(Cursor::new(bytes)).map_err(damaged)?;
-    let names: Vec<String> = archive.array_names().map(str::to_owned).collect();
+    let damaged =
+        |e: zip::result::ZipError| Error::format(path, "is no sound npz archive").because(e);
+    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
+    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(damaged)?;
+    let names: Vec<String> = archive
+        .file_names()
+        .filter_map(|name| Some(name.ok()?.strip_suffix(".npy")?.to_owned()))
+        .collect();
     let find = |known: &[&str]| {
         let mut known = known.iter();
         known.find_map(|name| names.iter().find(|n| n == name).cloned())
@@ -32,9 +37,7 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
             .hint("save the depths as `depth`, their deviations as `sigma`")
     })?;
     let mut read = |name: &str| -> Result<Array> {
-        let file = npyz::npz::file_name_from_array_name(name);
-        let entry = archive.zip_archive().by_name(&file);
-        let entry = entry.map_err(|e| damaged(e.into()))?;
+        let entry = archive.by_name(&format!("{name}.npy")).map_err(damaged)?;
         let length = entry.size();
         if !plausible(length, size) {
             return Err(Error::format(
@@ -46,7 +49,7 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
         entry
             .take(length)
             .read_to_end(&mut bytes)
-            .map_err(damaged)?;
+            .map_err(|e| damaged(e.into()))?;
         parse(path, &bytes)
     };
     let array = read(&depths)?;
@@ -59,24 +62,18 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_npz(path: &Path, maps: &[(&str, &DepthMap)]) -> Result<()> {
-    let mut bytes = Cursor::new(Vec::new());
-    let encode = || -> std::io::Result<()> {
-        let mut archive = NpzWriter::new(&mut bytes);
+    let archive = || -> std::io::Result<Vec<u8>> {
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
         for (name, map) in maps {
-            let shape = [map.height() as u64, map.width() as u64];
-            let mut array = archive
-                .array(name, npyz::zip::write::FileOptions::default())?
-                .default_dtype()
-                .shape(&shape)
-                .begin_nd()?;
-            array.extend(map.values().iter().copied())?;
-            array.finish()?;
+            let options =
+                SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
+            archive.start_file(format!("{name}.npy"), options)?;
+            encode(&mut archive, map)?;
         }
-        Ok(())
+        Ok(archive.finish()?.into_inner())
     };
-    let mut encode = encode;
-    encode().map_err(|e| {
+    let bytes = archive().map_err(|e| {
         Error::new(Cause::Write, format!("cannot encode `{}`", path.display())).because(e)
     })?;
-    write_atomically(path, |out| out.write_all(bytes.get_ref()))
+    write_atomically(path, |out| out.write_all(&bytes))
 }

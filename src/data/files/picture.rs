@@ -1,15 +1,16 @@
 //! Colour images and 16-bit depth images.
 
+use super::tiff::check_tags;
 use super::{plausible, write_atomically};
 use crate::data::DepthMap;
 use crate::error::{Cause, Error, Result};
 use image::{
-    DynamicImage, ImageBuffer, ImageDecoder as _, ImageFormat, ImageReader, Luma, RgbImage,
+    ColorType, DynamicImage, ImageBuffer, ImageDecoder, ImageFormat, ImageReader, Luma, RgbImage,
 };
 use std::io::Cursor;
 use std::path::Path;
 
-/// Reads a JPEG or PNG as 8-bit RGB, turned upright as its EXIF record asks.
+/// Reads a JPEG, PNG, WebP or TIFF as 8-bit RGB, turned upright as its EXIF record asks.
 ///
 /// # Errors
 /// A missing, damaged or unknown file.
@@ -77,19 +78,39 @@ fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
     write_atomically(path, |out| out.write_all(bytes.get_ref()))
 }
 
+/// Width, height and what a pixel is made of, as stored.
+pub(crate) fn image_kind(path: &Path) -> Result<((usize, usize), ColorType)> {
+    let decoder = decoder(path)?;
+    let (width, height) = decoder.dimensions();
+    Ok(((width as usize, height as usize), decoder.color_type()))
+}
+
 fn open(path: &Path) -> Result<DynamicImage> {
-    let damaged = |e: image::ImageError| {
-        Error::format(path, "is not a readable image")
-            .because(e)
-            .hint("JPEG and PNG are read; check that the file is complete")
-    };
+    let mut decoder = decoder(path)?;
+    let damaged = |e: image::ImageError| damaged(path, e);
+    let orientation = decoder.orientation().map_err(damaged)?;
+    let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
+    image.apply_orientation(orientation);
+    Ok(image)
+}
+
+fn damaged(path: &Path, cause: image::ImageError) -> Error {
+    Error::format(path, "is not a readable image")
+        .because(cause)
+        .hint("JPEG, PNG, WebP and TIFF are read; check that the file is complete")
+}
+
+fn decoder(path: &Path) -> Result<impl ImageDecoder> {
     let size = std::fs::metadata(path)
         .map_err(|e| Error::read(path, e))?
         .len();
     let reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(|e| Error::read(path, e))?;
-    let mut decoder = reader.into_decoder().map_err(damaged)?;
+    if reader.format() == Some(ImageFormat::Tiff) {
+        check_tags(path)?;
+    }
+    let decoder = reader.into_decoder().map_err(|e| damaged(path, e))?;
     let (width, height) = decoder.dimensions();
     if !plausible(decoder.total_bytes(), size) {
         return Err(Error::format(
@@ -98,8 +119,5 @@ fn open(path: &Path) -> Result<DynamicImage> {
         )
         .hint("the file is damaged; write it again"));
     }
-    let orientation = decoder.orientation().map_err(damaged)?;
-    let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
-    image.apply_orientation(orientation);
-    Ok(image)
+    Ok(decoder)
 }

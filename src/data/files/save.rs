@@ -3,6 +3,12 @@
 use crate::error::{Error, Result};
 use std::io::{BufWriter, Write};
 use std::path::Path;
+use std::time::Duration;
+
+/// What the names of files begin and end with until they are complete.
+const UNFINISHED: (&str, &str) = (".lsdc-", ".tmp");
+/// No file takes so long to write.
+const LONG_AGO: Duration = Duration::from_secs(600);
 
 /// Writes `path` through a temporary file in the same folder, renamed when complete.
 ///
@@ -18,8 +24,8 @@ pub fn write_atomically(
     };
     let attempt = || {
         let mut file = tempfile::Builder::new()
-            .prefix(".lsdc-")
-            .suffix(".tmp")
+            .prefix(UNFINISHED.0)
+            .suffix(UNFINISHED.1)
             .permissions_like_a_new_file()
             .tempfile_in(folder)?;
         let mut buffer = BufWriter::new(file.as_file_mut());
@@ -30,6 +36,23 @@ pub fn write_atomically(
         Ok(())
     };
     attempt().map_err(|e| Error::write(path, e))
+}
+
+/// Removes from a folder what killed programs have left unfinished. What cannot be removed stays.
+pub fn remove_leftovers(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let unfinished = name.starts_with(UNFINISHED.0) && name.ends_with(UNFINISHED.1);
+        let written = entry.metadata().and_then(|found| found.modified());
+        let old = || {
+            let age = written.ok().and_then(|time| time.elapsed().ok());
+            age.is_some_and(|age| age > LONG_AGO)
+        };
+        if unfinished && old() {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
 }
 
 /// A temporary file is private by default; an output should be as readable as any other file.
@@ -53,6 +76,22 @@ impl LikeANewFile for tempfile::Builder<'_, '_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_what_was_left_long_ago_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = [".lsdc-old.tmp", ".lsdc-new.tmp", "old.npy"];
+        for name in names {
+            let file = std::fs::File::create(folder.path().join(name)).unwrap();
+            if name.contains("old") {
+                let before = std::time::SystemTime::now() - 2 * LONG_AGO;
+                file.set_modified(before).unwrap();
+            }
+        }
+        remove_leftovers(folder.path());
+        let left = names.map(|name| folder.path().join(name).exists());
+        assert_eq!(left, [false, true, true]);
+    }
 
     #[test]
     fn a_failure_leaves_nothing_behind() {

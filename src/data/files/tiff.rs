@@ -4,7 +4,7 @@ use super::{plausible, write_atomically};
 use crate::data::DepthMap;
 use crate::error::{Cause, Error, Result};
 use std::fs::File;
-use std::io::{BufReader, Cursor};
+use std::io::{BufReader, Cursor, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
@@ -19,6 +19,7 @@ pub(crate) fn read_tiff(path: &Path, scale: impl Fn(bool) -> f64) -> Result<(Dep
             .because(e)
             .hint("uncompressed, deflated and LZW files of one channel are read")
     };
+    check_tags(path)?;
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
     let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
     let mut decoder = Decoder::new(BufReader::new(file)).map_err(damaged)?;
@@ -68,6 +69,49 @@ pub(crate) fn read_tiff(path: &Path, scale: impl Fn(bool) -> f64) -> Result<(Dep
         DepthMap::new(width as usize, height as usize, values)?,
         integers,
     ))
+}
+
+/// Refuses tags with more numbers than the file has bytes, for which the library makes room unread
+/// (TIFF 6.0, section 2; BigTIFF has the same fields, wider).
+pub(super) fn check_tags(path: &Path) -> Result<()> {
+    let unreadable = |e| Error::read(path, e);
+    let cut_off = |_| Error::format(path, "is cut off: it has no directory of tags");
+    let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
+    let size = file.get_ref().metadata().map_err(unreadable)?.len();
+    let mut head = [0; 16];
+    file.read_exact(&mut head[..8]).map_err(cut_off)?;
+    let little = head.starts_with(b"II");
+    let number = |bytes: &[u8]| {
+        let add = |value: u64, byte: &u8| value << 8 | u64::from(*byte);
+        if little {
+            bytes.iter().rev().fold(0, add)
+        } else {
+            bytes.iter().fold(0, add)
+        }
+    };
+    let big = number(&head[2..4]) == 43;
+    // Lengths of the count of tags, of a tag, and of its count of numbers.
+    let (all, tag, count) = if big { (8, 20, 8) } else { (2, 12, 4) };
+    let start = if big {
+        file.read_exact(&mut head[8..]).map_err(cut_off)?;
+        number(&head[8..])
+    } else {
+        number(&head[4..8])
+    };
+    file.seek(SeekFrom::Start(start)).map_err(cut_off)?;
+    let mut bytes = [0; 20];
+    file.read_exact(&mut bytes[..all]).map_err(cut_off)?;
+    for _ in 0..number(&bytes[..all]) {
+        file.read_exact(&mut bytes[..tag]).map_err(cut_off)?;
+        let numbers = number(&bytes[4..4 + count]);
+        if numbers > size {
+            return Err(Error::format(
+                path,
+                format!("declares {numbers} numbers in a tag but is only {size} bytes long"),
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Writes 32-bit floats in metres.

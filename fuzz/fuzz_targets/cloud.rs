@@ -1,0 +1,18 @@
+//! Clouds: PLY, PCD, LAS and LAZ, by the first byte.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use lsdc::data::{Camera, Sparse};
+use lsdc_fuzz::with_file;
+
+fuzz_target!(|data: &[u8]| {
+    let Some((&kind, data)) = data.split_first() else {
+        return;
+    };
+    let name = ["f.ply", "f.pcd", "f.las", "f.laz"][usize::from(kind % 4)];
+    let camera = Camera::pinhole([50.0; 2], [32.0, 24.0]);
+    with_file(data, name, |path| {
+        let _ = Sparse::read(path, None, Some(&camera), (64, 48));
+    });
+});

@@ -1,0 +1,17 @@
+//! Depth maps: npz, TIFF, EXR and PFM, by the first byte.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use lsdc::data::Sparse;
+use lsdc_fuzz::with_file;
+
+fuzz_target!(|data: &[u8]| {
+    let Some((&kind, data)) = data.split_first() else {
+        return;
+    };
+    let name = ["f.npz", "f.tiff", "f.exr", "f.pfm"][usize::from(kind % 4)];
+    with_file(data, name, |path| {
+        let _ = Sparse::read(path, None, None, (64, 48));
+    });
+});

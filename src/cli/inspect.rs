@@ -1,0 +1,249 @@
+//! `lsdc inspect`: what is in files, folders and datasets.
+
+use super::args::Inspect;
+use super::{Exit, settings, ui, weights};
+use crate::data::{Contents, DepthMap, Split, View};
+use crate::error::Result;
+use crate::report::coloured;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Bars of a histogram, and the length of the longest.
+const BARS: usize = 10;
+const LONGEST: usize = 40;
+/// Of a picture on the terminal, in characters.
+const ACROSS: usize = 72;
+
+pub(super) fn run(args: &Inspect) -> Result<Exit> {
+    if args.source.dataset.is_some() {
+        return dataset(args);
+    }
+    for (number, path) in args.files.iter().enumerate() {
+        if number > 0 && !args.json {
+            ui::print("");
+        }
+        if path.extension().is_some_and(|e| e == "safetensors") {
+            weights::info(Some(path), args.json)?;
+            continue;
+        }
+        let contents = Contents::read(path, args.depth_unit)?;
+        if args.json {
+            ui::print(&described(path, &contents).to_string());
+            continue;
+        }
+        ui::print(&format!("file      {}", path.display()));
+        lines(&contents).iter().for_each(|line| ui::print(line));
+        if let Some(map) = contents.map().filter(|_| args.show) {
+            ui::print(&picture(map));
+        }
+    }
+    Ok(Exit::Done)
+}
+
+/// The frames of each split, and the first of them.
+fn dataset(args: &Inspect) -> Result<Exit> {
+    let mut config = args.settings.load()?.data;
+    args.source.apply(&mut config);
+    for split in [Split::Train, Split::Val] {
+        let frames = settings::open(&config, split)?;
+        ui::print(&format!(
+            "{:<9} {} frames, {}",
+            split.name(),
+            frames.len(),
+            frames.about()
+        ));
+        let frame = frames.load(0)?;
+        let depth = &frame.depth;
+        let share = depth.count() as f64 / (depth.width() * depth.height()) as f64;
+        let (low, high) = depth.range().unwrap_or_default();
+        ui::print(&format!(
+            "first     {}, {}x{}, {:.1} % of its pixels have depths, {low:.3} to {high:.3} m",
+            frames.id(0),
+            depth.width(),
+            depth.height(),
+            share * 100.0
+        ));
+    }
+    Ok(Exit::Done)
+}
+
+fn lines(contents: &Contents) -> Vec<String> {
+    let mut lines = Vec::new();
+    match contents {
+        Contents::Image { size, kind } => {
+            lines.push(format!("image     {}x{}, {kind}", size.0, size.1));
+        }
+        Contents::Map(map) => {
+            let depth = &map.depth;
+            let (width, height) = (depth.width(), depth.height());
+            let share = depth.count() as f64 / (width * height) as f64;
+            lines.push(format!(
+                "depths    {width}x{height}, {} pixels ({:.2} %), {} ignored",
+                depth.count(),
+                share * 100.0,
+                depth.ignored()
+            ));
+            let guess = if map.guessed { " (a guess)" } else { "" };
+            lines.push(format!("unit      {}{guess}", map.unit));
+            if map.sigma.is_some() {
+                lines.push("sigma     with standard deviations".to_owned());
+            }
+        }
+        Contents::List {
+            points,
+            ignored,
+            deviations,
+            unit,
+        } => {
+            let with = if *deviations {
+                ", with standard deviations"
+            } else {
+                ""
+            };
+            lines.push(format!(
+                "points    {}, {ignored} ignored{with}",
+                points.len()
+            ));
+            lines.push(format!("unit      {unit}"));
+            for (axis, name) in ["columns", "rows"].into_iter().enumerate() {
+                let values = points.iter().map(|point| point[axis]);
+                let low = values.clone().fold(f64::INFINITY, f64::min);
+                let high = values.fold(f64::NEG_INFINITY, f64::max);
+                lines.push(format!("{name:<9} {low:.1} to {high:.1}"));
+            }
+        }
+        Contents::Cloud {
+            count,
+            ignored,
+            low,
+            high,
+        } => {
+            lines.push(format!(
+                "cloud     {count} points, {ignored} without a place"
+            ));
+            for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+                lines.push(format!("{name:<9} {:.3} to {:.3}", low[axis], high[axis]));
+            }
+        }
+        Contents::Model(model) => {
+            let seen = model.views.iter().map(View::count);
+            lines.push(format!(
+                "model     {} images, {} observations of points",
+                model.views.len(),
+                seen.sum::<usize>()
+            ));
+        }
+    }
+    let mut depths = contents.depths();
+    if !depths.is_empty() {
+        depths.sort_by(f32::total_cmp);
+        let at = |share: f64| depths[((depths.len() - 1) as f64 * share).round() as usize];
+        lines.push(format!(
+            "range     {:.3} to {:.3} m, half of them below {:.3}",
+            at(0.0),
+            at(1.0),
+            at(0.5)
+        ));
+        lines.extend(histogram(&depths));
+    }
+    lines
+}
+
+/// Bars of equal width between the least and the greatest of sorted values.
+fn histogram(sorted: &[f32]) -> Vec<String> {
+    let counts = counts(sorted);
+    let most = counts.iter().copied().max().unwrap_or(1).max(1);
+    let (low, high) = (sorted[0], sorted[sorted.len() - 1]);
+    let width = (high - low) / BARS as f32;
+    let bar = |(i, &count): (usize, &usize)| {
+        let length = (count * LONGEST).div_ceil(most);
+        let start = low + i as f32 * width;
+        format!("{start:>9.3} {} {count}", "#".repeat(length))
+    };
+    counts.iter().enumerate().map(bar).collect()
+}
+
+fn counts(sorted: &[f32]) -> [usize; BARS] {
+    let (low, high) = (sorted[0], sorted[sorted.len() - 1]);
+    let mut counts = [0; BARS];
+    for value in sorted {
+        let share = (value - low) / (high - low).max(f32::MIN_POSITIVE);
+        counts[((share * BARS as f32) as usize).min(BARS - 1)] += 1;
+    }
+    counts
+}
+
+fn described(path: &Path, contents: &Contents) -> Value {
+    let mut value = match contents {
+        Contents::Image { size, kind } => json!({
+            "is": "image", "width": size.0, "height": size.1, "kind": kind,
+        }),
+        Contents::Map(map) => json!({
+            "is": "map", "width": map.depth.width(), "height": map.depth.height(),
+            "points": map.depth.count(), "ignored": map.depth.ignored(),
+            "unit": map.unit.to_string(), "unit_guessed": map.guessed,
+            "deviations": map.sigma.is_some(),
+        }),
+        Contents::List {
+            points,
+            ignored,
+            deviations,
+            unit,
+        } => json!({
+            "is": "list", "points": points.len(), "ignored": ignored,
+            "unit": unit.to_string(), "deviations": deviations,
+        }),
+        Contents::Cloud {
+            count,
+            ignored,
+            low,
+            high,
+        } => json!({
+            "is": "cloud", "points": count, "ignored": ignored, "low": low, "high": high,
+        }),
+        Contents::Model(model) => json!({
+            "is": "model", "images": model.views.len(),
+            "points": model.views.iter().map(View::count).sum::<usize>(),
+        }),
+    };
+    let mut depths = contents.depths();
+    if !depths.is_empty() {
+        depths.sort_by(f32::total_cmp);
+        value["lowest"] = json!(depths[0]);
+        value["highest"] = json!(depths[depths.len() - 1]);
+        value["histogram"] = json!(counts(&depths));
+    }
+    value["file"] = json!(path.display().to_string());
+    value
+}
+
+/// Two rows to a character, one above the other; of the depths in a place the nearest is seen.
+fn picture(map: &DepthMap) -> String {
+    let across = ACROSS.min(map.width());
+    let down = (across * map.height()).div_ceil(map.width());
+    let down = down.next_multiple_of(2);
+    let mut nearest = vec![0.0_f32; across * down];
+    for point in map.points() {
+        let (x, y) = (
+            point.x * across / map.width(),
+            point.y * down / map.height(),
+        );
+        let here = &mut nearest[y * across + x];
+        if *here == 0.0 || point.depth < *here {
+            *here = point.depth;
+        }
+    }
+    let (low, high) = map.range().unwrap_or((0.0, 1.0));
+    let small = DepthMap::new(across, down, nearest);
+    let image = small.map(|small| coloured(&small, low, high));
+    let image = image.unwrap_or_default();
+    let mut text = String::new();
+    for y in (0..image.height()).step_by(2) {
+        for x in 0..image.width() {
+            let ([r, g, b], [s, h, c]) = (image.get_pixel(x, y).0, image.get_pixel(x, y + 1).0);
+            text += &format!("\x1b[38;2;{r};{g};{b};48;2;{s};{h};{c}m\u{2580}");
+        }
+        text += "\x1b[0m\n";
+    }
+    text
+}

@@ -1,0 +1,106 @@
+//! Clouds of laser scanners in LAS, and compressed as LAZ.
+
+use super::Visit;
+use crate::error::{Error, Result};
+use las::raw::Header;
+use std::fs::File;
+use std::io::{BufReader, Read as _, Seek as _, SeekFrom};
+use std::panic::AssertUnwindSafe;
+use std::path::Path;
+
+/// Bytes of points in memory at a time.
+const CHUNK: u64 = 1 << 20;
+
+/// Bytes of the head of an extended record, and of what stands before its length (LAS 1.4 R15,
+/// section 2.7).
+const HEAD: u64 = 60;
+const BEFORE: u64 = 20;
+
+/// Visits every point.
+pub(super) fn read_las(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
+    let damaged = |e: las::Error| Error::format(path, "is no sound LAS file").because(e);
+    let unreadable = |e| Error::read(path, e);
+    let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
+    let size = file.get_ref().metadata().map_err(unreadable)?.len();
+    let header = Header::read_from(&mut file).map_err(damaged)?;
+    check_records(path, &header, &mut file, size)?;
+    check_chunks(path, &header, &mut file, size)?;
+    file.rewind().map_err(unreadable)?;
+    let read = move || -> las::Result<()> {
+        let mut reader = las::Reader::new(file)?;
+        let record = u64::from(reader.header().point_format().len()).max(1);
+        loop {
+            let points = reader.read_points((CHUNK / record).max(1))?;
+            if points.is_empty() {
+                return Ok(());
+            }
+            for ((x, y), z) in points.x().zip(points.y()).zip(points.z()) {
+                visit([x, y, z]);
+            }
+        }
+    };
+    // Damaged records of compression make the library panic.
+    std::panic::catch_unwind(AssertUnwindSafe(read))
+        .map_err(|_| Error::format(path, "is no sound LAS file"))?
+        .map_err(damaged)
+}
+
+/// Refuses extended records longer than the file, for which the library asks memory unread.
+fn check_records(
+    path: &Path,
+    header: &Header,
+    file: &mut BufReader<File>,
+    size: u64,
+) -> Result<()> {
+    let Some(records) = &header.evlr else {
+        return Ok(());
+    };
+    let unreadable = |e| Error::read(path, e);
+    let mut start = records.start_of_first_evlr;
+    for _ in 0..records.number_of_evlrs {
+        file.seek(SeekFrom::Start(start.saturating_add(BEFORE)))
+            .map_err(unreadable)?;
+        let mut length = [0; 8];
+        file.read_exact(&mut length).map_err(unreadable)?;
+        let length = u64::from_le_bytes(length);
+        start = start.saturating_add(HEAD).saturating_add(length);
+        if start > size {
+            return Err(Error::format(
+                path,
+                format!("declares a record of {length} bytes, the file has {size}"),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a table of more chunks than the file has bytes, for which the library makes room unread
+/// (LASzip's specification, "Chunk table").
+fn check_chunks(path: &Path, header: &Header, file: &mut BufReader<File>, size: u64) -> Result<()> {
+    /// In the number of the format of points.
+    const COMPRESSED: u8 = 0x80;
+    if header.point_data_record_format & COMPRESSED == 0 {
+        return Ok(());
+    }
+    let mut number = |place: u64| -> Result<u64> {
+        let mut bytes = [0; 8];
+        file.seek(SeekFrom::Start(place))
+            .and_then(|_| file.read_exact(&mut bytes))
+            .map_err(|e| Error::read(path, e))?;
+        Ok(u64::from_le_bytes(bytes))
+    };
+    let mut table = number(u64::from(header.offset_to_point_data))?;
+    // Written without seeking: the place is at the end.
+    if table == u64::MAX {
+        table = number(size.saturating_sub(8))?;
+    }
+    // A version comes first.
+    let chunks = number(table)? >> 32;
+    if chunks > size {
+        return Err(Error::format(
+            path,
+            format!("declares {chunks} chunks of points but is only {size} bytes long"),
+        ));
+    }
+    Ok(())
+}

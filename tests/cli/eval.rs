@@ -1,0 +1,211 @@
+//! `lsdc eval` and `lsdc report`.
+
+use super::*;
+
+#[test]
+fn eval_reports_methods_side_by_side() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = ["--points", "300", "--json", "r.json", "--csv", "r.csv"];
+    let run = lsdc(folder.path())
+        .args(ROOMS)
+        .args(files)
+        .assert()
+        .success();
+    let text = text(&run);
+    for word in [
+        "rooms val, 4 frames",
+        "exactly 300",
+        "seed 0",
+        "lsdc",
+        "linear",
+        "RMSE",
+        "linear - lsdc",
+    ] {
+        assert!(text.contains(word), "{word}: {text}");
+    }
+    let json = json(&folder.path().join("r.json"));
+    assert_eq!(json["frames"].as_array().unwrap().len(), 4);
+    let mean = |method: &str| json["means"][method]["mean"]["rmse"].as_f64().unwrap();
+    let frame = |i: usize| {
+        json["frames"][i]["scores"]["linear"]["rmse"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!((mean("linear") - (0..4).map(frame).sum::<f64>() / 4.0).abs() < 1e-12);
+    assert!(mean("lsdc") > 0.0);
+    let csv = std::fs::read_to_string(folder.path().join("r.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + 4 * 2);
+}
+
+#[test]
+fn shards_join_to_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let eval = |args: &[&str]| {
+        let methods = ["--method", "linear,nearest", "--seeds", "2"];
+        lsdc(folder.path())
+            .args(ROOMS)
+            .args(methods)
+            .args(args)
+            .assert()
+            .success();
+    };
+    eval(&["-o", "whole"]);
+    eval(&["--shard", "0/2", "--json", "a.json"]);
+    eval(&["--shard", "1/2", "-o", "parts"]);
+    let merge = [
+        "report",
+        "merge",
+        "parts/1-of-2/report.json",
+        "a.json",
+        "-o",
+        "joined",
+    ];
+    let run = lsdc(folder.path()).args(merge).assert().success();
+    assert!(text(&run).contains("4 frames"));
+    assert_eq!(
+        json(&at("joined/report.json")),
+        json(&at("whole/report.json"))
+    );
+    let page = std::fs::read_to_string(at("whole/report.html")).unwrap();
+    assert!(page.contains("worst: ") && page.contains("data:image/png;base64,"));
+    refused(
+        folder.path(),
+        &["report", "merge", "a.json", "a.json"],
+        &["twice", "hint:"],
+    );
+    refused(folder.path(), &merge, &["exists", "--force"]);
+}
+
+#[test]
+fn an_evaluation_goes_on_where_it_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let eval = |args: &[&str]| {
+        let mut command = lsdc(folder.path());
+        command
+            .args(ROOMS)
+            .args(["--method", "linear", "-o", "run"])
+            .args(args);
+        command
+    };
+    eval(&[]).assert().success();
+    let report = std::fs::read(folder.path().join("run/report.json")).unwrap();
+    let journal = folder.path().join("run/journal.jsonl");
+    let lines = std::fs::read_to_string(&journal).unwrap();
+    // Killed in the middle of the third frame. What is kept is not measured again: a false number
+    // of points in it shows.
+    let kept = lines.replacen("\"points\":500", "\"points\":499", 1);
+    let cut = kept.match_indices('\n').nth(2).unwrap().0 + 20;
+    std::fs::write(&journal, &kept[..cut]).unwrap();
+    eval(&[]).assert().success();
+    let again = std::fs::read_to_string(folder.path().join("run/report.json")).unwrap();
+    assert_eq!(
+        again
+            .replace("\"points\": 499", "\"points\": 500")
+            .into_bytes(),
+        report
+    );
+    assert!(again.contains("\"points\": 499"));
+    let other = [
+        &ROOMS[..],
+        &["--method", "linear", "-o", "run", "--points", "77"],
+    ]
+    .concat();
+    refused(folder.path(), &other, &["another evaluation", "--force"]);
+    eval(&["--points", "77", "--force"]).assert().success();
+}
+
+#[test]
+fn predictions_of_others_are_scored_on_the_same_frames_and_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let run = |args: &[&str]| {
+        lsdc(folder.path()).args(args).assert().success();
+    };
+    let eval = |args: &[&str]| run(&[&ROOMS[..], args].concat());
+    eval(&[
+        "--method",
+        "linear",
+        "--seeds",
+        "2",
+        "--json",
+        "ours.json",
+        "--save",
+        "saved",
+    ]);
+    eval(&[
+        "--predictions",
+        "theirs=saved/linear",
+        "--seeds",
+        "2",
+        "--json",
+        "theirs.json",
+    ]);
+    let (ours, theirs) = (json(&at("ours.json")), json(&at("theirs.json")));
+    assert_eq!(ours["means"]["linear"], theirs["means"]["theirs"]);
+
+    // Exported frames and points measure the same.
+    let export = ["export", "--points", "500", "-o", "frames"];
+    run(&[&export[..], &ROOMS[1..]].concat());
+    eval(&["--method", "linear", "--json", "one.json"]);
+    let means = |path: &str| json(&at(path))["means"]["linear"].clone();
+    run(&[
+        "eval",
+        "--dataset",
+        "marigold",
+        "--root",
+        "frames",
+        "--method",
+        "linear",
+        "--json",
+        "m.json",
+    ]);
+    assert_eq!(means("m.json"), means("one.json"));
+    eval(&[
+        "--method",
+        "linear",
+        "--points",
+        "files:frames/sparse",
+        "--json",
+        "f.json",
+    ]);
+    assert_eq!(means("f.json"), means("one.json"));
+    let lone = [&ROOMS[..], &["--predictions", "x=nowhere"]].concat();
+    refused(folder.path(), &lone, &["no folder `nowhere`"]);
+}
+
+#[test]
+fn broken_frames_are_reported_and_the_rest_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let export = ["export", "-o", "frames"];
+    lsdc(folder.path())
+        .args(export)
+        .args(&ROOMS[1..])
+        .assert()
+        .success();
+    let at = |name: &str| folder.path().join("frames").join(name);
+    let image = std::fs::read(at("rgb/val/00000.png")).unwrap();
+    std::fs::write(at("rgb/val/00000.png"), &image[..image.len() / 2]).unwrap();
+    std::fs::remove_file(at("gt/val/00001.npy")).unwrap();
+    std::fs::write(at("sparse/val/00002.npy"), huge_header()).unwrap();
+    let eval = [
+        "eval",
+        "--dataset",
+        "marigold",
+        "--root",
+        "frames",
+        "--method",
+        "linear",
+    ];
+    let output = lsdc(folder.path()).args(eval).output().unwrap();
+    assert_eq!(output.status.code(), Some(3));
+    let errors = String::from_utf8(output.stderr).unwrap();
+    for word in ["00000.png", "00001.npy", "00002.npy", "500000x500000"] {
+        assert!(errors.contains(word), "{word}: {errors}");
+    }
+    assert!(
+        String::from_utf8(output.stdout)
+            .unwrap()
+            .contains("1 of 4 frames")
+    );
+}

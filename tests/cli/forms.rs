@@ -1,0 +1,301 @@
+//! What `lsdc complete` reads and writes.
+
+use super::*;
+use lsdc::data::{Camera, Sparse, read_rgb, write_rgb};
+
+/// At (1, 2, 3), looking along the world's x, whose z is up.
+const CAMERA: &str = "fx = 200\nfy = 200\ncx = 99.5\ncy = 79.5\n\
+    camera_to_world = [[0, 0, 1, 1], [-1, 0, 0, 2], [0, -1, 0, 3]]\n";
+
+/// The room, its points as a cloud in the world of [`CAMERA`], which is there too.
+fn scanned(cloud: &str) -> tempfile::TempDir {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("camera.toml"), CAMERA).unwrap();
+    let camera = Camera::read(&at("camera.toml")).unwrap();
+    let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
+    let points: Vec<[f64; 3]> = sparse
+        .points()
+        .map(|p| {
+            let pixel = [p.x as f64, p.y as f64];
+            camera.unproject(pixel, f64::from(p.depth)).unwrap()
+        })
+        .collect();
+    let lines: Vec<String> = points
+        .iter()
+        .map(|[x, y, z]| format!("{x} {y} {z}"))
+        .collect();
+    let head = match cloud {
+        "ply" => format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\n\
+             property double z\nend_header\n",
+            points.len()
+        ),
+        _ => format!(
+            "VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {n}\nHEIGHT 1\n\
+             VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {n}\nDATA ascii\n",
+            n = points.len()
+        ),
+    };
+    std::fs::write(
+        at(&format!("scan.{cloud}")),
+        head + &lines.join("\n") + "\n",
+    )
+    .unwrap();
+    folder
+}
+
+fn complete(folder: &Path, args: &[&str]) -> String {
+    let run = lsdc(folder).arg("complete").args(args).assert().success();
+    text(&run)
+}
+
+#[test]
+fn clouds_are_seen_by_the_camera() {
+    for cloud in ["ply", "pcd"] {
+        let folder = scanned(cloud);
+        let at = |name: &str| folder.path().join(name);
+        let scan = format!("scan.{cloud}");
+        let camera = Camera::read(&at("camera.toml")).unwrap();
+        let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
+        let size = (sparse.width(), sparse.height());
+        let found = Sparse::read(&at(&scan), None, Some(&camera), size).unwrap();
+        // Few points are taken for hidden: this room is seen from where it was measured.
+        assert!(
+            found.hidden * 50 < sparse.count(),
+            "{} hidden",
+            found.hidden
+        );
+        for point in found.depth.points() {
+            let given = sparse.at(point.x, point.y);
+            assert!((point.depth - given).abs() < 1e-5, "{given}");
+        }
+        let told = complete(
+            folder.path(),
+            &["rgb.png", &scan, "--camera", "camera.toml"],
+        );
+        assert!(told.contains("metres (a guess"), "{told}");
+        refused(
+            folder.path(),
+            &["complete", "rgb.png", &scan],
+            &["--camera"],
+        );
+        let away = [
+            "complete",
+            "rgb.png",
+            &scan,
+            "--camera",
+            "200,200,9999,9999",
+        ];
+        refused(folder.path(), &away, &["none of its 500 points"]);
+        let broken = ["complete", "rgb.png", &scan, "--camera", "nowhere.toml"];
+        refused(folder.path(), &broken, &["nowhere.toml"]);
+    }
+}
+
+#[test]
+fn a_result_is_a_cloud_in_the_world() {
+    let folder = scanned("ply");
+    let at = |name: &str| folder.path().join(name);
+    let camera = ["--camera", "camera.toml"];
+    let run = |more: &[&str]| {
+        let args = [&["rgb.png", "sparse.npy"], &camera[..], more].concat();
+        complete(folder.path(), &args);
+    };
+    run(&["-o", "whole.ply"]);
+    run(&["-o", "whole.npy"]);
+    run(&["-o", "sure.ply", "--max-sigma", "0.2"]);
+    // Seen again, the cloud is the map it was made of.
+    let seen = Camera::read(&at("camera.toml")).unwrap();
+    let depth = read_npy(&at("whole.npy"), 1.0).unwrap();
+    let size = (depth.width(), depth.height());
+    let again = Sparse::read(&at("whole.ply"), None, Some(&seen), size).unwrap();
+    assert!(
+        again.depth.count() * 100 >= depth.count() * 99,
+        "{}",
+        again.depth.count()
+    );
+    for point in again.depth.points() {
+        assert!((point.depth - depth.at(point.x, point.y)).abs() < 1e-5);
+    }
+    let sure = Sparse::read(&at("sure.ply"), None, Some(&seen), size).unwrap();
+    assert!((1..again.depth.count()).contains(&sure.depth.count()));
+
+    let none = [
+        "complete",
+        "rgb.png",
+        "sparse.npy",
+        "-o",
+        "more",
+        "--formats",
+        "ply",
+    ];
+    refused(folder.path(), &none, &["a cloud needs a camera"]);
+    let none = [
+        "complete",
+        "rgb.png",
+        "sparse.npy",
+        "-o",
+        "more",
+        "--max-sigma",
+        "1",
+    ];
+    refused(folder.path(), &none, &["--max-sigma", "ply"]);
+    let twice = [
+        "complete",
+        "rgb.png",
+        "sparse.npy",
+        "-o",
+        "a.npy",
+        "--formats",
+        "npy",
+    ];
+    refused(folder.path(), &twice, &["twice"]);
+}
+
+#[test]
+fn inputs_and_results_go_through_pipes() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    complete(folder.path(), &["rgb.png", "sparse.npy", "-o", "depth.npy"]);
+    let expected = std::fs::read(at("depth.npy")).unwrap();
+    let points = std::fs::read(at("sparse.npy")).unwrap();
+    let image = std::fs::read(at("rgb.png")).unwrap();
+    for (args, input) in [(["rgb.png", "-"], points), (["-", "sparse.npy"], image)] {
+        let run = lsdc(folder.path())
+            .arg("complete")
+            .args(args)
+            .args(["-o", "-"])
+            .write_stdin(input)
+            .assert()
+            .success();
+        assert_eq!(run.get_output().stdout, expected);
+        let said = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        assert!(said.contains("points    500"), "{said}");
+    }
+    assert_eq!(names(folder.path()).len(), 3);
+    let run = lsdc(folder.path())
+        .args(["complete", "rgb.png", "sparse.npy", "-o", "-", "--quiet"])
+        .assert()
+        .success();
+    assert!(run.get_output().stderr.is_empty());
+    refused(folder.path(), &["complete", "-", "-"], &["only one input"]);
+    refused(folder.path(), &["complete", "rgb.png", "-"], &["is empty"]);
+}
+
+#[test]
+fn reports_say_in_json_what_is_told_in_words() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    let args = [
+        "rgb.png",
+        "sparse.npy",
+        "--json",
+        "--formats",
+        "json",
+        "-o",
+        "out",
+    ];
+    let printed = complete(folder.path(), &args);
+    let printed: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    let written = json(&at("out/rgb_report.json"));
+    assert_eq!(printed, written);
+    assert_eq!(written["image"], "rgb.png");
+    assert_eq!(written["points"]["used"], 500);
+    assert_eq!(written["points"]["unit"], "metres");
+    assert_eq!(written["points"]["unit_guessed"], true);
+    assert_eq!(written["fit"]["method"], "joint");
+    let depth = &written["depth"];
+    assert!(depth["lowest"].as_f64() < depth["highest"].as_f64());
+    assert!(written["fit"]["left_out"].as_f64() > written["fit"]["residual"].as_f64());
+    // Only the times differ from run to run, which is no conflict.
+    complete(folder.path(), &args);
+    let other = [&["complete"], &args[..], &["--fit", "lse"]].concat();
+    refused(folder.path(), &other, &["exists"]);
+    assert_eq!(
+        complete(folder.path(), &["rgb.png", "sparse.npy", "-q"]),
+        ""
+    );
+}
+
+#[test]
+fn a_sensor_of_fewer_pixels_is_placed_on_the_image() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
+    let (width, height) = (truth.width() / 4, truth.height() / 4);
+    let values = (0..width * height)
+        .map(|i| truth.at(i % width * 4 + 2, i / width * 4 + 2))
+        .collect();
+    let small = DepthMap::new(width, height, values).unwrap();
+    write_npy(&at("small.npy"), &small).unwrap();
+    let told = complete(folder.path(), &["rgb.png", "small.npy", "-o", "depth.npy"]);
+    assert!(
+        told.contains(&format!("points    {}", width * height)),
+        "{told}"
+    );
+    let depth = read_npy(&at("depth.npy"), 1.0).unwrap();
+    assert_eq!(
+        (depth.width(), depth.height()),
+        (truth.width(), truth.height())
+    );
+    let pairs = depth.values().iter().zip(truth.values());
+    let off: f32 = pairs.map(|(a, b)| (a - b).abs() / b).sum();
+    assert!(off / (truth.values().len() as f32) < 0.03, "{off}");
+}
+
+#[test]
+fn images_are_named_one_by_one_by_pattern_or_in_a_list() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    let image = read_rgb(&at("rgb.png")).unwrap();
+    for name in ["a.png", "b.png"] {
+        write_rgb(&at(name), &image).unwrap();
+    }
+    image.save(at("c.tiff")).unwrap();
+    std::fs::create_dir(at("points")).unwrap();
+    for name in ["a", "b", "c"] {
+        std::fs::copy(at("sparse.npy"), at(&format!("points/{name}.npy"))).unwrap();
+    }
+    std::fs::write(
+        at("list.txt"),
+        "# image, points\na.png sparse.npy\nb.png\nc.tiff\n",
+    )
+    .unwrap();
+    let expected = ["a_depth.npy", "b_depth.npy", "c_depth.npy"];
+    let way = ["--method", "nearest", "--formats", "npy"];
+    for (out, images) in [
+        ("one", &["a.png", "b.png", "c.tiff"][..]),
+        ("two", &["[ab].png", "c.*"]),
+        ("three", &["list.txt"]),
+    ] {
+        let args = [images, &["points", "-o", out], &way].concat();
+        let told = complete(folder.path(), &args);
+        assert!(told.contains("3 completed"), "{told}");
+        assert_eq!(names(&at(out)), expected, "{out}");
+    }
+    let none = ["complete", "no*.png", "points", "-o", "more"];
+    refused(folder.path(), &none, &["holds no image"]);
+}
+
+#[test]
+fn colours_of_a_video_have_one_range() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    let args = [
+        "rgb.png",
+        "sparse.npy",
+        "--formats",
+        "color,npy",
+        "-o",
+        "out",
+    ];
+    complete(folder.path(), &[&args[..], &["--range", "0,20"]].concat());
+    let depth = read_npy(&at("out/rgb_depth.npy"), 1.0).unwrap();
+    let found = read_rgb(&at("out/rgb_depth_color.png")).unwrap();
+    assert_eq!(found, lsdc::report::coloured(&depth, 0.0, 20.0));
+    let wrong = [&["complete"], &args[..], &["--range", "4,2"]].concat();
+    let run = lsdc(folder.path()).args(wrong).assert().code(2);
+    let said = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("no range of depths"), "{said}");
+}

@@ -1,0 +1,61 @@
+//! `lsdc inspect`, `lsdc completions` and `lsdc man`.
+
+use super::*;
+
+#[test]
+fn files_are_described() {
+    let folder = room();
+    let inspect = |args: &[&str]| {
+        let run = lsdc(folder.path()).arg("inspect").args(args).assert();
+        text(&run.success())
+    };
+    let told = inspect(&["rgb.png", "sparse.npy"]);
+    let depth = read_npy(&asset("sparse.npy"), 1.0).unwrap();
+    let (width, height) = (depth.width(), depth.height());
+    for words in [
+        format!("image     {width}x{height}, 8 bits, 3 channels"),
+        format!("depths    {width}x{height}, 500 pixels"),
+        "metres (a guess)".to_owned(),
+    ] {
+        assert!(told.contains(&words), "{told}");
+    }
+    // The bars of the histogram hold every depth.
+    let found: serde_json::Value =
+        serde_json::from_str(&inspect(&["sparse.npy", "--json"])).unwrap();
+    let bars = found["histogram"].as_array().unwrap();
+    assert_eq!(bars.iter().map(|n| n.as_u64().unwrap()).sum::<u64>(), 500);
+    assert_eq!(found["points"], 500);
+    let (low, high) = depth.range().unwrap();
+    assert_eq!(found["lowest"].as_f64().unwrap() as f32, low);
+    assert_eq!(found["highest"].as_f64().unwrap() as f32, high);
+    let shown = inspect(&["sparse.npy", "--show"]);
+    assert_eq!(shown.matches('\u{2580}').count() % 72, 0);
+    let rooms = inspect(&["--dataset", "rooms"]);
+    assert!(rooms.contains("train") && rooms.contains("val"), "{rooms}");
+    refused(folder.path(), &["inspect", "nothing.npy"], &["nothing.npy"]);
+    refused(folder.path(), &["inspect"], &["<FILES>"]);
+}
+
+#[test]
+fn the_command_line_is_written_for_shells_and_man() {
+    let folder = tempfile::tempdir().unwrap();
+    for (shell, words) in [
+        ("bash", "complete -F"),
+        ("zsh", "#compdef lsdc"),
+        ("fish", "complete -c lsdc"),
+    ] {
+        let run = lsdc(folder.path()).args(["completions", shell]).assert();
+        assert!(text(&run.success()).contains(words), "{shell}");
+    }
+    let run = lsdc(folder.path()).args(["man", "-o", "man"]).assert();
+    run.success();
+    let pages = names(&folder.path().join("man"));
+    for page in ["lsdc.1", "lsdc-complete.1", "lsdc-report-merge.1"] {
+        assert!(
+            pages.iter().any(|name| name == page),
+            "{page} is missing in {pages:?}"
+        );
+    }
+    let page = std::fs::read_to_string(folder.path().join("man/lsdc-complete.1")).unwrap();
+    assert!(page.contains("max\\-sigma"), "every option is in the page");
+}

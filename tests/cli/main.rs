@@ -1,0 +1,93 @@
+//! The program as a user runs it.
+
+#![allow(clippy::unwrap_used)]
+
+mod complete;
+mod eval;
+mod forms;
+mod guide;
+mod looking;
+mod many;
+mod weights;
+
+use assert_cmd::Command;
+use lsdc::data::{DepthMap, read_npy, write_npy};
+use std::path::{Path, PathBuf};
+
+fn lsdc(folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lsdc"));
+    command
+        .current_dir(folder)
+        .env_remove("LSDC_DATA")
+        .env_remove("LSDC_DEVICE");
+    command
+}
+
+fn asset(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("assets/room")
+        .join(name)
+}
+
+/// A scratch folder with the rendered room.
+fn room() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["rgb.png", "sparse.npy"] {
+        std::fs::copy(asset(name), folder.path().join(name)).unwrap();
+    }
+    folder
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<_> = entries
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+/// Runs a command that must fail with exit code 2, one `error:` line with `words`, and no output.
+fn refused(folder: &Path, args: &[&str], words: &[&str]) {
+    let before = names(folder);
+    let output = lsdc(folder).args(args).output().unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{args:?}: {text}");
+    assert!(!text.contains("panicked"), "{text}");
+    for word in words {
+        assert!(text.contains(word), "`{word}` is missing in: {text}");
+    }
+    assert_eq!(names(folder), before, "{args:?} left files behind");
+}
+
+fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn text(run: &assert_cmd::assert::Assert) -> String {
+    String::from_utf8(run.get_output().stdout.clone()).unwrap()
+}
+
+/// `eval` on four small rooms.
+const ROOMS: [&str; 9] = [
+    "eval",
+    "--dataset",
+    "rooms",
+    "--set",
+    "data.rooms.width=96",
+    "--set",
+    "data.rooms.height=72",
+    "--limit",
+    "4",
+];
+
+/// An npy file whose header declares a terabyte.
+fn huge_header() -> Vec<u8> {
+    let mut header =
+        b"{'descr': '<f4', 'fortran_order': False, 'shape': (500000, 500000), }".to_vec();
+    header.resize(117, b' ');
+    header.push(b'\n');
+    let mut file = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    file.extend(header);
+    file
+}

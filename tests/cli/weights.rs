@@ -1,0 +1,45 @@
+//! `lsdc weights`.
+
+use super::*;
+
+#[test]
+fn weights_are_listed_described_and_converted() {
+    let folder = room();
+    let at = folder.path();
+    let list = text(&lsdc(at).args(["weights", "list"]).assert().success());
+    assert!(list.starts_with("default "), "{list}");
+    let info = lsdc(at)
+        .args(["weights", "info", "--json"])
+        .output()
+        .unwrap();
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert!(info["parameters"].as_u64().unwrap() > 100_000, "{info}");
+    assert!(info["training"]["steps"].as_u64().unwrap() > 0, "{info}");
+
+    let convert = [
+        "weights",
+        "convert",
+        "default",
+        "wide.safetensors",
+        "--precision",
+        "f32",
+    ];
+    lsdc(at).args(convert).assert().success();
+    refused(at, &convert, &["exists", "--force"]);
+    // The wider numbers are the same numbers.
+    for (weights, output) in [("default", "a"), ("wide.safetensors", "b")] {
+        let complete = [
+            "complete",
+            "rgb.png",
+            "sparse.npy",
+            "--weights",
+            weights,
+            "-o",
+            output,
+        ];
+        lsdc(at).args(complete).assert().success();
+    }
+    let depth = |folder: &str| read_npy(&at.join(folder).join("rgb_depth.npy"), 1.0).unwrap();
+    assert_eq!(depth("a"), depth("b"));
+    refused(at, &["weights", "info", "nothing"], &["nothing", "default"]);
+}
