@@ -131,7 +131,7 @@ def main() -> None:
         make(folder / "speed", args.frames)
         speed(args.program, folder / "speed", args.frames)
         (folder / "kills").mkdir()
-        make(folder / "kills", 100)
+        make(folder / "kills", 500)
         kills(args.program, folder / "kills", args.kills)
 
 

@@ -112,7 +112,7 @@ def unproject(u: np.ndarray, v: np.ndarray, depth: np.ndarray, model: str) -> np
     if model == "fisheye":
         rays = cv2.fisheye.undistortPoints(pixels, CAMERA, np.array(LENSES[model]), criteria=criteria)
     else:
-        rays = cv2.undistortPointsIter(pixels, CAMERA, np.array(LENSES[model]), None, None, criteria)
+        rays = cv2.undistortPoints(pixels, CAMERA, np.array(LENSES[model]), criteria=criteria)
     rays = np.column_stack([rays.reshape(-1, 2), np.ones(len(u))])
     return rays * depth[:, None] @ TO_WORLD[:3, :3].T + TO_WORLD[:3, 3]
 
@@ -208,8 +208,8 @@ def main(program: str = str(ROOT / "target/release/lsdc")) -> None:
 
         print("| read by lsdc | largest difference of the result (m) |\n|---|---|")
         for name, bound in bounds.items():
-            run(program, ROOM / "rgb.png", at / "in" / name, "-o", at / name, "--formats", "npy")
-            worst = np.abs(np.load(at / name / "rgb_depth.npy") - depth).max()
+            run(program, ROOM / "rgb.png", at / "in" / name, "-o", at / f"{name}.npy")
+            worst = np.abs(np.load(at / f"{name}.npy") - depth).max()
             print(f"| {name} | {worst:.2g} |")
             assert worst <= bound, f"{name}: {worst} above {bound}"
         model(at, sparse)

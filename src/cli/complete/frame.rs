@@ -1,6 +1,7 @@
 //! One frame: an image and its points to depth, and what belongs to it.
 
 use super::Complete;
+use super::outputs::Format;
 use crate::data::{DepthMap, Sparse};
 use crate::device::device;
 use crate::error::{Error, Result};
@@ -16,6 +17,8 @@ const OUTLYING: f64 = 3.5;
 pub(super) struct Engine<'a> {
     args: &'a Complete,
     way: Way,
+    /// Whether anybody hears how well the points agree.
+    explains: bool,
 }
 
 enum Way {
@@ -30,7 +33,8 @@ pub(super) struct Completed {
 }
 
 impl<'a> Engine<'a> {
-    pub(super) fn new(args: &'a Complete) -> Result<Self> {
+    /// Ready to work; `told` says whether what is said of each frame is printed.
+    pub(super) fn new(args: &'a Complete, told: bool) -> Result<Self> {
         let way = match args.method {
             Method::Classic(_) if args.needs_fit() => {
                 return Err(Error::config(
@@ -47,7 +51,16 @@ impl<'a> Engine<'a> {
                 Way::Trained(Box::new(completer.with_fit(settings)))
             }
         };
-        Ok(Self { args, way })
+        let in_files = args
+            .formats
+            .iter()
+            .flatten()
+            .any(|format| *format == Format::Json);
+        Ok(Self {
+            args,
+            way,
+            explains: told || in_files || args.outliers,
+        })
     }
 
     /// Completes a frame, near the weights of the one before, if they are given.
@@ -102,7 +115,9 @@ impl<'a> Engine<'a> {
         let deviations = wanted.then(|| completer.deviation(&bases, sparse, &fit, &depth));
         let fitted = Fitted {
             method: completer.fit_config().method,
-            leverages: completer.leverages(&bases, sparse, &fit),
+            leverages: self
+                .explains
+                .then(|| completer.leverages(&bases, sparse, &fit)),
             deviations: deviations.transpose()?,
             fit,
             network,
@@ -129,7 +144,7 @@ impl Complete {
 pub(super) struct Fitted {
     pub(super) method: FitMethod,
     pub(super) fit: Fit,
-    leverages: Vec<f64>,
+    leverages: Option<Vec<f64>>,
     pub(super) deviations: Option<DepthMap>,
     pub(super) network: Duration,
     pub(super) fitting: Duration,
@@ -138,24 +153,22 @@ pub(super) struct Fitted {
 
 impl Fitted {
     /// What is left of each depth if the others alone are asked.
-    pub(super) fn left_out(&self) -> Vec<f64> {
-        self.fit.left_out(&self.leverages)
+    pub(super) fn left_out(&self) -> Option<Vec<f64>> {
+        Some(self.fit.left_out(self.leverages.as_ref()?))
     }
 
     /// The numbers and scores of the points that do not agree with the others.
-    pub(super) fn outlying(&self) -> impl Iterator<Item = (usize, f64)> {
-        let scores = self.fit.scores(&self.leverages);
-        scores
-            .into_iter()
-            .enumerate()
-            .filter(|(_, score)| score.abs() > OUTLYING)
+    pub(super) fn outlying(&self) -> Option<Vec<(usize, f64)>> {
+        let scores = self.fit.scores(self.leverages.as_ref()?);
+        let scores = scores.into_iter().enumerate();
+        Some(scores.filter(|(_, score)| score.abs() > OUTLYING).collect())
     }
 
     /// These points as CSV, the worst first.
     pub(super) fn outliers(&self, sparse: &DepthMap) -> String {
-        let left_out = self.left_out();
+        let left_out = self.left_out().unwrap_or_default();
         let points: Vec<_> = sparse.points().collect();
-        let mut outlying: Vec<(usize, f64)> = self.outlying().collect();
+        let mut outlying = self.outlying().unwrap_or_default();
         outlying.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
         let lines = outlying.into_iter().map(|(i, score)| {
             let others = f64::from(points[i].depth) - left_out[i];

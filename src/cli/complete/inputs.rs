@@ -16,7 +16,7 @@ const ENDINGS: [&str; 13] = [
 
 /// An image and where its points are.
 pub(super) struct Job {
-    image: PathBuf,
+    pub(super) image: PathBuf,
     /// What its results are called: a path below the folder of results.
     pub(super) name: PathBuf,
     points: Points,

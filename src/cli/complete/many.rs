@@ -9,6 +9,7 @@ use crate::cli::{Exit, ui};
 use crate::data;
 use crate::error::{Error, Result};
 use crate::eval::Shard;
+use image::{RgbImage, imageops};
 use indicatif::ProgressBar;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,10 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     let mut before = None;
     for job in jobs {
         let outputs = Outputs::below(args, output, &job)?;
-        let weights = outputs.weights().map(Path::to_owned);
+        let this = outputs.weights().map(|weights| Before {
+            weights: weights.to_owned(),
+            image: job.image.clone(),
+        });
         if !args.force && outputs.exist() {
             there += 1;
         } else {
@@ -48,11 +52,11 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
                 before: before.take(),
             });
         }
-        before = weights;
+        before = this;
     }
     let folders: HashSet<&Path> = left.iter().map(|frame| frame.outputs.folder()).collect();
     folders.into_iter().for_each(data::remove_leftovers);
-    let engine = Engine::new(args)?;
+    let engine = Engine::new(args, args.json)?;
     let stop = ui::stop_flag();
     let bar = ui::bar(left.len(), "frames");
     let failures = failures.beside(&bar);
@@ -96,11 +100,11 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
         let mut chain = Chain::default();
         for (frame, loaded) in read {
             let completed = chain
-                .before(frame)
+                .before(frame, &loaded.rgb)
                 .and_then(|before| engine.complete(&loaded.rgb, &loaded.points, before.as_deref()));
             match completed {
                 Ok(completed) => {
-                    chain.go_on(frame, &completed);
+                    chain.go_on(frame, &loaded.rgb, &completed);
                     if send_found.send((frame, loaded, completed)).is_err() {
                         break;
                     }
@@ -136,29 +140,72 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
 struct Frame<'a> {
     job: Job,
     outputs: Outputs<'a>,
-    /// Where the weights of the frame before are, in a video.
-    before: Option<PathBuf>,
+    /// In a video, what may come before.
+    before: Option<Before>,
 }
 
-/// The weights of the frame that was completed last.
+/// Where the weights of a frame are, and its image.
+struct Before {
+    weights: PathBuf,
+    image: PathBuf,
+}
+
+/// The frame that was completed last.
 #[derive(Default)]
-struct Chain(Option<(PathBuf, Vec<f64>)>);
+struct Chain(Option<Last>);
+
+struct Last {
+    path: PathBuf,
+    weights: Vec<f64>,
+    look: RgbImage,
+}
 
 impl Chain {
-    /// The weights of the frame before this one: in memory, or of an earlier run; none if it failed.
-    fn before(&self, frame: &Frame<'_>) -> Result<Option<Vec<f64>>> {
-        match (&frame.before, &self.0) {
-            (Some(path), Some((last, weights))) if path == last => Ok(Some(weights.clone())),
-            (Some(path), _) if path.exists() => read_weights(path).map(Some),
-            _ => Ok(None),
-        }
+    /// The weights of the frame before this one, in memory or of an earlier run; none if it failed,
+    /// or if the scene is another.
+    fn before(&self, frame: &Frame<'_>, rgb: &RgbImage) -> Result<Option<Vec<f64>>> {
+        let Some(before) = &frame.before else {
+            return Ok(None);
+        };
+        let read;
+        let last = match &self.0 {
+            Some(last) if last.path == before.weights => last,
+            _ if before.weights.exists() => {
+                read = Last {
+                    path: before.weights.clone(),
+                    weights: read_weights(&before.weights)?,
+                    look: look(&data::read_rgb(&before.image)?),
+                };
+                &read
+            }
+            _ => return Ok(None),
+        };
+        Ok(same_scene(&last.look, &look(rgb)).then(|| last.weights.clone()))
     }
 
-    fn go_on(&mut self, frame: &Frame<'_>, completed: &Completed) {
-        let path = frame.outputs.weights();
-        let fitted = path.zip(completed.fitted.as_ref());
-        self.0 = fitted.map(|(path, fitted)| (path.to_owned(), fitted.fit.weights.clone()));
+    fn go_on(&mut self, frame: &Frame<'_>, rgb: &RgbImage, completed: &Completed) {
+        let found = frame.outputs.weights().zip(completed.fitted.as_ref());
+        self.0 = found.map(|(path, fitted)| Last {
+            path: path.to_owned(),
+            weights: fitted.fit.weights.clone(),
+            look: look(rgb),
+        });
     }
+}
+
+/// An image at a glance.
+fn look(rgb: &RgbImage) -> RgbImage {
+    imageops::thumbnail(rgb, 32, 24)
+}
+
+/// Whether a video goes on between two images, rather than cuts.
+fn same_scene(a: &RgbImage, b: &RgbImage) -> bool {
+    /// Levels of 255 by which pixels differ, on average; frames of rooms seconds apart differ by 15
+    /// to 80.
+    const DIFFERENT: f64 = 15.0;
+    let pairs = a.iter().zip(b.iter());
+    let off: f64 = pairs.map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
+    off / (a.len().max(1) as f64) < DIFFERENT
 }
 
 /// Frames that could not be completed: said at once, counted for the end.

@@ -46,8 +46,10 @@ struct Fit {
     /// Root mean square at the points.
     residual: f64,
     /// Root mean square at each point as the others say (PRESS).
-    left_out: f64,
-    outliers: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    left_out: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    outliers: Option<usize>,
     rank: usize,
     weights: usize,
 }
@@ -88,8 +90,8 @@ impl Summary {
             fit: fitted.map(|fitted| Fit {
                 method: fitted.method.name(),
                 residual: fitted.fit.rms(),
-                left_out: root_mean_square(&fitted.left_out()),
-                outliers: fitted.outlying().count(),
+                left_out: fitted.left_out().map(|left| root_mean_square(&left)),
+                outliers: fitted.outlying().map(|points| points.len()),
                 rank: fitted.fit.rank,
                 weights: fitted.fit.weights.len(),
             }),
@@ -153,9 +155,12 @@ impl Summary {
             ));
         }
         if let Some(fit) = &self.fit {
+            let left_out = fit.left_out.map_or(String::new(), |left_out| {
+                format!(", {left_out:.4} m at points left out")
+            });
             lines.push(format!(
-                "residual  {:.4} m rms at the points, {:.4} m at points left out, rank {} of {}",
-                fit.residual, fit.left_out, fit.rank, fit.weights
+                "residual  {:.4} m rms at the points{left_out}, rank {} of {}",
+                fit.residual, fit.rank, fit.weights
             ));
         }
         let stages = [
