@@ -5,7 +5,7 @@ use super::{Exit, settings, ui};
 use crate::data::{DataConfig, Split, write_atomically};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::fit::{FitConfig, Lambda};
+use crate::fit::Lambda;
 use crate::predict::{open_weights, record_fit, recorded_fit};
 use crate::train::{self, TRAINING_NOTE, TrainConfig};
 
@@ -15,14 +15,14 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
             .hint("give --force to replace it"));
     }
     let mut weights = open_weights(args.model.weights.as_deref())?;
+    let mut fit = recorded_fit(&weights)?.unwrap_or_default();
     if let Some(method) = args.fit_method {
-        let fit = FitConfig {
-            method,
-            lambda: Lambda::Evidence,
-            ..recorded_fit(&weights)?.unwrap_or_default()
-        };
-        record_fit(&mut weights, &fit)?;
+        fit.method = method;
+        fit.lambda = Lambda::Evidence;
     }
+    fit.joint.waves = args.waves.unwrap_or(fit.joint.waves);
+    fit.check()?;
+    record_fit(&mut weights, &fit)?;
     let config: TrainConfig = match weights.record.notes.get(TRAINING_NOTE) {
         None => TrainConfig::default(),
         Some(json) => serde_json::from_str(json).map_err(|e| {

@@ -112,6 +112,15 @@ impl FitConfig {
         }
     }
 
+    /// Up to which frequency smooth base functions stand beside those of the network: in a fit with a
+    /// field, if a prior says how large their weights are.
+    pub fn waves(&self) -> f64 {
+        match (self.method, self.prior) {
+            (FitMethod::Joint, PriorKind::Learned) => self.joint.waves,
+            _ => 0.0,
+        }
+    }
+
     /// How strongly weights are drawn to their prior beside a field: as in training, if nothing is
     /// assumed of them.
     pub(super) fn field_lambda(&self) -> Lambda {

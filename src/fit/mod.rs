@@ -15,6 +15,7 @@ mod shrink;
 mod space;
 #[cfg(test)]
 mod tests;
+mod waves;
 
 pub use config::{FitConfig, FitMethod, PriorKind};
 pub use joint::{JointBackend, JointConfig, JointFit, Scenes, joint};
@@ -29,10 +30,12 @@ pub use running::RunningFit;
 pub use scene::{Edges, Scene, Smooth};
 pub use shrink::{COUNTS, Lambda};
 pub use space::Space;
+pub use waves::Waves;
 
 use crate::error::{Error, Result};
 use joint::{FieldEstimator, FieldFit};
 use points::Rows;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// How the weights are found for points that count by given weights.
@@ -108,15 +111,20 @@ impl Estimator<'_> {
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
     config.check()?;
     let rows = points.rows(config.space)?;
-    let flat = Prior::flat(rows.columns());
+    let waves = Waves::up_to(config.waves());
     let prior = match config.prior {
         PriorKind::Learned if config.method != FitMethod::Wls => {
-            Some(learned(prior, config.space)?)
+            let prior = learned(prior, config.space)?;
+            Some(if waves.is_empty() {
+                Cow::Borrowed(prior)
+            } else {
+                Cow::Owned(prior.beside(&waves.deviations(config.joint.swing)))
+            })
         }
         PriorKind::None if config.method == FitMethod::Lse => None,
-        _ => Some(&flat),
+        _ => Some(Cow::Owned(Prior::flat(rows.columns()))),
     };
-    let estimator = match (config.method, prior) {
+    let estimator = match (config.method, prior.as_deref()) {
         (FitMethod::Lse, None) => Estimator::Plain(config.solver()),
         (FitMethod::Lse, Some(prior)) => Estimator::Shrunk(prior, config.lambda),
         (method, prior) => Estimator::Field(FieldEstimator {

@@ -102,22 +102,42 @@ impl Prior {
         Self { noise, ..self }
     }
 
-    /// The same spread about other weights, of any scale.
+    /// The same spread about other weights, of any scale. Those of waves behind them play no part.
     ///
     /// # Errors
-    /// Another number of weights, or weights that are not finite.
+    /// Too few weights, or weights that are not finite.
     pub fn about(&self, weights: &[f64]) -> Result<Self> {
-        if weights.len() != self.columns() || weights.iter().any(|w| !w.is_finite()) {
-            return Err(Error::weights(format!(
-                "{} weights, not all finite or not {} as in the prior",
+        match weights.get(..self.columns()) {
+            Some(mean) if mean.iter().all(|w| w.is_finite()) => Ok(Self {
+                mean: mean.to_vec(),
+                ..self.clone()
+            }),
+            _ => Err(Error::weights(format!(
+                "{} weights, not all finite or fewer than the {} of the prior",
                 weights.len(),
                 self.columns()
-            )));
+            ))),
         }
-        Ok(Self {
-            mean: weights.to_vec(),
-            ..self.clone()
-        })
+    }
+
+    /// The same beside more weights, which are independent, with mean 0 and these deviations.
+    pub(super) fn beside(&self, deviations: &[f64]) -> Self {
+        let (columns, rank) = (self.columns(), self.factor.ncols());
+        let more = deviations.len();
+        let mut mean = self.mean.clone();
+        mean.resize(columns + more, 0.0);
+        let mut factor = Mat::zeros(columns + more, rank + more);
+        factor
+            .submatrix_mut(0, 0, columns, rank)
+            .copy_from(&self.factor);
+        for (i, &deviation) in deviations.iter().enumerate() {
+            factor[(columns + i, rank + i)] = deviation;
+        }
+        Self {
+            mean,
+            factor,
+            noise: self.noise,
+        }
     }
 
     /// Learns mean and covariance from images whose depths were divided by their mean: the maximum

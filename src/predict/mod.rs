@@ -15,7 +15,9 @@ pub use weights::{
 
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
-use crate::fit::{Edges, Fit, FitConfig, FitMethod, ImageMoments, Points, Prior, Scene, fit};
+use crate::fit::{
+    Edges, Fit, FitConfig, FitMethod, ImageMoments, Points, Prior, Scene, Waves, fit,
+};
 use crate::model::{Bases, BasisNet, Normalisation, Plan, PlannedBases, Weights};
 use crate::sample::{Interpolation, Size, image_tensor, image_values, resize_rgb};
 use crate::simd::Level;
@@ -53,12 +55,14 @@ enum Engine {
     Plan(Plan),
 }
 
-/// The base functions of an image, ready to be fitted to any points.
+/// The base functions of an image and the smooth ones that belong to none, ready to be fitted to any
+/// points.
 #[derive(Clone, Debug)]
 pub struct ImageBases {
     values: Values,
     /// Computed at once for a fit with a field, else when first asked for.
     edges: OnceLock<Edges>,
+    waves: Waves,
 }
 
 #[derive(Clone, Debug)]
@@ -76,8 +80,18 @@ struct Unplanned {
 }
 
 impl ImageBases {
-    /// Values `[pixels, N + 1]` at pixels `y * width + x` of an output of `size` (height, width).
+    /// Values `[pixels, N + 1 + waves]` at pixels `y * width + x` of an output of `size` (height,
+    /// width).
     pub fn at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
+        let rows = self.network_at(size, pixels);
+        if self.waves.is_empty() || pixels.is_empty() {
+            return rows;
+        }
+        self.waves
+            .beside(&rows, rows.len() / pixels.len(), size, pixels)
+    }
+
+    fn network_at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
         match &self.values {
             Values::Plan(bases) => bases.at(size, pixels),
             Values::Net(_) if pixels.is_empty() => Vec::new(),
@@ -106,6 +120,13 @@ impl ImageBases {
 
     /// Bases x weights at every pixel of an output of `size` (height, width).
     pub fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
+        let (network, smooth) = weights.split_at(weights.len().saturating_sub(self.waves.len()));
+        let mut values = self.network_combined(size, network);
+        self.waves.add_to(size, smooth, &mut values);
+        values
+    }
+
+    fn network_combined(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
         match &self.values {
             Values::Plan(bases) => bases.combine(size, weights),
             Values::Net(net) => {
@@ -376,6 +397,7 @@ impl Completer {
         let bases = ImageBases {
             values,
             edges: OnceLock::new(),
+            waves: Waves::up_to(self.fit.waves()),
         };
         if self.fit.method != FitMethod::Lse {
             bases.edges();

@@ -63,7 +63,14 @@ pub fn calibrate(
     training.sort_by_key(|&i| rng::hash(&["prior", &frames.id(i)]));
     training.truncate(IMAGES);
     let completer = Completer::with_weights(weights, device)?;
-    let fit = *completer.fit_config();
+    let fit = FitConfig {
+        prior: PriorKind::Learned,
+        ..*completer.fit_config()
+    };
+    // The prior is one over the weights of the network.
+    let mut alone = fit;
+    alone.joint.waves = 0.0;
+    let completer = completer.with_fit(alone);
     let total = training.len() + held_out.len();
     let load = |index: usize| frame(frames, index, &config.protocol);
 
@@ -96,11 +103,7 @@ pub fn calibrate(
     let completer = completer.with_prior(prior.clone().with_noise(unknown), 1.0);
     let (fit, measured) = if fit.method == FitMethod::Joint {
         let scale = prior.noise().mean.exp();
-        let joint = |lambda: Lambda| FitConfig {
-            prior: PriorKind::Learned,
-            lambda,
-            ..fit
-        };
+        let joint = |lambda: Lambda| FitConfig { lambda, ..fit };
         let mut best = [(f64::INFINITY, 0.0); COUNTS];
         for lambda in SHARES.map(|share| share * scale) {
             let completer = completer.clone().with_fit(joint(Lambda::Fixed(lambda)));
@@ -124,13 +127,9 @@ pub fn calibrate(
             },
         )
     } else {
-        let fit = FitConfig {
-            prior: PriorKind::Learned,
-            ..fit
-        };
         (fit, plain)
     };
-    let alone = completer.clone().with_fit(plain);
+    let plain = completer.clone().with_fit(plain);
     let completer = completer.with_fit(measured);
     let mut lambdas = Vec::new();
     let mut ratios: Vec<f64> = Vec::new();
@@ -139,7 +138,8 @@ pub fn calibrate(
         let bases = completer.bases(&frame.rgb)?;
         let sparse = Pattern::Exactly(500).draw(&frame, config.seed)?;
         let completion = completer.complete_with(&bases, &sparse)?;
-        lambdas.extend(alone.fit(&bases, &sparse, None)?.lambda.map(f64::ln));
+        let few = plain.bases(&frame.rgb)?;
+        lambdas.extend(plain.fit(&few, &sparse, None)?.lambda.map(f64::ln));
         let depth = &completion.depth;
         let deviations = completer.deviation(&bases, &sparse, &completion.fit, depth)?;
         let pixels = depth.values().iter().zip(deviations.values());

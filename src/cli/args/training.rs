@@ -34,6 +34,10 @@ pub(in crate::cli) struct Calibrate {
     /// For another fit than the weights say: lse, wls, joint.
     #[arg(long = "fit", value_enum, value_name = "METHOD")]
     pub(in crate::cli) fit_method: Option<FitMethod>,
+    /// Highest frequency of the smooth base functions beside those of the network, for the joint fit;
+    /// 0 for none [default: as the weights say].
+    #[arg(long, value_name = "F")]
+    pub(in crate::cli) waves: Option<f64>,
     /// Weights file to write.
     #[arg(short, long, value_name = "FILE")]
     pub(in crate::cli) output: PathBuf,

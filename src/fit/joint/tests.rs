@@ -2,7 +2,8 @@
 
 use super::{JointConfig, joint};
 use crate::fit::{
-    Edges, Fit, FitConfig, FitMethod, Lambda, Loss, Points, PriorKind, Robust, Scene, fit,
+    Edges, Fit, FitConfig, FitMethod, Lambda, Loss, NoisePrior, Points, Prior, PriorKind, Robust,
+    Scene, Waves, fit,
 };
 use crate::rng::Rng;
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -64,6 +65,7 @@ fn objective(values: &Values) -> Tensor<1> {
         data: 3.0,
         ridge: 0.2,
         level: 0.01,
+        ..JointConfig::default()
     };
     let found = joint(
         values.bases.clone(),
@@ -361,4 +363,61 @@ fn a_field_without_its_image_is_refused() {
     let points = Points::new(&example.bases, &example.depths);
     let error = fit(&points, &settings(FitMethod::Joint), None).unwrap_err();
     assert!(error.to_string().contains("needs the image"), "{error}");
+}
+
+/// Root mean square error between points of a slanted plane, base functions being the constant and
+/// waves.
+fn error_on_a_plane(frequency: f64) -> f64 {
+    let (height, width) = (36, 48);
+    let plane = |x: usize, y: usize| 2.0 + 0.03 * x as f32 + 0.02 * y as f32;
+    let places: Vec<[usize; 2]> = (0..12).map(|i| [i % 4 * 12 + 6, i / 4 * 12 + 6]).collect();
+    let depths: Vec<f32> = places.iter().map(|&[x, y]| plane(x, y)).collect();
+    let waves = Waves::up_to(frequency);
+    let rows = |pixels: &[u32]| waves.beside(&vec![1.0; pixels.len()], 1, (height, width), pixels);
+    let pixels: Vec<u32> = places
+        .iter()
+        .map(|&[x, y]| (y * width + x) as u32)
+        .collect();
+    let edges = Edges::new((height, width), &vec![1.0; 2 * height * width]);
+    let unknown = NoisePrior {
+        mean: 0.0,
+        deviation: None,
+        trust: 0.0,
+    };
+    let prior = Prior::new(&[1.0], &[0.1], unknown).unwrap();
+    let config = FitConfig {
+        method: FitMethod::Joint,
+        prior: PriorKind::Learned,
+        lambda: Lambda::Fixed(1e-3),
+        joint: JointConfig {
+            waves: frequency,
+            ..JointConfig::default()
+        },
+        ..FitConfig::default()
+    };
+    let points = Points {
+        bases: &rows(&pixels),
+        depths: &depths,
+        deviations: None,
+        places: Some(&places),
+        scene: Some(Scene {
+            edges: &edges,
+            size: (height, width),
+        }),
+    };
+    let fit = fit(&points, &config, Some(&prior)).unwrap();
+    let mut dense = vec![fit.weights[0] as f32; height * width];
+    waves.add_to((height, width), &fit.weights[1..], &mut dense);
+    fit.smooth().unwrap().add_to((height, width), &mut dense);
+    // Beyond the points nothing is known of slopes.
+    let between = |i: &usize| (6..=42).contains(&(i % width)) && (6..=30).contains(&(i / width));
+    let pixels: Vec<usize> = (0..dense.len()).filter(between).collect();
+    let off = |&i: &usize| f64::from(dense[i] - plane(i % width, i / width)).powi(2);
+    (pixels.iter().map(off).sum::<f64>() / pixels.len() as f64).sqrt()
+}
+
+#[test]
+fn waves_carry_slopes_between_points() {
+    let (without, with) = (error_on_a_plane(0.0), error_on_a_plane(3.0));
+    assert!(with < 0.5 * without, "{with} with waves, {without} without");
 }

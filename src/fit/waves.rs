@@ -1,0 +1,156 @@
+//! Smooth base functions that belong to no image: what is left of a plane or a bulge between points,
+//! which a field of first differences flattens.
+
+use rayon::prelude::*;
+
+/// Cosines over the image, all but the constant, up to a frequency that is the same in both
+/// directions for an image of 4:3.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Waves {
+    /// Half-waves across and down.
+    pairs: Vec<(usize, usize)>,
+}
+
+/// Half-waves across and down at frequency 1.
+const ACROSS: f64 = 4.0;
+const DOWN: f64 = 3.0;
+
+impl Waves {
+    /// None for a frequency of 0; at 1 there are 4 half-waves across or 3 down.
+    pub fn up_to(frequency: f64) -> Self {
+        let most = |axis: f64| (frequency * axis).floor() as usize;
+        let mut pairs = Vec::new();
+        for down in 0..=most(DOWN) {
+            for across in 0..=most(ACROSS) {
+                let square = (across as f64 / ACROSS).powi(2) + (down as f64 / DOWN).powi(2);
+                if square > 0.0 && square <= frequency * frequency {
+                    pairs.push((across, down));
+                }
+            }
+        }
+        Self { pairs }
+    }
+
+    /// The number of waves.
+    pub fn len(&self) -> usize {
+        self.pairs.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// How large weights are likely to be: the spectrum of thin plates (Wahba 1990, section 2.4),
+    /// which falls with the square of the frequency, level below frequency 1.
+    pub(super) fn deviations(&self, swing: f64) -> Vec<f64> {
+        let deviation = |&pair| swing / (1.0 + square(pair));
+        self.pairs.iter().map(deviation).collect()
+    }
+
+    /// Rows of `before` values, one for each pixel, with those of the waves behind them.
+    pub fn beside(
+        &self,
+        rows: &[f32],
+        before: usize,
+        (height, width): (usize, usize),
+        pixels: &[u32],
+    ) -> Vec<f32> {
+        let (across, down) = (self.tables(width, 0), self.tables(height, 1));
+        let all = before + self.len();
+        let mut values = vec![0.0; pixels.len() * all];
+        for ((row, given), &pixel) in values.chunks_mut(all).zip(rows.chunks(before)).zip(pixels) {
+            let (x, y) = (pixel as usize % width, pixel as usize / width);
+            row[..before].copy_from_slice(given);
+            for (value, &(p, q)) in row[before..].iter_mut().zip(&self.pairs) {
+                *value = across[p * width + x] * down[q * height + y];
+            }
+        }
+        values
+    }
+
+    /// Adds waves x weights at every pixel.
+    pub fn add_to(&self, (height, width): (usize, usize), weights: &[f64], values: &mut [f32]) {
+        if self.is_empty() {
+            return;
+        }
+        let (across, down) = (self.tables(width, 0), self.tables(height, 1));
+        let most = self.pairs.iter().map(|pair| pair.0).max().unwrap_or(0);
+        values
+            .par_chunks_mut(width)
+            .enumerate()
+            .for_each(|(y, values)| {
+                let mut sums = vec![0.0_f32; most + 1];
+                for (&(p, q), weight) in self.pairs.iter().zip(weights) {
+                    sums[p] += *weight as f32 * down[q * height + y];
+                }
+                for (p, sum) in sums.into_iter().enumerate() {
+                    let wave = &across[p * width..][..width];
+                    values
+                        .iter_mut()
+                        .zip(wave)
+                        .for_each(|(value, wave)| *value += sum * wave);
+                }
+            });
+    }
+
+    /// The half-waves of an axis `[half-waves, length]`.
+    fn tables(&self, length: usize, axis: usize) -> Vec<f32> {
+        let most = self.pairs.iter().map(|pair| [pair.0, pair.1][axis]).max();
+        let mut table = Vec::with_capacity((most.unwrap_or(0) + 1) * length);
+        for wave in 0..=most.unwrap_or(0) {
+            for place in 0..length {
+                let turn = wave as f64 * (place as f64 + 0.5) / length as f64;
+                table.push((std::f64::consts::PI * turn).cos() as f32);
+            }
+        }
+        table
+    }
+}
+
+/// The square of a frequency.
+fn square((across, down): (usize, usize)) -> f64 {
+    (across as f64 / ACROSS).powi(2) + (down as f64 / DOWN).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waves_are_counted_by_their_frequency() {
+        assert!(Waves::up_to(0.0).is_empty());
+        // (p / 4)^2 + (q / 3)^2 <= 1: p = 0 to 4 with q = 0, 3 with q = 1, 2 with q = 2, 0 with q = 3.
+        let waves = Waves::up_to(1.0);
+        assert_eq!(waves.len(), 4 + 4 + 3 + 1);
+        // Four half-waves across have frequency 1, and half the deviation of a constant.
+        let place = waves.pairs.iter().position(|&pair| pair == (4, 0)).unwrap();
+        assert!((waves.deviations(0.06)[place] - 0.03).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_map_is_the_sum_of_its_waves() {
+        let waves = Waves::up_to(2.0);
+        let (height, width) = (9, 14);
+        let weights: Vec<f64> = (0..waves.len()).map(|i| (i as f64 * 0.7).sin()).collect();
+        let mut map = vec![1.5; height * width];
+        waves.add_to((height, width), &weights, &mut map);
+        let pixels: Vec<u32> = (0..(height * width) as u32).collect();
+        let given: Vec<f32> = pixels.iter().flat_map(|&p| [7.0, p as f32]).collect();
+        let rows = waves.beside(&given, 2, (height, width), &pixels);
+        for (i, row) in rows.chunks(2 + waves.len()).enumerate() {
+            assert_eq!(row[..2], [7.0, i as f32]);
+            let (x, y) = ((i % width) as f64, (i / width) as f64);
+            let mut sum = 1.5;
+            for ((&(p, q), weight), value) in waves.pairs.iter().zip(&weights).zip(&row[2..]) {
+                let turn = |n: usize, at: f64, length: usize| {
+                    (std::f64::consts::PI * n as f64 * (at + 0.5) / length as f64).cos()
+                };
+                let wave = turn(p, x, width) * turn(q, y, height);
+                assert!((f64::from(*value) - wave).abs() < 1e-6);
+                sum += weight * wave;
+            }
+            assert!((f64::from(map[i]) - sum).abs() < 1e-5);
+        }
+    }
+}
