@@ -4,10 +4,10 @@ use super::tiff::check_tags;
 use super::{plausible, write_atomically};
 use crate::data::DepthMap;
 use crate::error::{Cause, Error, Result};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
     ColorType, DynamicImage, ImageBuffer, ImageDecoder, ImageFormat, ImageReader, Luma, RgbImage,
 };
-use std::io::Cursor;
 use std::path::Path;
 
 /// Reads a JPEG, PNG, WebP or TIFF as 8-bit RGB, turned upright as its EXIF record asks.
@@ -71,11 +71,13 @@ pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<()> {
 }
 
 fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
-    let mut bytes = Cursor::new(Vec::new());
-    image.write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
+    let mut bytes = Vec::new();
+    // Trying every filter on each row takes longer than what it saves is worth.
+    let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Up);
+    image.write_with_encoder(encoder).map_err(|e| {
         Error::new(Cause::Write, format!("cannot encode `{}`", path.display())).because(e)
     })?;
-    write_atomically(path, |out| out.write_all(bytes.get_ref()))
+    write_atomically(path, |out| out.write_all(&bytes))
 }
 
 /// Width, height and what a pixel is made of, as stored.

@@ -419,5 +419,8 @@ fn error_on_a_plane(frequency: f64) -> f64 {
 #[test]
 fn waves_carry_slopes_between_points() {
     let (without, with) = (error_on_a_plane(0.0), error_on_a_plane(3.0));
-    assert!(with < 0.5 * without, "{with} with waves, {without} without");
+    assert!(
+        with < 0.67 * without,
+        "{with} with waves, {without} without"
+    );
 }
