@@ -3,6 +3,8 @@
 //!
 //!     cargo run --release --example refit -- assets/room/rgb.png assets/room/sparse.npy
 
+#![allow(clippy::print_stdout)]
+
 use lsdc::data::{DepthMap, Sparse, read_rgb};
 use lsdc::error::{Error, Result};
 use lsdc::predict::Completer;

@@ -325,12 +325,12 @@ fn clouds() {
     let path = folder.path().join("binary.ply");
     write_ply(&path, &points).unwrap();
     sound.push(path);
-    let lines: String = (0..90)
-        .map(|i| {
-            let [x, y, z] = place(i);
-            format!("{x} {y} {z} 3 1 2 3\n")
-        })
-        .collect();
+    let line = |i| {
+        let [x, y, z] = place(i);
+        format!("{x} {y} {z} 3 1 2 3\n")
+    };
+    let lines: Vec<String> = (0..90).map(line).collect();
+    let lines = lines.concat();
     let path = folder.path().join("text.ply");
     let head = "ply\nformat ascii 1.0\ncomment none\nelement vertex 90\nproperty float x\n\
         property float y\nproperty float z\nproperty list uchar int more\nend_header\n";

@@ -6,6 +6,7 @@ use crate::data::{Contents, DepthMap, Split, View};
 use crate::error::Result;
 use crate::report::coloured;
 use serde_json::{Value, json};
+use std::fmt::Write as _;
 use std::path::Path;
 
 /// Bars of a histogram, and the length of the longest.
@@ -32,7 +33,9 @@ pub(super) fn run(args: &Inspect) -> Result<Exit> {
             continue;
         }
         ui::print(&format!("file      {}", path.display()));
-        lines(&contents).iter().for_each(|line| ui::print(line));
+        for line in lines(&contents) {
+            ui::print(&line);
+        }
         if let Some(map) = contents.map().filter(|_| args.show) {
             ui::print(&picture(map));
         }
@@ -241,7 +244,7 @@ fn picture(map: &DepthMap) -> String {
     for y in (0..image.height()).step_by(2) {
         for x in 0..image.width() {
             let ([r, g, b], [s, h, c]) = (image.get_pixel(x, y).0, image.get_pixel(x, y + 1).0);
-            text += &format!("\x1b[38;2;{r};{g};{b};48;2;{s};{h};{c}m\u{2580}");
+            let _ = write!(text, "\x1b[38;2;{r};{g};{b};48;2;{s};{h};{c}m\u{2580}");
         }
         text += "\x1b[0m\n";
     }

@@ -51,7 +51,7 @@ impl Camera {
     }
 
     /// Reads a camera from TOML or JSON: `fx, fy, cx, cy`, or `intrinsic_matrix` of 9 numbers column
-    /// by column as Open3D writes it; `width, height`; `model` (`pinhole`, `radtan`, `fisheye`) with
+    /// by column as `Open3D` writes it; `width, height`; `model` (`pinhole`, `radtan`, `fisheye`) with
     /// its `distortion`; `world_to_camera` or `camera_to_world`, 3 or 4 rows of 4 numbers.
     ///
     /// # Errors
@@ -358,7 +358,8 @@ fn pose(rows: &[[f64; 4]]) -> std::result::Result<Pose, String> {
     let rotation = [a, b, c].map(|row| [row[0], row[1], row[2]]);
     for i in 0..3 {
         for j in 0..3 {
-            if !((dot(rotation[i], rotation[j]) - IDENTITY[i][j]).abs() < NEAR) {
+            let off = (dot(rotation[i], rotation[j]) - IDENTITY[i][j]).abs();
+            if off.is_nan() || off > NEAR {
                 return Err("has a pose whose first three columns are no rotation".to_owned());
             }
         }
@@ -459,7 +460,7 @@ mod tests {
         let half = camera.resized((320, 240));
         let [full, half] = [camera, half].map(|c| c.project([0.3, -0.2, 1.5]).unwrap().0);
         for axis in 0..2 {
-            assert!(((full[axis] + 0.5) / 2.0 - 0.5 - half[axis]).abs() < 1e-9);
+            assert!((0.5 * (full[axis] + 0.5) - 0.5 - half[axis]).abs() < 1e-9);
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use lsdc::data::{Camera, read_rgb, write_depth_png};
+use std::fmt::Write as _;
 
 /// Lines of the shell in the guide.
 fn commands() -> Vec<String> {
@@ -56,12 +57,12 @@ fn prepared() -> tempfile::TempDir {
     let (mut keypoints, mut landmarks) = (String::new(), String::new());
     for (i, p) in sparse.points().enumerate() {
         let (u, v, z) = (p.x as f64, p.y as f64, f64::from(p.depth));
-        features += &format!("{u},{v},{z},0.01\n");
+        writeln!(features, "{u},{v},{z},0.01").unwrap();
         let [x, y, z] = seen.unproject([u, v], z).unwrap();
-        scan += &format!("{x} {y} {z}\n");
-        keypoints += &format!("{} {} {i} ", u + 0.5, v + 0.5);
+        writeln!(scan, "{x} {y} {z}").unwrap();
+        write!(keypoints, "{} {} {i} ", u + 0.5, v + 0.5).unwrap();
         let (x, y) = ((u - 152.0) / 200.0 * z, (v - 114.0) / 200.0 * z);
-        landmarks += &format!("{i} {x} {y} {z} 0 0 0 0.5 1 0 2 0\n");
+        writeln!(landmarks, "{i} {x} {y} {z} 0 0 0 0.5 1 0 2 0").unwrap();
     }
     std::fs::write(at("features.csv"), features).unwrap();
     let count = sparse.count();

@@ -75,7 +75,7 @@ fn check_records(
 }
 
 /// Refuses a table of more chunks than the file has bytes, for which the library makes room unread
-/// (LASzip's specification, "Chunk table").
+/// (the specification of `LASzip`, "Chunk table").
 fn check_chunks(path: &Path, header: &Header, file: &mut BufReader<File>, size: u64) -> Result<()> {
     /// In the number of the format of points.
     const COMPRESSED: u8 = 0x80;

@@ -8,7 +8,7 @@ use std::time::Duration;
 /// What the names of files begin and end with until they are complete.
 const UNFINISHED: (&str, &str) = (".lsdc-", ".tmp");
 /// No file takes so long to write.
-const LONG_AGO: Duration = Duration::from_secs(600);
+const LONG_AGO: Duration = Duration::from_mins(10);
 
 /// Writes `path` through a temporary file in the same folder, renamed when complete.
 ///

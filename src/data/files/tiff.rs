@@ -72,7 +72,7 @@ pub(crate) fn read_tiff(path: &Path, scale: impl Fn(bool) -> f64) -> Result<(Dep
 }
 
 /// Refuses tags with more numbers than the file has bytes, for which the library makes room unread
-/// (TIFF 6.0, section 2; BigTIFF has the same fields, wider).
+/// (TIFF 6.0, section 2; `BigTIFF` has the same fields, wider).
 pub(super) fn check_tags(path: &Path) -> Result<()> {
     let unreadable = |e| Error::read(path, e);
     let cut_off = |_| Error::format(path, "is cut off: it has no directory of tags");
