@@ -71,7 +71,7 @@ impl JointConfig {
     /// # Errors
     /// The first setting that is out of range.
     pub fn check(&self) -> Result<()> {
-        /// Of waves: there are 38 x the square of the frequency.
+        /// Of waves there are about 10 x the square of the frequency.
         const MOST: f64 = 8.0;
         if !(0.0..=MOST).contains(&self.waves) {
             return Err(Error::config(format!(
