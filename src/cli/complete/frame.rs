@@ -6,8 +6,9 @@ use crate::data::{DepthMap, Sparse};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::fit::{Fit, FitMethod};
-use crate::predict::{Classic, Completer, Method, check_sizes, complete_classic};
+use crate::predict::{Classic, Completer, ImageBases, Method, check_sizes, complete_classic};
 use image::RgbImage;
+use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
 /// The score above which a point is listed (Iglewicz and Hoaglin 1993).
@@ -23,6 +24,30 @@ pub(super) struct Engine<'a> {
 
 enum Way {
     Trained(Box<Completer>),
+    Untrained(Classic),
+}
+
+/// What the network says of an image.
+pub(super) struct View<'a> {
+    completer: Cow<'a, Completer>,
+    bases: ImageBases,
+    network: Duration,
+}
+
+/// A frame of which the network has seen the image.
+pub(super) enum Seen<'a> {
+    Trained(View<'a>),
+    /// An untrained method looks at image and points together.
+    Untrained(Classic),
+}
+
+/// A frame whose weights are found.
+pub(super) enum Weighed<'a> {
+    Trained {
+        view: View<'a>,
+        fit: Fit,
+        fitting: Duration,
+    },
     Untrained(Classic),
 }
 
@@ -63,23 +88,46 @@ impl<'a> Engine<'a> {
         })
     }
 
-    /// Completes a frame, near the weights of the one before, if they are given.
-    pub(super) fn complete(
+    /// Completes a frame.
+    pub(super) fn complete(&self, rgb: &RgbImage, points: &Sparse) -> Result<Completed> {
+        let weighed = self.see(rgb, points)?.weigh(points, None)?;
+        self.dense(rgb, points, weighed)
+    }
+
+    /// The first part of completing a frame, which depends on its image alone.
+    pub(super) fn see(&self, rgb: &RgbImage, points: &Sparse) -> Result<Seen<'_>> {
+        check_sizes(rgb, &points.depth)?;
+        let mut completer = match &self.way {
+            Way::Trained(completer) => Cow::Borrowed(completer.as_ref()),
+            Way::Untrained(method) => return Ok(Seen::Untrained(*method)),
+        };
+        if self.args.full {
+            let input = [points.depth.height(), points.depth.width()];
+            completer = Cow::Owned(completer.into_owned().with_input(input));
+        }
+        let started = Instant::now();
+        let bases = completer.bases(rgb)?;
+        Ok(Seen::Trained(View {
+            completer,
+            bases,
+            network: started.elapsed(),
+        }))
+    }
+
+    /// The last part, for which no other frame waits.
+    pub(super) fn dense(
         &self,
         rgb: &RgbImage,
         points: &Sparse,
-        before: Option<&[f64]>,
+        weighed: Weighed<'_>,
     ) -> Result<Completed> {
         let sparse = &points.depth;
-        check_sizes(rgb, sparse)?;
-        let (depth, fitted) = match &self.way {
-            Way::Trained(completer) => {
-                let next = before.map(|weights| completer.after(weights)).transpose()?;
-                let completer = next.as_ref().unwrap_or(completer);
-                let (depth, fitted) = self.fitted(completer, rgb, points)?;
+        let (depth, fitted) = match weighed {
+            Weighed::Trained { view, fit, fitting } => {
+                let (depth, fitted) = self.fitted(&view, fit, fitting, sparse)?;
                 (depth, Some(fitted))
             }
-            Way::Untrained(method) => (complete_classic(*method, rgb, sparse)?, None),
+            Weighed::Untrained(method) => (complete_classic(method, rgb, sparse)?, None),
         };
         Ok(Completed {
             depth: self.args.preserve_input.apply(&depth, sparse)?,
@@ -89,42 +137,63 @@ impl<'a> Engine<'a> {
 
     fn fitted(
         &self,
-        completer: &Completer,
-        rgb: &RgbImage,
-        points: &Sparse,
+        view: &View<'_>,
+        fit: Fit,
+        fitting: Duration,
+        sparse: &DepthMap,
     ) -> Result<(DepthMap, Fitted)> {
-        let sparse = &points.depth;
-        let whole;
-        let completer = if self.args.full {
-            let input = [sparse.height(), sparse.width()];
-            whole = completer.clone().with_input(input);
-            &whole
-        } else {
-            completer
-        };
+        let View {
+            completer,
+            bases,
+            network,
+        } = view;
         let started = Instant::now();
-        let bases = completer.bases(rgb)?;
-        let network = started.elapsed();
-        let started = Instant::now();
-        let fit = completer.fit(&bases, sparse, points.sigma.as_ref())?;
-        let fitting = started.elapsed();
-        let started = Instant::now();
-        let depth = completer.dense(&bases, &fit, sparse, self.args.size)?;
+        let depth = completer.dense(bases, &fit, sparse, self.args.size)?;
         let dense = started.elapsed();
         let wanted = self.args.uncertainty || self.args.max_sigma.is_some();
-        let deviations = wanted.then(|| completer.deviation(&bases, sparse, &fit, &depth));
+        let deviations = wanted.then(|| completer.deviation(bases, sparse, &fit, &depth));
         let fitted = Fitted {
             method: completer.fit_config().method,
             leverages: self
                 .explains
-                .then(|| completer.leverages(&bases, sparse, &fit)),
+                .then(|| completer.leverages(bases, sparse, &fit)),
             deviations: deviations.transpose()?,
             fit,
-            network,
+            network: *network,
             fitting,
             dense,
         };
         Ok((depth, fitted))
+    }
+}
+
+impl<'a> Seen<'a> {
+    /// The middle part: the weights, near those of the frame before, if they are given.
+    pub(super) fn weigh(self, points: &Sparse, before: Option<&[f64]>) -> Result<Weighed<'a>> {
+        let mut view = match self {
+            Self::Trained(view) => view,
+            Self::Untrained(method) => return Ok(Weighed::Untrained(method)),
+        };
+        if let Some(weights) = before {
+            view.completer = Cow::Owned(view.completer.after(weights)?);
+        }
+        let started = Instant::now();
+        let sigma = points.sigma.as_ref();
+        let fit = view.completer.fit(&view.bases, &points.depth, sigma)?;
+        Ok(Weighed::Trained {
+            view,
+            fit,
+            fitting: started.elapsed(),
+        })
+    }
+}
+
+impl Weighed<'_> {
+    pub(super) fn weights(&self) -> Option<&[f64]> {
+        match self {
+            Self::Trained { fit, .. } => Some(&fit.weights),
+            Self::Untrained(_) => None,
+        }
     }
 }
 

@@ -1,6 +1,6 @@
-//! Many images: reading, completing and writing at the same time, frame after frame.
+//! Many images: reading, network, fit and writing at the same time, each of another frame.
 
-use super::frame::{Completed, Engine};
+use super::frame::{Engine, Seen, Weighed};
 use super::inputs::{self, Job, Loaded};
 use super::outputs::{Outputs, read_weights};
 use super::summary::Summary;
@@ -63,8 +63,9 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
 
     let done = std::thread::scope(|scope| {
         let (send_read, read) = sync_channel::<(&Frame, Loaded)>(WAITING);
-        let (send_found, found) = sync_channel::<(&Frame, Loaded, Completed)>(WAITING);
-        let (failures, bar, stop, left) = (&failures, &bar, &stop, &left);
+        let (send_seen, seen) = sync_channel::<(&Frame, Loaded, Seen<'_>)>(1);
+        let (send_weighed, weighed) = sync_channel::<(&Frame, Loaded, Weighed<'_>)>(1);
+        let (failures, bar, stop, left, engine) = (&failures, &bar, &stop, &left, &engine);
         scope.spawn(move || {
             for frame in left {
                 if stop.load(Ordering::Relaxed) {
@@ -80,12 +81,29 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
                 }
             }
         });
+        scope.spawn(move || {
+            for (frame, loaded) in read {
+                match engine.see(&loaded.rgb, &loaded.points) {
+                    Ok(seen) => {
+                        if send_seen.send((frame, loaded, seen)).is_err() {
+                            break;
+                        }
+                    }
+                    Err(error) => failures.add(&frame.job.name, &error),
+                }
+            }
+        });
         let writer = scope.spawn(move || {
             let mut done = 0;
-            for (Frame { job, outputs, .. }, loaded, completed) in found {
-                let summary = Summary::new(&job.name, &loaded, &completed);
-                match outputs.write(&loaded, &completed, &summary) {
-                    Ok(()) => {
+            for (Frame { job, outputs, .. }, loaded, weighed) in weighed {
+                let completed = engine.dense(&loaded.rgb, &loaded.points, weighed);
+                let written = completed.and_then(|completed| {
+                    let summary = Summary::new(&job.name, &loaded, &completed);
+                    outputs.write(&loaded, &completed, &summary)?;
+                    Ok(summary)
+                });
+                match written {
+                    Ok(summary) => {
                         done += 1;
                         bar.inc(1);
                         if args.json {
@@ -98,21 +116,21 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             done
         });
         let mut chain = Chain::default();
-        for (frame, loaded) in read {
-            let completed = chain
+        for (frame, loaded, seen) in seen {
+            let weighed = chain
                 .before(frame, &loaded.rgb)
-                .and_then(|before| engine.complete(&loaded.rgb, &loaded.points, before.as_deref()));
-            match completed {
-                Ok(completed) => {
-                    chain.go_on(frame, &loaded.rgb, &completed);
-                    if send_found.send((frame, loaded, completed)).is_err() {
+                .and_then(|before| seen.weigh(&loaded.points, before.as_deref()));
+            match weighed {
+                Ok(weighed) => {
+                    chain.go_on(frame, &loaded.rgb, &weighed);
+                    if send_weighed.send((frame, loaded, weighed)).is_err() {
                         break;
                     }
                 }
                 Err(error) => failures.add(&frame.job.name, &error),
             }
         }
-        drop(send_found);
+        drop(send_weighed);
         writer.join().unwrap_or(0)
     });
     bar.finish_and_clear();
@@ -183,11 +201,11 @@ impl Chain {
         Ok(same_scene(&last.look, &look(rgb)).then(|| last.weights.clone()))
     }
 
-    fn go_on(&mut self, frame: &Frame<'_>, rgb: &RgbImage, completed: &Completed) {
-        let found = frame.outputs.weights().zip(completed.fitted.as_ref());
-        self.0 = found.map(|(path, fitted)| Last {
+    fn go_on(&mut self, frame: &Frame<'_>, rgb: &RgbImage, weighed: &Weighed<'_>) {
+        let found = frame.outputs.weights().zip(weighed.weights());
+        self.0 = found.map(|(path, weights)| Last {
             path: path.to_owned(),
-            weights: fitted.fit.weights.clone(),
+            weights: weights.to_owned(),
             look: look(rgb),
         });
     }

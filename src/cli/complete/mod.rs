@@ -29,7 +29,7 @@ fn one(args: &Complete, pipes: &Pipes) -> Result<Exit> {
     let job = inputs::one(args)?;
     let frame = job.load(args)?;
     let outputs = Outputs::beside(args, &job)?;
-    let found = Engine::new(args, true)?.complete(&frame.rgb, &frame.points, None)?;
+    let found = Engine::new(args, true)?.complete(&frame.rgb, &frame.points)?;
     let summary = Summary::new(&job.name, &frame, &found);
     outputs.write(&frame, &found, &summary)?;
     if pipes.to_stdout() {
