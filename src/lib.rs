@@ -27,6 +27,7 @@ pub mod data;
 pub mod device;
 pub mod error;
 pub mod eval;
+pub mod experiment;
 pub mod field;
 pub mod fit;
 pub mod metrics;

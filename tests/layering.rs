@@ -45,14 +45,33 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "experiment",
+        &[
+            "train", "eval", "report", "predict", "metrics", "model", "fit", "sample", "data",
+            "error",
+        ],
+    ),
+    (
         "config",
         &["eval", "train", "model", "fit", "data", "error"],
     ),
     (
         "cli",
         &[
-            "config", "device", "eval", "train", "report", "predict", "metrics", "fit", "model",
-            "sample", "data", "simd", "error",
+            "config",
+            "device",
+            "experiment",
+            "eval",
+            "train",
+            "report",
+            "predict",
+            "metrics",
+            "fit",
+            "model",
+            "sample",
+            "data",
+            "simd",
+            "error",
         ],
     ),
 ];

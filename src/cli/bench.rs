@@ -5,8 +5,9 @@ use super::{Exit, ui};
 use crate::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use crate::device::device;
 use crate::error::{Error, Result};
+use crate::experiment::{Times, time};
 use crate::fit::FitConfig;
-use crate::predict::{Completer, Timings, open_weights};
+use crate::predict::{Completer, open_weights};
 use crate::sample::{AugmentConfig, Batch, Pattern, Protocol, Sampler, SamplerConfig, Size};
 use crate::simd::Level;
 use crate::train::{Learner, TrainConfig};
@@ -25,19 +26,11 @@ struct Setting {
     runs: usize,
 }
 
-/// Medians over all runs of a completion.
+/// What completing costs.
 #[derive(Debug, Serialize)]
 struct Completing {
-    /// Image to features.
-    network_ms: f64,
-    /// Base functions at the points, and the solve.
-    fit_ms: f64,
-    /// The solve alone.
-    solve_ms: f64,
-    /// Dense depth from the weights.
-    dense_ms: f64,
-    /// Image in memory to dense depth in memory.
-    total_ms: f64,
+    #[serde(flatten)]
+    times: Times,
     points: usize,
     /// The most memory that the process has held, where the system tells.
     peak_mb: Option<f64>,
@@ -74,10 +67,10 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
         &format!("{} points", outcome.points),
     )];
     for (name, value) in [
-        ("network", outcome.network_ms),
-        ("fit", outcome.fit_ms),
-        ("dense", outcome.dense_ms),
-        ("total", outcome.total_ms),
+        ("network", outcome.times.network_ms),
+        ("fit", outcome.times.fit_ms),
+        ("dense", outcome.times.dense_ms),
+        ("total", outcome.times.total_ms),
     ] {
         lines.push(format!("{name:<9} {value:8.2} ms"));
     }
@@ -117,25 +110,10 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
         completer = completer.with_input([size.height, size.width]);
     }
     let frame = rooms(Split::Val, size)?.load(0)?;
-    let sparse = Pattern::Exactly(args.points).draw(&frame, 0)?;
-
-    let mut times: Vec<(Timings, Duration)> = Vec::with_capacity(args.runs);
-    for run in 0..=args.runs {
-        let started = Instant::now();
-        let completion = completer.complete(&frame.rgb, &sparse)?;
-        // The first run warms up caches and memory.
-        if run > 0 {
-            times.push((completion.timings, started.elapsed()));
-        }
-    }
-    let median = |of: fn(&(Timings, Duration)) -> Duration| median(times.iter().map(of));
+    let points = Pattern::Exactly(args.points);
     Ok(Completing {
-        network_ms: median(|(t, _)| t.network),
-        fit_ms: median(|(t, _)| t.fit),
-        solve_ms: median(|(t, _)| t.solve),
-        dense_ms: median(|(t, _)| t.dense),
-        total_ms: median(|(_, total)| *total),
-        points: sparse.count(),
+        times: time(&completer, &frame, &points, args.runs)?,
+        points: args.points,
         peak_mb: peak_memory(),
         setting: setting(&args.model, size, args.runs),
     })

@@ -6,6 +6,7 @@ mod calibrate;
 mod complete;
 mod dashboard;
 mod eval;
+mod experiment;
 mod export;
 mod inspect;
 mod manual;
@@ -63,6 +64,7 @@ fn run(args: Args) -> Result<Exit> {
         Command::Completions(args) => Ok(manual::completions(&args)),
         Command::Man(args) => manual::man(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Experiment(args) => experiment::run(&args),
         Command::Report(ReportCommand::Merge(args)) => report::merge(&args),
         Command::Report(ReportCommand::Curve(args)) => report::curve(&args),
         Command::Report(ReportCommand::Training(args)) => report::training(&args),

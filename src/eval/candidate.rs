@@ -3,6 +3,7 @@
 use crate::data::{DepthMap, Frame, read_depth};
 use crate::error::{Cause, Error, Result};
 use crate::predict::{Completer, Completion, ImageBases, Method, complete_classic};
+use crate::sample::{Interpolation, Size, move_points, resize_depth, resize_rgb};
 use std::path::{Path, PathBuf};
 
 /// A source of predictions.
@@ -10,8 +11,26 @@ use std::path::{Path, PathBuf};
 pub enum Candidate {
     /// A method of this program.
     Method(Method),
+    /// A method that is given image and points at a smaller size, and its result enlarged.
+    Enlarged {
+        /// The method.
+        method: Method,
+        /// The smaller size.
+        from: Size,
+        /// By what.
+        by: Enlargement,
+    },
     /// `FRAME.npy` (metres) or `FRAME.png` (millimetres) in this folder, or in its `seedN`.
     Files(PathBuf),
+}
+
+/// How a result comes to a larger size than what it was computed from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Enlargement {
+    /// Bilinear interpolation between depths.
+    Bilinear,
+    /// Base functions read at the larger size (Fang et al., section 4.5); `lsdc` alone has any.
+    Bases,
 }
 
 /// What the predictions of a frame have in common: its base functions.
@@ -59,12 +78,47 @@ impl<'a> Prepared<'a> {
             (Candidate::Method(Method::Lsdc), None) => {
                 Err(Error::weights("method `lsdc` needs a network"))
             }
+            (Candidate::Enlarged { method, from, by }, network) => {
+                let network = network.as_ref().map(|(completer, _)| *completer);
+                let depth = enlarged(network, *method, *from, *by, frame, sparse)?;
+                Ok((depth, None))
+            }
             (Candidate::Files(folder), _) => {
                 let prediction = read(folder, &frame.id, seed)?;
                 check(&prediction, frame, folder)?;
                 Ok((prediction, None))
             }
         }
+    }
+}
+
+fn enlarged(
+    completer: Option<&Completer>,
+    method: Method,
+    from: Size,
+    by: Enlargement,
+    frame: &Frame,
+    sparse: &DepthMap,
+) -> Result<DepthMap> {
+    let size = Size {
+        height: frame.depth.height(),
+        width: frame.depth.width(),
+    };
+    let rgb = resize_rgb(&frame.rgb, from, Interpolation::PilBilinear)?;
+    let sparse = move_points(sparse, from)?;
+    let small = match (method, completer) {
+        (Method::Classic(method), _) => complete_classic(method, &rgb, &sparse)?,
+        (Method::Lsdc, None) => return Err(Error::weights("method `lsdc` needs a network")),
+        (Method::Lsdc, Some(completer)) => {
+            let bases = completer.bases(&rgb)?;
+            let fit = completer.fit(&bases, &sparse, None)?;
+            let at = (by == Enlargement::Bases).then_some(size);
+            completer.dense(&bases, &fit, &sparse, at)?
+        }
+    };
+    match by {
+        Enlargement::Bases if method == Method::Lsdc => Ok(small),
+        _ => resize_depth(&small, size, Interpolation::CvBilinear),
     }
 }
 

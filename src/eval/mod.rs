@@ -5,7 +5,7 @@ mod config;
 mod journal;
 mod shard;
 
-pub use candidate::Candidate;
+pub use candidate::{Candidate, Enlargement};
 pub use config::EvalConfig;
 pub use journal::Journal;
 pub use shard::Shard;

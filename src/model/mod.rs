@@ -1,6 +1,7 @@
 //! Image to base functions. Knows no file, no dataset, and never sees a sparse depth.
 
 mod bases;
+mod cost;
 mod edge_net;
 mod edges;
 mod encoding;

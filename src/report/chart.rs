@@ -1,29 +1,34 @@
 //! Line charts as SVG.
 
+use super::drawing::{Drawing, escaped};
 use std::fmt::Write as _;
 
 /// A chart of several lines over one axis.
-pub(super) struct Chart<'a> {
+#[derive(Clone, Debug)]
+pub struct Chart<'a> {
     /// What it shows.
-    pub(super) title: &'a str,
+    pub title: &'a str,
     /// The horizontal axis, with its unit.
-    pub(super) across: &'a str,
+    pub across: &'a str,
     /// The vertical axis, with its unit.
-    pub(super) up: &'a str,
+    pub up: &'a str,
     /// Whether the horizontal axis is logarithmic.
-    pub(super) logarithmic: bool,
-    /// What is drawn.
-    pub(super) lines: Vec<Line>,
+    pub logarithmic: bool,
+    /// What is drawn; lines with names are listed beside the chart.
+    pub lines: Vec<Line>,
 }
 
 /// A line of a chart.
-pub(super) struct Line {
-    /// Its place among [`COLOURS`].
-    pub(super) colour: usize,
-    /// Whether it is a limit, drawn dashed, rather than a measurement.
-    pub(super) dashed: bool,
+#[derive(Clone, Debug, Default)]
+pub struct Line {
+    /// What it shows; without a name, something else tells colours apart.
+    pub name: Option<String>,
+    /// Its place among the colours.
+    pub colour: usize,
+    /// Whether it is a limit or somebody else's, drawn dashed, rather than a measurement.
+    pub dashed: bool,
     /// From left to right.
-    pub(super) points: Vec<(f64, f64)>,
+    pub points: Vec<(f64, f64)>,
 }
 
 /// Colours of the lines, apart for colour-blind eyes as well (Okabe and Ito 2008).
@@ -38,10 +43,19 @@ const LEFT: f64 = 58.0;
 const BOTTOM: f64 = 42.0;
 const TOP: f64 = 28.0;
 const RIGHT: f64 = 22.0;
+/// Beside the chart, for names.
+const NAMES: f64 = 150.0;
+/// Lines of no more points than this show where they are.
+const MARKED: usize = 24;
 
 impl Chart<'_> {
-    /// The chart as an `svg` element.
+    /// The chart as an `svg` element; nothing if there is nothing to show.
     pub(super) fn svg(&self) -> String {
+        self.draw().inline()
+    }
+
+    /// The chart as a picture.
+    pub fn draw(&self) -> Drawing {
         let all = || self.lines.iter().flat_map(|line| &line.points);
         let range = |of: fn(&(f64, f64)) -> f64| {
             all()
@@ -52,8 +66,15 @@ impl Chart<'_> {
         };
         let (mut left, mut right) = range(|p| p.0);
         let (_, mut top) = range(|p| p.1);
+        let named = self.lines.iter().any(|line| line.name.is_some());
+        let mut drawing = Drawing {
+            title: self.title.to_owned(),
+            width: if named { WIDTH + NAMES } else { WIDTH },
+            height: HEIGHT,
+            body: String::new(),
+        };
         if !(left.is_finite() && top.is_finite()) {
-            return String::new();
+            return drawing;
         }
         if right <= left {
             (left, right) = (0.5 * left, 2.0 * right);
@@ -65,10 +86,7 @@ impl Chart<'_> {
             LEFT + share * (WIDTH - LEFT - RIGHT)
         };
         let y = |v: f64| HEIGHT - BOTTOM - v / top * (HEIGHT - BOTTOM - TOP);
-        let mut svg = format!(
-            "<svg viewBox='0 0 {WIDTH} {HEIGHT}' role='img'><title>{}</title>",
-            self.title
-        );
+        let svg = &mut drawing.body;
         let floor = HEIGHT - BOTTOM;
         let middle = 0.5 * (LEFT + WIDTH - RIGHT);
         let _ = write!(
@@ -76,11 +94,11 @@ impl Chart<'_> {
             "<text class='title' x='{LEFT}' y='16'>{}</text>\
              <text x='{middle}' y='{}' text-anchor='middle'>{}</text>\
              <text transform='translate(14 {}) rotate(-90)' text-anchor='middle'>{}</text>",
-            self.title,
+            escaped(self.title),
             HEIGHT - 6.0,
-            self.across,
+            escaped(self.across),
             0.5 * (TOP + floor),
-            self.up
+            escaped(self.up)
         );
         for tick in ticks(0.0, top) {
             let at = y(tick);
@@ -116,24 +134,54 @@ impl Chart<'_> {
                 .map(|&(u, v)| format!("{:.1} {:.1}", x(u), y(v)))
                 .collect();
             let colour = COLOURS[line.colour % COLOURS.len()];
-            let dashes = if line.dashed {
-                " stroke-dasharray='5 4'"
-            } else {
-                ""
-            };
+            let dashes = dashes(line.dashed);
             let _ = write!(
                 svg,
                 "<polyline points='{}' fill='none' stroke='{colour}' stroke-width='1.8'{dashes}/>",
                 path.join(" ")
             );
+            if line.points.len() <= MARKED {
+                for &(u, v) in &line.points {
+                    let _ = write!(
+                        svg,
+                        "<circle cx='{:.1}' cy='{:.1}' r='2.6' fill='{colour}'/>",
+                        x(u),
+                        y(v)
+                    );
+                }
+            }
         }
-        svg.push_str("</svg>");
-        svg
+        let names = self
+            .lines
+            .iter()
+            .filter_map(|line| Some((line, line.name.as_ref()?)));
+        for (place, (line, name)) in names.enumerate() {
+            let (at, high) = (WIDTH - RIGHT + 12.0, TOP + 8.0 + 17.0 * place as f64);
+            let _ = write!(
+                svg,
+                "<path d='M{at} {high}h18' stroke='{}' stroke-width='2.4'{}/>\
+                 <text x='{}' y='{}'>{}</text>",
+                COLOURS[line.colour % COLOURS.len()],
+                dashes(line.dashed),
+                at + 24.0,
+                high + 4.0,
+                escaped(name)
+            );
+        }
+        drawing
+    }
+}
+
+fn dashes(dashed: bool) -> &'static str {
+    if dashed {
+        " stroke-dasharray='5 4'"
+    } else {
+        ""
     }
 }
 
 /// Round numbers between two values: about five.
-fn ticks(low: f64, high: f64) -> Vec<f64> {
+pub(super) fn ticks(low: f64, high: f64) -> Vec<f64> {
     let rough = (high - low) / 5.0;
     let power = 10_f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0]
@@ -161,7 +209,7 @@ fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
         .collect()
 }
 
-fn number(value: f64) -> String {
+pub(super) fn number(value: f64) -> String {
     let text = format!("{value:.4}");
     if text.contains('.') {
         text.trim_end_matches('0').trim_end_matches('.').to_owned()

@@ -12,6 +12,16 @@ pub fn coloured(depth: &DepthMap, low: f32, high: f32) -> RgbImage {
     })
 }
 
+/// A red-blue colour map from -`most` (blue) over 0 (white) to `most` (red), of values row by row.
+pub fn signed(values: &[f32], width: usize, most: f32) -> RgbImage {
+    let height = values.len() / width.max(1);
+    RgbImage::from_fn(width as u32, height as u32, |x, y| {
+        let value = values[y as usize * width + x as usize] / most.max(f32::EPSILON);
+        let colour = colorous::RED_BLUE.eval_continuous(share(0.5 - 0.5 * value));
+        Rgb(colour.into_array())
+    })
+}
+
 /// The inferno colour map from 0 (black) to `high` metres (yellow); grey where there is no truth.
 pub(super) fn errors(prediction: &DepthMap, truth: &DepthMap, high: f32) -> RgbImage {
     let (width, height) = (truth.width() as u32, truth.height() as u32);

@@ -2,7 +2,8 @@
 
 use super::Report;
 use super::chart::{Chart, Line};
-use super::html::{begin, escaped, legend};
+use super::drawing::escaped;
+use super::html::{begin, legend};
 use super::text::shown;
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
@@ -65,12 +66,12 @@ impl Curve {
         for metric in [Metric::Rmse, Metric::Rel] {
             let lines = (0..self.methods.len()).map(|colour| Line {
                 colour,
-                dashed: false,
                 points: self
                     .rows
                     .iter()
                     .map(|(n, s)| (*n, s[colour][metric]))
                     .collect(),
+                ..Line::default()
             });
             let up = match metric.unit() {
                 "" => metric.label().to_owned(),

@@ -2,16 +2,14 @@
 
 use super::chart::{COLOURS, Chart, Line};
 use super::colour::{coloured, errors};
+use super::drawing::{encoded, escaped};
 use super::text::{TABLES, shown};
 use super::{Mean, Report};
 use crate::data::{DepthMap, Place, write_atomically};
-use crate::error::{Cause, Error, Result};
+use crate::error::Result;
 use crate::metrics::{Axis, Bin, Certainty, Metric};
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
-use image::{ImageFormat, RgbImage};
+use image::RgbImage;
 use std::fmt::Write as _;
-use std::io::Cursor;
 use std::path::Path;
 
 /// A frame to be shown.
@@ -95,8 +93,8 @@ impl Report {
         let lines = |of: &dyn Fn(usize) -> Vec<(f64, f64)>| -> Vec<Line> {
             let line = |colour: usize| Line {
                 colour,
-                dashed: false,
                 points: of(colour),
+                ..Line::default()
             };
             (0..methods.len()).map(line).collect()
         };
@@ -144,6 +142,7 @@ impl Report {
                     colour,
                     dashed,
                     points,
+                    ..Line::default()
                 });
             }
         }
@@ -195,9 +194,10 @@ pub(super) fn begin(title: &str) -> String {
     format!(
         "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>\
          <meta name='viewport' content='width=device-width'>\
-         <title>{title}</title><style>{style}</style></head><body><h1>{title}</h1>\n",
+         <title>{title}</title><style>{style}{drawing}</style></head><body><h1>{title}</h1>\n",
         title = escaped(title),
         style = include_str!("page.css"),
+        drawing = include_str!("drawing.css"),
     )
 }
 
@@ -286,14 +286,14 @@ fn exhibited(exhibit: &Exhibit) -> String {
 
 fn figure(caption: &str, image: &RgbImage) -> String {
     format!(
-        "<figure><img alt='{caption}' src='data:image/png;base64,{}'>\
+        "<figure><img alt='{caption}' src='{}'>\
          <figcaption>{caption}</figcaption></figure>",
-        STANDARD.encode(png(image).unwrap_or_default())
+        encoded(image)
     )
 }
 
 /// The points as dots over the darkened image.
-fn dotted(exhibit: &Exhibit, low: f32, high: f32) -> RgbImage {
+pub(super) fn dotted(exhibit: &Exhibit, low: f32, high: f32) -> RgbImage {
     let mut image = exhibit.rgb.clone();
     image
         .iter_mut()
@@ -316,7 +316,7 @@ fn dotted(exhibit: &Exhibit, low: f32, high: f32) -> RgbImage {
 }
 
 /// The end of the scale of errors: what 98 % of the pixels of the first method stay below.
-fn scale_of_errors(exhibit: &Exhibit) -> f32 {
+pub(super) fn scale_of_errors(exhibit: &Exhibit) -> f32 {
     let Some((_, _, depth)) = exhibit.predictions.first() else {
         return 1.0;
     };
@@ -344,20 +344,4 @@ fn colour_scale(name: &str, low: f32, high: f32, map: colorous::Gradient) -> Str
          {high:.2} m</span>",
         stops.join(",")
     )
-}
-
-fn png(image: &RgbImage) -> Result<Vec<u8>> {
-    let mut bytes = Cursor::new(Vec::new());
-    image
-        .write_to(&mut bytes, ImageFormat::Png)
-        .map_err(|e| Error::new(Cause::Write, "cannot encode a picture").because(e))?;
-    Ok(bytes.into_inner())
-}
-
-pub(super) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('\'', "&#39;")
-        .replace('"', "&quot;")
 }

@@ -1,17 +1,28 @@
 //! The outcome of an evaluation: text, JSON, CSV and a page with pictures.
 
+mod bars;
 mod chart;
 mod colour;
 mod csv;
 mod curve;
+mod drawing;
 mod html;
 mod json;
+mod panels;
+mod section;
+mod table;
 mod text;
 mod training;
 
-pub use colour::coloured;
+pub use bars::Bars;
+pub use chart::{Chart, Line};
+pub use colour::{coloured, signed};
 pub use curve::Curve;
+pub use drawing::Drawing;
 pub use html::{Exhibit, Role};
+pub use panels::{Panel, Panels, Scale};
+pub use section::{Figure, Section, write_page};
+pub use table::{Column, Contest, Row, Table};
 pub use training::Training;
 
 use crate::data::Place;

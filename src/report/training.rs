@@ -1,7 +1,8 @@
 //! How training went: one run, or several side by side.
 
 use super::chart::{Chart, Line};
-use super::html::{begin, escaped, legend};
+use super::drawing::escaped;
+use super::html::{begin, legend};
 use crate::data::write_atomically;
 use crate::error::{Cause, Error, Result};
 use serde::Deserialize;
@@ -58,6 +59,11 @@ impl Training {
         Ok(Self(runs.collect::<Result<_>>()?))
     }
 
+    /// Of each run: step, RMSE in metres and REL on frames kept out of training.
+    pub fn held_out(&self) -> Vec<Vec<(f64, f64, f64)>> {
+        self.0.iter().map(|run| run.held_out.clone()).collect()
+    }
+
     /// Writes a page with the curves and the table.
     ///
     /// # Errors
@@ -80,8 +86,8 @@ impl Training {
         for ((title, up), of) in titles.into_iter().zip(curves) {
             let lines = self.0.iter().enumerate().map(|(colour, run)| Line {
                 colour,
-                dashed: false,
                 points: of(run),
+                ..Line::default()
             });
             let chart = Chart {
                 title,

@@ -4,6 +4,7 @@
 
 mod complete;
 mod eval;
+mod experiment;
 mod forms;
 mod guide;
 mod looking;

@@ -2,6 +2,7 @@
 
 mod completion;
 mod evaluation;
+mod experiment;
 mod fit;
 mod looking;
 mod reports;
@@ -10,11 +11,12 @@ mod values;
 
 pub(super) use completion::{Bench, Complete};
 pub(super) use evaluation::{Eval, Export};
+pub(super) use experiment::Experiments;
 use fit::FitFlags;
 pub(super) use looking::{Completions, Inspect, Manual};
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 pub(super) use training::{Calibrate, Convert, Train, WeightsCommand};
-pub(super) use values::Format;
+pub(super) use values::{Chosen, Format};
 
 use crate::data::DatasetKind;
 use clap::{Args as ClapArgs, Parser, Subcommand};
@@ -42,6 +44,8 @@ pub(super) enum Command {
     Inspect(Inspect),
     /// Measure methods on a dataset.
     Eval(Box<Eval>),
+    /// Repeat the paper's experiments: tables, pictures, and one page of all.
+    Experiment(Box<Experiments>),
     /// Join and show reports.
     #[command(subcommand)]
     Report(ReportCommand),

@@ -2,6 +2,7 @@
 
 use crate::data::{DatasetKind, Split};
 use crate::error::{Error, Result};
+use crate::experiment::Experiment;
 use crate::fit::{FitMethod, Loss, PriorKind, Robust, Space};
 use crate::model::Precision;
 use crate::predict::Preserve;
@@ -59,6 +60,38 @@ pub(super) fn range(text: &str) -> Result<(f32, f32)> {
     });
     numbers
         .ok_or_else(|| Error::config(format!("`{text}` is no range of depths")).hint("as in 0.5,8"))
+}
+
+/// An experiment, or all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::cli) struct Chosen(Option<Experiment>);
+
+impl Chosen {
+    /// The experiments that are meant, each once, in the order of the page.
+    pub(in crate::cli) fn experiments(chosen: &[Self]) -> Vec<Experiment> {
+        let meant = |e: &Experiment| chosen.iter().any(|c| c.0.is_none_or(|c| c == *e));
+        Experiment::ALL.into_iter().filter(meant).collect()
+    }
+}
+
+impl ValueEnum for Chosen {
+    fn value_variants<'a>() -> &'a [Self] {
+        const ALL: [Chosen; 10] = {
+            let mut all = [Chosen(None); 10];
+            let mut i = 0;
+            while i < Experiment::ALL.len() {
+                all[i] = Chosen(Some(Experiment::ALL[i]));
+                i += 1;
+            }
+            all
+        };
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+        let name = self.0.map_or("all", Experiment::name);
+        Some(clap::builder::PossibleValue::new(name))
+    }
 }
 
 macro_rules! by_name {

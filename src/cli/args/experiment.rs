@@ -1,0 +1,53 @@
+//! What is typed to repeat the paper's experiments.
+
+use super::values::{Chosen, named_folder};
+use super::{Model, Settings, Source};
+use crate::data::Split;
+use clap::Args as ClapArgs;
+use std::path::PathBuf;
+
+#[derive(Debug, ClapArgs)]
+pub(in crate::cli) struct Experiments {
+    /// Which: benchmark (table 1), ablation (N and E, trains), points, scale, noise, kernels,
+    /// resolution (table 3), diode (table 4), cost (table 5), or all.
+    #[arg(required = true, value_enum, hide_possible_values = true)]
+    pub(in crate::cli) names: Vec<Chosen>,
+    /// Folder for tables, pictures and one page, and for what has been measured: begun again,
+    /// experiments go on where they stopped.
+    #[arg(short, long, value_name = "DIR", help_heading = "Output")]
+    pub(in crate::cli) output: PathBuf,
+    /// Forget what has been measured there, and begin anew.
+    #[arg(long, help_heading = "Output")]
+    pub(in crate::cli) force: bool,
+    #[command(flatten)]
+    pub(in crate::cli) settings: Settings,
+    #[command(flatten)]
+    pub(in crate::cli) source: Source,
+    /// Split to measure on.
+    #[arg(long, value_enum, default_value = "val")]
+    pub(in crate::cli) split: Split,
+    /// Folder of DIODE, for experiment `diode`.
+    #[arg(long, value_name = "DIR")]
+    pub(in crate::cli) diode: Option<PathBuf>,
+    /// Published protocol, as for `eval` [default: that of the dataset].
+    #[arg(long, value_name = "NAME", help_heading = "Protocol")]
+    pub(in crate::cli) protocol: Option<String>,
+    /// Measure only the first frames.
+    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    pub(in crate::cli) limit: Option<usize>,
+    /// Names the first draw of points [default: 0].
+    #[arg(long, help_heading = "Protocol")]
+    pub(in crate::cli) seed: Option<u64>,
+    /// Draws of points, with consecutive seeds [default: 1].
+    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    pub(in crate::cli) seeds: Option<usize>,
+    /// Depth maps of another program for the benchmark, as for `eval`; may be repeated.
+    #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
+    pub(in crate::cli) predictions: Vec<(String, PathBuf)>,
+    /// Steps of each training of the ablation; everything else is said by --config [default recipe:
+    /// nyu-medium.toml].
+    #[arg(long, value_name = "N", default_value_t = 240)]
+    pub(in crate::cli) steps: usize,
+    #[command(flatten)]
+    pub(in crate::cli) model: Model,
+}

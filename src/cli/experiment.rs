@@ -1,0 +1,137 @@
+//! `lsdc experiment`: the paper's experiments, a bar, and going on where they stopped.
+
+use super::args::{Chosen, Experiments};
+use super::{Exit, settings, ui};
+use crate::config::Config;
+use crate::data::{DataConfig, DatasetKind, Split};
+use crate::device::device;
+use crate::error::Result;
+use crate::experiment::{self, Event, Lab, Recipe};
+use crate::fit::FitMethod;
+use crate::predict::{Completer, open_weights, weights_name};
+use crate::report::write_page;
+use crate::sample::Preset;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// The recipe of the ablation, unless another is given.
+const RECIPE: &str = "nyu-medium.toml";
+
+pub(super) fn run(args: &Experiments) -> Result<Exit> {
+    let lab = lab(args)?;
+    if args.force {
+        experiment::forget(&lab.folder)?;
+    }
+    let stop = ui::stop_flag();
+    let bar = ui::bar(1, "s");
+    let mut announced = Duration::ZERO;
+    let sections = experiment::run(&Chosen::experiments(&args.names), &lab, |event| {
+        match event {
+            Event::Trying { done, total, cell } => {
+                bar.set_length(total as u64);
+                bar.set_position(done as u64);
+                bar.set_message(format!("trying {cell}"));
+            }
+            Event::Announced(time) => {
+                announced = time;
+                bar.suspend(|| ui::say(&format!("this takes about {}", words(time))));
+                bar.set_length(time.as_secs());
+                bar.reset_eta();
+            }
+            Event::Progress { done, total, cell } => {
+                bar.set_length(total.as_secs().max(1));
+                bar.set_position(done.as_secs());
+                bar.set_message(cell.to_owned());
+            }
+        }
+        if stop.load(Ordering::Relaxed) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })?;
+    let took = bar.elapsed();
+    bar.finish_and_clear();
+    let Some(sections) = sections else {
+        ui::say("hint: the same command goes on where it stopped");
+        return Ok(Exit::Interrupted);
+    };
+    let page = lab.folder.join("index.html");
+    write_page(&page, "Experiments", &sections)?;
+    for section in &sections {
+        ui::print(&section.to_string());
+        ui::print("");
+    }
+    ui::say(&format!(
+        "took {}, announced {}",
+        words(took),
+        words(announced)
+    ));
+    ui::tell(&format!("written   {}", page.display()));
+    Ok(Exit::Done)
+}
+
+fn lab(args: &Experiments) -> Result<Lab> {
+    let path = args.settings.config.as_deref().unwrap_or(Path::new(RECIPE));
+    let mut config = Config::load(Some(path), &args.settings.set)?;
+    args.source.apply(&mut config.data);
+    let eval = &mut config.eval;
+    eval.preset = args.protocol.clone().or(eval.preset.take());
+    eval.seed = args.seed.unwrap_or(eval.seed);
+    eval.seeds = args.seeds.unwrap_or(eval.seeds);
+    eval.limit = args.limit.or(eval.limit);
+    eval.check()?;
+    config.train.steps = args.steps;
+    config.train.check()?;
+    let frames = settings::open(&config.data, args.split)?;
+    let mut preset = Preset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
+    preset.protocol = eval.protocol.unwrap_or(preset.protocol);
+    preset.points = eval.points.clone().unwrap_or(preset.points);
+    let weights = args.model.weights.as_deref();
+    let device_of_all = device(&args.model.device)?;
+    let opened = open_weights(weights)?;
+    let diode = args.diode.clone().map(|root| {
+        let data = DataConfig {
+            dataset: DatasetKind::Diode,
+            root: Some(root),
+            ..config.data.clone()
+        };
+        settings::open(&data, Split::Val)
+    });
+    let mut fit = config.fit.unwrap_or_default();
+    fit.method = FitMethod::Lse;
+    let data = config.data.clone();
+    Ok(Lab {
+        folder: args.output.clone(),
+        dataset: format!("{} {}", config.data.dataset.name(), args.split.name()),
+        frames,
+        preset,
+        rules: config.eval.rules,
+        limit: config.eval.limit,
+        seeds: config.eval.draws(),
+        completer: Completer::with_weights(&opened, &device_of_all)?,
+        weights: weights_name(weights)?,
+        network: opened.record.network,
+        predictions: args.predictions.clone(),
+        diode: diode.transpose()?,
+        recipe: Recipe {
+            network: config.network(),
+            fit,
+            train: config.train,
+            frames: Box::new(move || settings::open(&data, Split::Train)),
+        },
+        device: (device_of_all, args.model.device.clone()),
+    })
+}
+
+/// A duration for people.
+fn words(time: Duration) -> String {
+    let seconds = time.as_secs_f64();
+    match time.as_secs() {
+        0..90 => format!("{seconds:.0} s"),
+        90..5400 => format!("{:.0} min", seconds / 60.0),
+        _ => format!("{:.1} h", seconds / 3600.0),
+    }
+}

@@ -1,0 +1,311 @@
+//! The parts of experiments: what each has done is on disk.
+
+use super::{Lab, Recipe};
+use crate::data::{Dataset, write_atomically};
+use crate::error::{Error, Result};
+use crate::eval::{Candidate, Evaluation, Journal, Shard};
+use crate::fit::FitConfig;
+use crate::metrics::Scores;
+use crate::model::BasisNetConfig;
+use crate::predict::{Completer, Method};
+use crate::report::{Exhibit, Heading, Report};
+use crate::sample::{Noise, Pattern, Preset, Protocol};
+use crate::train::{Event, Outcome, TrainConfig, Trainer};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Hears which share of a part is done, before its first work and after each piece; may break off.
+pub(super) type Progress<'a> = dyn FnMut(f64) -> ControlFlow<()> + 'a;
+
+/// A part of an experiment.
+pub(super) trait Cell {
+    /// Its name in files.
+    fn name(&self) -> &str;
+
+    /// Goes on with what is left to do.
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()>;
+}
+
+/// Methods measured on frames.
+pub(super) struct Measured<'a> {
+    lab: &'a Lab,
+    name: String,
+    dataset: String,
+    frames: Arc<dyn Dataset>,
+    completer: Completer,
+    candidates: Vec<(String, Candidate)>,
+    followed: String,
+    protocol: Protocol,
+    points: Pattern,
+    noise: Option<Noise>,
+}
+
+impl<'a> Measured<'a> {
+    /// `lsdc` on the frames, protocol and points of the lab.
+    pub(super) fn new(lab: &'a Lab, name: impl Into<String>) -> Self {
+        Self {
+            lab,
+            name: name.into(),
+            dataset: lab.dataset.clone(),
+            frames: lab.frames.clone(),
+            completer: lab.completer.clone(),
+            candidates: vec![("lsdc".to_owned(), Candidate::Method(Method::Lsdc))],
+            followed: format!("{}: {}", lab.preset.name, lab.preset.source),
+            protocol: lab.preset.protocol,
+            points: lab.preset.points.clone(),
+            noise: None,
+        }
+    }
+
+    /// Methods of this program, in the place of `lsdc` alone.
+    pub(super) fn methods(mut self, methods: &[Method]) -> Self {
+        let named = |method: &Method| (method.name().to_owned(), Candidate::Method(*method));
+        self.candidates = methods.iter().map(named).collect();
+        self
+    }
+
+    pub(super) fn candidates(mut self, candidates: Vec<(String, Candidate)>) -> Self {
+        self.candidates = candidates;
+        self
+    }
+
+    pub(super) fn beside(
+        mut self,
+        candidates: impl IntoIterator<Item = (String, Candidate)>,
+    ) -> Self {
+        self.candidates.extend(candidates);
+        self
+    }
+
+    pub(super) fn points(mut self, points: Pattern) -> Self {
+        self.points = points;
+        self
+    }
+
+    pub(super) fn noise(mut self, noise: Option<Noise>) -> Self {
+        self.noise = noise;
+        self
+    }
+
+    pub(super) fn on(mut self, dataset: String, frames: Arc<dyn Dataset>) -> Self {
+        (self.dataset, self.frames) = (dataset, frames);
+        self
+    }
+
+    pub(super) fn protocol(mut self, preset: &Preset) -> Self {
+        self.followed = format!("{}: {}", preset.name, preset.source);
+        self.protocol = preset.protocol;
+        self.points = preset.points.clone();
+        self
+    }
+
+    /// The same protocol at another size.
+    pub(super) fn resized(mut self, protocol: Protocol, followed: &str) -> Self {
+        self.protocol = protocol;
+        self.followed = followed.to_owned();
+        self
+    }
+
+    pub(super) fn fit(mut self, change: impl FnOnce(&mut FitConfig)) -> Self {
+        let mut fit = *self.completer.fit_config();
+        change(&mut fit);
+        self.completer = self.completer.with_fit(fit);
+        self
+    }
+
+    pub(super) fn completer(mut self, completer: Completer) -> Self {
+        self.completer = completer;
+        self
+    }
+
+    fn evaluation(&self) -> Evaluation<'_> {
+        Evaluation {
+            frames: &*self.frames,
+            candidates: self.candidates.clone(),
+            completer: Some(&self.completer),
+            protocol: self.protocol,
+            points: self.points.clone(),
+            noise: self.noise,
+            seeds: self.lab.seeds.clone(),
+            rules: self.lab.rules,
+            uncertainty: false,
+            limit: self.lab.limit,
+        }
+    }
+
+    fn heading(&self, evaluation: &Evaluation<'_>) -> Heading {
+        let weights = format!("{}; {}", self.lab.weights, self.completer.fit_config());
+        evaluation.heading(&self.dataset, &self.followed, Some(weights))
+    }
+
+    fn go_on(&self, progress: &mut Progress<'_>) -> Result<Report> {
+        let evaluation = self.evaluation();
+        let heading = self.heading(&evaluation);
+        let journal = Journal::open(&self.lab.cell(&self.name, "jsonl"), &heading)?;
+        evaluation.run(heading, Shard::WHOLE, journal, |done, total| {
+            progress(done as f64 / total.max(1) as f64)
+        })
+    }
+
+    /// What was measured.
+    pub(super) fn report(&self) -> Result<Report> {
+        self.go_on(&mut |_| ControlFlow::Continue(()))
+    }
+
+    /// Each method's name and mean scores.
+    pub(super) fn means(&self) -> Result<Vec<(String, Scores)>> {
+        let report = self.report()?;
+        let means = report.means(None).into_iter();
+        Ok(means.map(|m| (m.method.to_owned(), m.mean)).collect())
+    }
+
+    /// The mean scores of its first method.
+    pub(super) fn first(&self) -> Result<Scores> {
+        let means = self.means()?;
+        means
+            .first()
+            .map(|(_, scores)| *scores)
+            .ok_or_else(|| Error::config(format!("`{}` has measured nothing", self.name)))
+    }
+
+    /// The frame on which the first method is neither good nor bad.
+    pub(super) fn median_frame(&self) -> Result<Option<(String, u64)>> {
+        let report = self.report()?;
+        let remarkable = report.remarkable();
+        let frame = remarkable
+            .iter()
+            .find(|(role, ..)| *role == "median")
+            .or(remarkable.first());
+        Ok(frame.map(|(_, frame, seed)| ((*frame).to_owned(), *seed)))
+    }
+
+    /// A frame with all predictions.
+    pub(super) fn exhibit(&self, frame: &str, seed: u64) -> Result<Exhibit> {
+        self.evaluation().exhibit("median", frame, seed)
+    }
+}
+
+impl Cell for Measured<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
+        self.go_on(progress).map(|_| ())
+    }
+}
+
+/// A network trained and then measured.
+pub(super) struct Trained<'a> {
+    lab: &'a Lab,
+    name: String,
+    pub(super) network: BasisNetConfig,
+    frames: Arc<dyn Dataset>,
+}
+
+/// How much of the time of a step of training the measuring of a frame takes, roughly.
+const FRAME: f64 = 0.2;
+
+impl<'a> Trained<'a> {
+    pub(super) fn new(
+        lab: &'a Lab,
+        name: impl Into<String>,
+        network: BasisNetConfig,
+        frames: Arc<dyn Dataset>,
+    ) -> Self {
+        Self {
+            lab,
+            name: name.into(),
+            network,
+            frames,
+        }
+    }
+
+    /// The run's folder.
+    pub(super) fn folder(&self) -> PathBuf {
+        self.lab.runs().join(&self.name)
+    }
+
+    fn weights(&self) -> PathBuf {
+        self.folder().join("weights.safetensors")
+    }
+
+    fn train(&self, progress: &mut dyn FnMut(usize) -> ControlFlow<()>) -> Result<Outcome> {
+        let Recipe { fit, train, .. } = &self.lab.recipe;
+        let folder = self.folder();
+        std::fs::create_dir_all(&folder).map_err(|e| Error::write(&folder, e))?;
+        let config = TrainConfig {
+            measure_every: train.steps.div_ceil(super::ablation::EPOCHS),
+            // The paper's plain fit: nothing is learned of weights.
+            calibrate: false,
+            ..train.clone()
+        };
+        self.keep_to(&config)?;
+        let trainer = Trainer::new(
+            &folder,
+            self.network.clone(),
+            *fit,
+            config,
+            self.frames.clone(),
+            &self.lab.device.0,
+        )?;
+        let stop = AtomicBool::new(false);
+        trainer.run(&stop, |event| {
+            if let Event::Step { step, .. } = event
+                && progress(*step).is_break()
+            {
+                stop.store(true, Ordering::Relaxed);
+            }
+        })
+    }
+
+    /// Refuses to go on with a training by other settings.
+    fn keep_to(&self, config: &TrainConfig) -> Result<()> {
+        let path = self.folder().join("recipe.json");
+        let fit = &self.lab.recipe.fit;
+        let recipe = serde_json::to_string(&(&self.network, fit, config))
+            .map_err(|e| Error::write(&path, e.into()))?;
+        match std::fs::read_to_string(&path) {
+            Ok(there) if there == recipe => Ok(()),
+            Ok(_) => Err(Error::config(format!(
+                "`{}` belongs to a training by other settings",
+                path.display()
+            ))
+            .hint("choose another folder, or give --force to begin anew")),
+            Err(_) => write_atomically(&path, |out| out.write_all(recipe.as_bytes())),
+        }
+    }
+
+    /// The trained network on the lab's frames.
+    pub(super) fn measured(&self) -> Result<Measured<'a>> {
+        let weights = self.weights();
+        let completer = Completer::open(Some(&weights), &self.lab.device.0)?;
+        Ok(Measured::new(self.lab, &self.name).completer(completer))
+    }
+}
+
+impl Cell for Trained<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
+        let steps = self.lab.recipe.train.steps as f64;
+        let frames = self
+            .lab
+            .frames
+            .len()
+            .min(self.lab.limit.unwrap_or(usize::MAX));
+        let measuring = FRAME * frames as f64;
+        if !self.weights().exists() {
+            let mut share = |step: usize| progress(step as f64 / (steps + measuring));
+            if let Outcome::Stopped(_) = self.train(&mut share)? {
+                return Ok(());
+            }
+        }
+        self.measured()?
+            .run(&mut |share| progress((steps + measuring * share) / (steps + measuring)))
+    }
+}

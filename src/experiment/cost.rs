@@ -1,0 +1,349 @@
+//! Parameters and times (Fang et al., table 5).
+
+use super::cell::{Cell, Progress};
+use super::{Lab, Study, published};
+use crate::data::{Dataset as _, Frame, Rooms, RoomsConfig, Split, write_atomically};
+use crate::error::{Error, Result};
+use crate::model::{BasisNetConfig, Normalisation, Weights, WeightsRecord, parameter_count};
+use crate::predict::{Completer, Timings, complete_classic};
+use crate::report::{Column, Contest, Row, Section, Table};
+use crate::sample::{Pattern, Size};
+use burn::module::Module as _;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+const POINTS: usize = 500;
+const RUNS: usize = 11;
+const SIZES: [Size; 2] = [
+    Size {
+        height: 228,
+        width: 304,
+    },
+    Size {
+        height: 480,
+        width: 640,
+    },
+];
+
+/// Medians over all runs of completing a frame, in milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Times {
+    /// Image to features.
+    pub network_ms: f64,
+    /// Base functions at the points, and the solve.
+    pub fit_ms: f64,
+    /// The solve alone.
+    pub solve_ms: f64,
+    /// Dense depth from the weights.
+    pub dense_ms: f64,
+    /// Image in memory to dense depth in memory.
+    pub total_ms: f64,
+}
+
+/// Completes a frame `runs` times, and once before to warm up caches and memory.
+///
+/// # Errors
+/// No runs, or a frame that cannot be completed.
+pub fn time(completer: &Completer, frame: &Frame, points: &Pattern, runs: usize) -> Result<Times> {
+    let sparse = points.draw(frame, 0)?;
+    let mut times: Vec<(Timings, Duration)> = Vec::with_capacity(runs);
+    for run in 0..=runs {
+        let started = Instant::now();
+        let completion = completer.complete(&frame.rgb, &sparse)?;
+        if run > 0 {
+            times.push((completion.timings, started.elapsed()));
+        }
+    }
+    let median = |of: fn(&(Timings, Duration)) -> Duration| median(times.iter().map(of));
+    Ok(Times {
+        network_ms: median(|(t, _)| t.network)?,
+        fit_ms: median(|(t, _)| t.fit)?,
+        solve_ms: median(|(t, _)| t.solve)?,
+        dense_ms: median(|(t, _)| t.dense)?,
+        total_ms: median(|(_, total)| *total)?,
+    })
+}
+
+/// In milliseconds.
+fn median(times: impl Iterator<Item = Duration>) -> Result<f64> {
+    let mut values: Vec<f64> = times.map(|t| t.as_secs_f64() * 1e3).collect();
+    values.sort_by(f64::total_cmp);
+    let middle = values.get(values.len() / 2).copied();
+    middle.ok_or_else(|| Error::config("the number of runs must be above 0"))
+}
+
+/// A frame of a procedural room, for times.
+fn room(size: Size) -> Result<Frame> {
+    let config = RoomsConfig {
+        width: size.width,
+        height: size.height,
+        ..RoomsConfig::default()
+    };
+    Rooms::new(Split::Val, &config)?.load(0)
+}
+
+/// What is measured, once.
+struct Timed<'a> {
+    lab: &'a Lab,
+    name: String,
+    label: String,
+    subject: Subject,
+    size: Size,
+}
+
+#[derive(Clone, Copy)]
+enum Subject {
+    /// The network of the lab, and whether it sees all pixels.
+    Lab { full: bool },
+    /// The paper's network with random weights and the paper's fit.
+    Paper,
+    /// A method without training.
+    Classic(crate::predict::Classic),
+}
+
+/// What a cell keeps.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct Kept {
+    times: Times,
+    /// Trained parameters, and multiply-adds at this size.
+    parameters: Option<usize>,
+    multiply_adds: Option<u64>,
+}
+
+impl Timed<'_> {
+    fn path(&self) -> PathBuf {
+        self.lab.cell(&self.name, "json")
+    }
+
+    fn kept(&self) -> Result<Kept> {
+        let path = self.path();
+        let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
+        serde_json::from_slice(&bytes).map_err(|e| Error::read(&path, e.into()))
+    }
+
+    fn measure(&self) -> Result<Kept> {
+        let frame = room(self.size)?;
+        let points = Pattern::Exactly(POINTS);
+        let device = &self.lab.device.0;
+        let size = (self.size.height, self.size.width);
+        match self.subject {
+            Subject::Lab { full } => {
+                let mut completer = self.lab.completer.clone();
+                let net = self.lab.network.init(0, device)?;
+                // Larger images are reduced to this before the network.
+                let mut seen = SIZES[0];
+                if full {
+                    completer = completer.with_input([size.0, size.1]);
+                    seen = self.size;
+                }
+                Ok(Kept {
+                    times: time(&completer, &frame, &points, RUNS)?,
+                    parameters: Some(parameter_count(&net)),
+                    multiply_adds: Some(net.multiply_adds((seen.height, seen.width))),
+                })
+            }
+            Subject::Paper => {
+                let config = BasisNetConfig::paper();
+                let net = config.init(0, device)?.valid();
+                let record = WeightsRecord {
+                    network: config,
+                    normalisation: Normalisation {
+                        input: [size.0, size.1],
+                        ..Normalisation::default()
+                    },
+                    notes: BTreeMap::new(),
+                };
+                let (parameters, adds) = (parameter_count(&net), net.multiply_adds(size));
+                let completer = Completer::with_weights(&Weights::of(&net, record), device)?;
+                Ok(Kept {
+                    times: time(&completer, &frame, &points, RUNS)?,
+                    parameters: Some(parameters),
+                    multiply_adds: Some(adds),
+                })
+            }
+            Subject::Classic(method) => {
+                let sparse = points.draw(&frame, 0)?;
+                let mut times = Vec::new();
+                for _ in 0..RUNS {
+                    let started = Instant::now();
+                    complete_classic(method, &frame.rgb, &sparse)?;
+                    times.push(started.elapsed());
+                }
+                let total_ms = median(times.into_iter())?;
+                Ok(Kept {
+                    times: Times {
+                        network_ms: 0.0,
+                        fit_ms: 0.0,
+                        solve_ms: 0.0,
+                        dense_ms: 0.0,
+                        total_ms,
+                    },
+                    parameters: None,
+                    multiply_adds: None,
+                })
+            }
+        }
+    }
+}
+
+impl Cell for Timed<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// A few seconds, in one go: half a time is none.
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
+        let path = self.path();
+        if !path.exists() {
+            let kept = serde_json::to_vec(&self.measure()?);
+            let kept = kept.map_err(|e| Error::write(&path, e.into()))?;
+            write_atomically(&path, |out| out.write_all(&kept))?;
+        }
+        let _ = progress(1.0);
+        Ok(())
+    }
+}
+
+pub(super) struct Cost<'a> {
+    lab: &'a Lab,
+    cells: Vec<Timed<'a>>,
+}
+
+impl<'a> Cost<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let mut cells = Vec::new();
+        for size in SIZES {
+            let mut subjects = vec![
+                ("lsdc".to_owned(), Subject::Lab { full: false }),
+                ("the paper's network and fit".to_owned(), Subject::Paper),
+            ];
+            if size != SIZES[0] {
+                let all = (
+                    "lsdc, network at this size".to_owned(),
+                    Subject::Lab { full: true },
+                );
+                subjects.insert(1, all);
+            }
+            for method in super::benchmark::RIVALS {
+                if let crate::predict::Method::Classic(classic) = method {
+                    subjects.push((method.name().to_owned(), Subject::Classic(classic)));
+                }
+            }
+            for (number, (label, subject)) in subjects.into_iter().enumerate() {
+                cells.push(Timed {
+                    lab,
+                    name: format!("cost-{}-{number}", size.width),
+                    label,
+                    subject,
+                    size,
+                });
+            }
+        }
+        Self { lab, cells }
+    }
+}
+
+impl Study for Cost<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        self.cells.iter().map(|cell| cell as &dyn Cell).collect()
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("cost", "Parameters and times (table 5)");
+        section.about.push(format!(
+            "Device {}, {} threads; {POINTS} points; median of {RUNS} runs from an image in memory to \
+             depth in memory, taken when the experiment first ran. {}.",
+            self.lab.device.1,
+            rayon::current_num_threads(),
+            self.lab.weights
+        ));
+        section.about.push(
+            "GFLOP: two to each multiplication with a weight. `lsdc` reduces larger images to its \
+             training size before the network; the paper's network has random weights, which cost the \
+             same. Memory: `lsdc bench` says it for a process of its own."
+                .into(),
+        );
+        let column = |label: &str, unit, decimals| Column {
+            label: label.to_owned(),
+            unit,
+            decimals,
+            rising: false,
+        };
+        for size in SIZES {
+            let mut rows = Vec::new();
+            for cell in self.cells.iter().filter(|cell| cell.size == size) {
+                let Kept {
+                    times,
+                    parameters,
+                    multiply_adds,
+                } = cell.kept()?;
+                let staged = parameters.is_some();
+                rows.push(Row {
+                    label: cell.label.clone(),
+                    published: false,
+                    values: vec![
+                        parameters.map(|n| n as f64 / 1e6),
+                        multiply_adds.map(|n| 2.0 * n as f64 / 1e9),
+                        staged.then_some(times.network_ms),
+                        staged.then_some(times.fit_ms),
+                        staged.then_some(times.dense_ms),
+                        Some(times.total_ms),
+                    ],
+                });
+            }
+            if size == SIZES[0] {
+                for (name, parameters, total) in published::TABLE_5 {
+                    let values = vec![Some(parameters), None, None, None, None, Some(total)];
+                    rows.push(published::row(name, values));
+                }
+            }
+            section.tables.push(Table {
+                title: format!("Cost of a frame of {}x{}", size.width, size.height),
+                rows_are: "method".into(),
+                contest: Contest::None,
+                columns: vec![
+                    column("parameters", "M", 2),
+                    column("compute", "GFLOP", 1),
+                    column("network", "ms", 1),
+                    column("fit", "ms", 1),
+                    column("dense", "ms", 1),
+                    column("total", "ms", 1),
+                ],
+                rows,
+            });
+        }
+        section.notes = published::notes(&published::TABLE_5_NOTES);
+        let bars = crate::report::Bars {
+            title: "Time of a frame of 304x228",
+            unit: "ms",
+            parts: &["network", "fit", "dense", "all"],
+            rows: self.bars()?,
+        };
+        section.show(
+            "times",
+            "Time by stage; methods without stages in one piece.",
+            bars.draw(),
+        );
+        Ok(section)
+    }
+}
+
+impl Cost<'_> {
+    fn bars(&self) -> Result<Vec<(String, Vec<f64>)>> {
+        let small = self.cells.iter().filter(|cell| cell.size == SIZES[0]);
+        small
+            .map(|cell| {
+                let Kept {
+                    times, parameters, ..
+                } = cell.kept()?;
+                let parts = match parameters {
+                    Some(_) => vec![times.network_ms, times.fit_ms, times.dense_ms, 0.0],
+                    None => vec![0.0, 0.0, 0.0, times.total_ms],
+                };
+                Ok((cell.label.clone(), parts))
+            })
+            .collect()
+    }
+}

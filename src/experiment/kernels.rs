@@ -1,0 +1,199 @@
+//! What base functions look like, and which pixels they take for alike (Fang et al., section 4.1).
+
+use super::cell::Cell;
+use super::{Lab, Study};
+use crate::error::Result;
+use crate::report::{Panel, Panels, Scale, Section, signed};
+use image::{Rgb, RgbImage};
+
+/// Frames that are shown.
+const FRAMES: usize = 3;
+/// Pixels of which the kernel is shown, as shares of width and height.
+const PLACES: [(f64, f64); 4] = [(0.2, 0.3), (0.75, 0.25), (0.3, 0.75), (0.7, 0.7)];
+/// Base functions on the contact sheet.
+const SHEET: usize = 30;
+const ACROSS: usize = 5;
+
+pub(super) struct Kernels<'a> {
+    lab: &'a Lab,
+}
+
+impl<'a> Kernels<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        Self { lab }
+    }
+
+    /// The learned base functions of a frame: its image, and values `[pixels, N]`.
+    fn functions(&self, index: usize) -> Result<(RgbImage, Vec<f32>)> {
+        let frame = self.lab.frames.load(index)?;
+        let frame = self.lab.preset.protocol.apply(&frame)?;
+        let (width, height) = frame.rgb.dimensions();
+        let pixels: Vec<u32> = (0..width * height).collect();
+        let bases = self.lab.completer.bases(&frame.rgb)?;
+        let size = (height as usize, width as usize);
+        let rows = bases.at(size, &pixels);
+        let (stride, count) = (rows.len() / pixels.len(), self.lab.network.bases);
+        // The first is constant; smooth ones that belong to no image come last.
+        let learned = rows.chunks_exact(stride).flat_map(|row| &row[1..=count]);
+        Ok((frame.rgb, learned.copied().collect()))
+    }
+}
+
+impl Study for Kernels<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        Vec::new()
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("kernels", "Base functions, and what they take for alike");
+        section.about.push(format!(
+            "{}. The kernel of a pixel is the cosine of the angle between its base vector and those \
+             of all pixels, less the mean over the image: a fit moves pixels of a high value together.",
+            self.lab.weights
+        ));
+        let frames = self.lab.frames.len();
+        let shown = FRAMES.min(frames);
+        let mut rows = Vec::new();
+        for number in 0..shown {
+            let index = number * frames / shown;
+            let (rgb, values) = self.functions(index)?;
+            if number == 0 {
+                section.show(
+                    "functions",
+                    "The base functions that change most over the first frame.",
+                    sheet(&rgb, &values, self.lab.network.bases).draw(),
+                );
+            }
+            rows.push(kernels(rgb, &values, self.lab.network.bases));
+        }
+        let panels = Panels {
+            title: "Kernels of pixels".into(),
+            scales: vec![scale("cosine", 1.0)],
+            rows,
+        };
+        section.show("kernels", "Crosses mark the pixels.", panels.draw());
+        section
+            .notes
+            .push("The paper shows such pictures without numbers.".into());
+        Ok(section)
+    }
+}
+
+fn scale(name: &str, most: f32) -> Scale {
+    Scale {
+        name: name.into(),
+        low: most,
+        high: -most,
+        unit: "",
+        map: colorous::RED_BLUE,
+    }
+}
+
+/// An image with the kernels of some of its pixels.
+fn kernels(rgb: RgbImage, values: &[f32], count: usize) -> Vec<Panel> {
+    let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+    let centred = centred(values, count);
+    let norms: Vec<f32> = centred
+        .chunks_exact(count)
+        .map(|row| dot(row, row).sqrt())
+        .collect();
+    let mut marked = rgb;
+    let mut panels = Vec::new();
+    for (number, (across, down)) in (1..).zip(PLACES) {
+        let (x, y) = (
+            (across * width as f64) as usize,
+            (down * height as f64) as usize,
+        );
+        let here = y * width + x;
+        let own = &centred[here * count..][..count];
+        let alike = centred.chunks_exact(count).zip(&norms);
+        let alike: Vec<f32> = alike
+            .map(|(row, norm)| dot(row, own) / (norm * norms[here]).max(f32::EPSILON))
+            .collect();
+        let mut image = signed(&alike, width, 1.0);
+        cross(&mut image, x, y, Rgb([0, 0, 0]));
+        cross(&mut marked, x, y, Rgb([255, 230, 0]));
+        panels.push(Panel {
+            caption: format!("pixel {number}"),
+            image,
+        });
+    }
+    panels.insert(
+        0,
+        Panel {
+            caption: "image".into(),
+            image: marked,
+        },
+    );
+    panels
+}
+
+/// The functions of greatest deviation over the image.
+fn sheet(rgb: &RgbImage, values: &[f32], count: usize) -> Panels {
+    let width = rgb.width() as usize;
+    let centred = centred(values, count);
+    let mut powers = vec![0.0_f32; count];
+    for row in centred.chunks_exact(count) {
+        powers
+            .iter_mut()
+            .zip(row)
+            .for_each(|(power, v)| *power += v * v);
+    }
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&a, &b| powers[b].total_cmp(&powers[a]));
+    let pixels = centred.len() / count.max(1);
+    let panel = |&function: &usize| {
+        let map: Vec<f32> = centred
+            .iter()
+            .skip(function)
+            .step_by(count)
+            .copied()
+            .collect();
+        let deviation = (powers[function] / pixels.max(1) as f32).sqrt();
+        Panel {
+            caption: format!("f{} ({deviation:.2})", function + 1),
+            image: signed(&map, width, 2.5 * deviation),
+        }
+    };
+    let panels: Vec<Panel> = order.iter().take(SHEET).map(panel).collect();
+    let mut rows = vec![vec![Panel {
+        caption: "image".into(),
+        image: rgb.clone(),
+    }]];
+    rows.extend(panels.chunks(ACROSS).map(<[Panel]>::to_vec));
+    Panels {
+        title: "Base functions less their means, and their standard deviations".into(),
+        scales: vec![scale("standard deviations", 2.5)],
+        rows,
+    }
+}
+
+/// Values `[pixels, count]` less the mean of each function.
+fn centred(values: &[f32], count: usize) -> Vec<f32> {
+    let mut means = vec![0.0_f64; count];
+    for row in values.chunks_exact(count) {
+        means
+            .iter_mut()
+            .zip(row)
+            .for_each(|(m, v)| *m += f64::from(*v));
+    }
+    let pixels = (values.len() / count.max(1)).max(1) as f64;
+    let less = |(i, v): (usize, &f32)| (f64::from(*v) - means[i % count] / pixels) as f32;
+    values.iter().enumerate().map(less).collect()
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn cross(image: &mut RgbImage, x: usize, y: usize, colour: Rgb<u8>) {
+    const ARM: i64 = 5;
+    for step in -ARM..=ARM {
+        for (dx, dy) in [(step, 0), (0, step), (step, 1), (1, step)] {
+            let (x, y) = (x as i64 + dx, y as i64 + dy);
+            if x >= 0 && y >= 0 && x < i64::from(image.width()) && y < i64::from(image.height()) {
+                image.put_pixel(x as u32, y as u32, colour);
+            }
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! The paper's experiments, each made of parts that are measured on their own and kept, so that an
+//! interrupted experiment goes on where it stopped and ends with the same numbers.
+
+mod ablation;
+mod benchmark;
+mod cell;
+mod cost;
+mod diode;
+mod kernels;
+mod noise;
+mod points;
+mod published;
+mod resolution;
+mod scale;
+#[cfg(test)]
+mod tests;
+
+pub use cost::{Times, time};
+
+use crate::data::Dataset;
+use crate::error::{Error, Result};
+use crate::fit::FitConfig;
+use crate::metrics::Rules;
+use crate::model::BasisNetConfig;
+use crate::predict::Completer;
+use crate::report::Section;
+use crate::sample::Preset;
+use crate::train::TrainConfig;
+use burn::tensor::Device;
+use cell::Cell;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A question of the paper (Fang et al., section 4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Experiment {
+    /// Table 1: errors at 500 points beside other methods.
+    Benchmark,
+    /// How many base functions, and how the position is encoded: trains each on an equal budget.
+    Ablation,
+    /// Errors against the number of points.
+    Points,
+    /// Errors against the scale of the depths.
+    Scale,
+    /// Wrong points, with and without robust losses.
+    Noise,
+    /// What base functions look like, and which pixels they take for alike.
+    Kernels,
+    /// Depth at three times the resolution of the image.
+    Resolution,
+    /// Table 4: the same weights on DIODE.
+    Diode,
+    /// Table 5: parameters and times.
+    Cost,
+}
+
+impl Experiment {
+    /// All of them, in the order of the page.
+    pub const ALL: [Self; 9] = [
+        Self::Benchmark,
+        Self::Ablation,
+        Self::Points,
+        Self::Scale,
+        Self::Noise,
+        Self::Kernels,
+        Self::Resolution,
+        Self::Diode,
+        Self::Cost,
+    ];
+
+    /// The name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Benchmark => "benchmark",
+            Self::Ablation => "ablation",
+            Self::Points => "points",
+            Self::Scale => "scale",
+            Self::Noise => "noise",
+            Self::Kernels => "kernels",
+            Self::Resolution => "resolution",
+            Self::Diode => "diode",
+            Self::Cost => "cost",
+        }
+    }
+
+    /// The experiment's parts.
+    fn prepare<'a>(self, lab: &'a Lab) -> Result<Box<dyn Study + 'a>> {
+        Ok(match self {
+            Self::Benchmark => Box::new(benchmark::Benchmark::new(lab)),
+            Self::Ablation => Box::new(ablation::Ablation::new(lab)?),
+            Self::Points => Box::new(points::Points::new(lab)),
+            Self::Scale => Box::new(scale::Scale::new(lab)),
+            Self::Noise => Box::new(noise::NoiseStudy::new(lab)),
+            Self::Kernels => Box::new(kernels::Kernels::new(lab)),
+            Self::Resolution => Box::new(resolution::Resolution::new(lab)),
+            Self::Diode => Box::new(diode::Diode::new(lab)?),
+            Self::Cost => Box::new(cost::Cost::new(lab)),
+        })
+    }
+}
+
+/// What experiments work with.
+pub struct Lab {
+    /// Where everything is kept: records of parts below `cells`, trained networks below `runs`.
+    pub folder: PathBuf,
+    /// The dataset and split in words.
+    pub dataset: String,
+    /// The frames to measure on.
+    pub frames: Arc<dyn Dataset>,
+    /// Their protocol.
+    pub preset: Preset,
+    /// What the measures leave open.
+    pub rules: Rules,
+    /// Only the first frames.
+    pub limit: Option<usize>,
+    /// Names the draws of points.
+    pub seeds: Vec<u64>,
+    /// The network and its fit.
+    pub completer: Completer,
+    /// Its weights in words.
+    pub weights: String,
+    /// The shape of the network.
+    pub network: BasisNetConfig,
+    /// Depth maps of other programs for the benchmark, by name.
+    pub predictions: Vec<(String, PathBuf)>,
+    /// DIODE, and where it lies in words, if there is one.
+    pub diode: Option<Arc<dyn Dataset>>,
+    /// How the ablation trains.
+    pub recipe: Recipe,
+    /// Where to compute, and its name.
+    pub device: (Device, String),
+}
+
+/// How networks are trained, and on what.
+pub struct Recipe {
+    /// The network that is changed in one way or another.
+    pub network: BasisNetConfig,
+    /// The fit to train through.
+    pub fit: FitConfig,
+    /// The settings of all trainings.
+    pub train: TrainConfig,
+    /// The frames to learn from, opened when they are needed.
+    pub frames: Box<dyn Fn() -> Result<Arc<dyn Dataset>>>,
+}
+
+/// An experiment whose parts are known.
+trait Study {
+    /// The parts.
+    fn cells(&self) -> Vec<&dyn Cell>;
+
+    /// What was found, once all parts are done.
+    fn section(&self) -> Result<Section>;
+}
+
+/// What happens while experiments run.
+#[derive(Clone, Copy, Debug)]
+pub enum Event<'a> {
+    /// A part is tried for a moment, to know how long it will take.
+    Trying {
+        /// Parts before it.
+        done: usize,
+        /// Parts in all.
+        total: usize,
+        /// Its name.
+        cell: &'a str,
+    },
+    /// It will take this long from now.
+    Announced(Duration),
+    /// A part goes on.
+    Progress {
+        /// Estimated time behind us, of parts as long as they were announced.
+        done: Duration,
+        /// Estimated time of all.
+        total: Duration,
+        /// The part's name.
+        cell: &'a str,
+    },
+}
+
+/// The longest trial of a part.
+const TRIAL: Duration = Duration::from_secs(1);
+
+/// Runs experiments, writes what each found into the folder of `lab`, and returns it; nothing if `tell`
+/// broke off: then the same call goes on.
+///
+/// # Errors
+/// What a part cannot do: frames that cannot be read, records of another experiment in the folder, a
+/// folder that cannot be written.
+pub fn run(
+    experiments: &[Experiment],
+    lab: &Lab,
+    mut tell: impl FnMut(Event<'_>) -> ControlFlow<()>,
+) -> Result<Option<Vec<Section>>> {
+    for folder in [&lab.folder, &lab.cells(), &lab.runs()] {
+        std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    }
+    let studies: Vec<Box<dyn Study>> = experiments
+        .iter()
+        .map(|experiment| experiment.prepare(lab))
+        .collect::<Result<_>>()?;
+    let cells: Vec<&dyn Cell> = studies.iter().flat_map(|study| study.cells()).collect();
+
+    let mut left = Vec::with_capacity(cells.len());
+    for (done, cell) in cells.iter().enumerate() {
+        let trying = Event::Trying {
+            done,
+            total: cells.len(),
+            cell: cell.name(),
+        };
+        if tell(trying).is_break() {
+            return Ok(None);
+        }
+        left.push(try_out(*cell)?);
+    }
+    let total = left.iter().sum();
+    if tell(Event::Announced(total)).is_break() {
+        return Ok(None);
+    }
+    let mut before = Duration::ZERO;
+    for (cell, &left) in cells.iter().zip(&left) {
+        let mut start = None;
+        let mut stopped = false;
+        cell.run(&mut |share| {
+            let start = *start.get_or_insert(share);
+            let part = (share - start) / (1.0 - start).max(f64::EPSILON);
+            let flow = tell(Event::Progress {
+                done: before + left.mul_f64(part.clamp(0.0, 1.0)),
+                total,
+                cell: cell.name(),
+            });
+            stopped |= flow.is_break();
+            flow
+        })?;
+        if stopped {
+            return Ok(None);
+        }
+        before += left;
+    }
+    let sections: Vec<Section> = studies
+        .iter()
+        .map(|study| study.section())
+        .collect::<Result<_>>()?;
+    for section in &sections {
+        section.write(&lab.folder)?;
+    }
+    Ok(Some(sections))
+}
+
+/// Lets a part go on for a moment; how long the rest of it will take. What the trial measures is kept.
+fn try_out(cell: &dyn Cell) -> Result<Duration> {
+    let mut first: Option<(Instant, f64)> = None;
+    let mut left = Duration::ZERO;
+    cell.run(&mut |share| {
+        let (started, start) = *first.get_or_insert((Instant::now(), share));
+        let elapsed = started.elapsed();
+        if share > start {
+            left = elapsed.mul_f64((1.0 - share).max(0.0) / (share - start));
+        }
+        if share > start && elapsed >= TRIAL {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })?;
+    Ok(left)
+}
+
+impl Lab {
+    fn cells(&self) -> PathBuf {
+        self.folder.join("cells")
+    }
+
+    fn runs(&self) -> PathBuf {
+        self.folder.join("runs")
+    }
+
+    /// The file of a part.
+    fn cell(&self, name: &str, ending: &str) -> PathBuf {
+        self.cells().join(format!("{name}.{ending}"))
+    }
+
+    /// What all experiments on the dataset have in common, in words.
+    fn about(&self) -> String {
+        let frames = self.frames.len().min(self.limit.unwrap_or(usize::MAX));
+        let draws = match self.seeds.len() {
+            1 => "one draw of points".to_owned(),
+            n => format!("mean of {n} draws of points"),
+        };
+        format!(
+            "{}, {frames} frames, protocol {} ({}), {draws}; {}.",
+            self.dataset, self.preset.name, self.preset.protocol, self.weights
+        )
+    }
+}
+
+/// Takes away what an earlier run of these experiments measured.
+///
+/// # Errors
+/// The records cannot be removed.
+pub fn forget(folder: &Path) -> Result<()> {
+    for name in ["cells", "runs"] {
+        let path = folder.join(name);
+        if path.exists() {
+            std::fs::remove_dir_all(&path).map_err(|e| Error::write(&path, e))?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,152 @@
+use super::*;
+use crate::data::{Rooms, RoomsConfig, Split};
+use crate::model::ExtractorConfig;
+use crate::sample::{Pattern, Protocol, SupervisionConfig};
+use burn::tensor::Device;
+
+/// Small rooms, and trainings of a few steps.
+fn lab(folder: &Path) -> Lab {
+    let config = RoomsConfig {
+        train: 8,
+        width: 64,
+        height: 48,
+        ..RoomsConfig::default()
+    };
+    let completer = Completer::load().unwrap();
+    let preset = Preset {
+        points: Pattern::Exactly(100),
+        ..Preset::named("full").unwrap()
+    };
+    let train = TrainConfig {
+        steps: 4,
+        held_out: 2,
+        save_every: 2,
+        protocol: Protocol::default(),
+        supervision: SupervisionConfig {
+            points: 300,
+            fewest: 100,
+            patches: 1,
+            patch: 8,
+            ..SupervisionConfig::default()
+        },
+        ..TrainConfig::default()
+    };
+    let network = BasisNetConfig {
+        extractor: ExtractorConfig::small(),
+        ..BasisNetConfig::small()
+    };
+    let fit = FitConfig {
+        ridge: 1e-4,
+        ..FitConfig::default()
+    };
+    Lab {
+        folder: folder.to_owned(),
+        dataset: "rooms val".into(),
+        frames: Arc::new(Rooms::new(Split::Val, &config).unwrap()),
+        preset,
+        rules: Rules::default(),
+        limit: Some(3),
+        seeds: vec![0],
+        completer,
+        weights: "of the program".into(),
+        network: BasisNetConfig::sharp(),
+        predictions: Vec::new(),
+        diode: None,
+        recipe: Recipe {
+            network,
+            fit,
+            train,
+            frames: Box::new(move || Ok(Arc::new(Rooms::new(Split::Train, &config)?))),
+        },
+        device: (Device::flex(), "cpu".into()),
+    }
+}
+
+fn go_on(_: Event<'_>) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+#[test]
+fn an_interrupted_experiment_ends_with_the_same_bits() {
+    let experiments = [Experiment::Ablation, Experiment::Noise];
+    let whole = tempfile::tempdir().unwrap();
+    let sections = run(&experiments, &lab(whole.path()), go_on)
+        .unwrap()
+        .unwrap();
+    let torn = tempfile::tempdir().unwrap();
+    let mut stops = 0;
+    let again = loop {
+        // Breaks off after a few pieces of work, wherever that is.
+        let mut left = 9;
+        let found = run(&experiments, &lab(torn.path()), |event| {
+            left -= usize::from(matches!(event, Event::Progress { .. }));
+            if left == 0 {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        });
+        if let Some(sections) = found.unwrap() {
+            break sections;
+        }
+        stops += 1;
+    };
+    assert!(stops >= 2, "{stops} stops");
+    assert_eq!(sections, again);
+    for name in [
+        "ablation.json",
+        "noise.csv",
+        "ablation-bases-rmse.svg",
+        "noise-frame.png",
+    ] {
+        let bytes = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
+        assert!(bytes(whole.path()) == bytes(torn.path()), "{name}");
+    }
+}
+
+#[test]
+fn the_scale_of_the_depths_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let sections = run(&[Experiment::Scale], &lab(folder.path()), go_on);
+    let table = &sections.unwrap().unwrap()[0].tables[0];
+    let spread = |column: usize| {
+        let values = table.rows.iter().filter_map(|row| row.values[column]);
+        let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| {
+            (low.min(v), high.max(v))
+        });
+        (high - low) / low
+    };
+    assert_eq!(table.columns[0].label, "lsdc");
+    assert!(spread(0) < 1e-4, "{}", spread(0));
+    // IP-Basic takes depths below 0.1 m for none.
+    assert_eq!(table.columns[3].label, "ip-basic");
+    assert!(spread(3) > 0.01, "{}", spread(3));
+}
+
+#[test]
+fn a_folder_of_other_settings_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = lab(folder.path());
+    run(&[Experiment::Scale], &first, go_on).unwrap();
+    let other = Lab {
+        seeds: vec![1],
+        ..lab(folder.path())
+    };
+    assert!(run(&[Experiment::Scale], &other, go_on).is_err());
+    forget(folder.path()).unwrap();
+    assert!(run(&[Experiment::Scale], &other, go_on).unwrap().is_some());
+}
+
+#[test]
+fn experiments_without_their_data_say_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let sections = run(&[Experiment::Diode], &lab(folder.path()), go_on)
+        .unwrap()
+        .unwrap();
+    assert!(sections[0].tables.is_empty());
+    assert!(
+        sections[0].about[0].contains("--diode"),
+        "{}",
+        sections[0].about[0]
+    );
+}

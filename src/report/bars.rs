@@ -1,0 +1,99 @@
+//! Bar charts.
+
+use super::chart::{COLOURS, number, ticks};
+use super::drawing::{Drawing, escaped};
+use std::fmt::Write as _;
+
+/// Bars of several parts each, from the left.
+#[derive(Clone, Debug)]
+pub struct Bars<'a> {
+    /// What they show.
+    pub title: &'a str,
+    /// Of the lengths.
+    pub unit: &'a str,
+    /// What the parts are.
+    pub parts: &'a [&'a str],
+    /// Names, and a length for each part.
+    pub rows: Vec<(String, Vec<f64>)>,
+}
+
+const WIDTH: f64 = 640.0;
+const LEFT: f64 = 190.0;
+const RIGHT: f64 = 60.0;
+const TOP: f64 = 50.0;
+const ROW: f64 = 26.0;
+
+impl Bars<'_> {
+    /// The bars as a picture.
+    pub fn draw(&self) -> Drawing {
+        let total = |row: &(String, Vec<f64>)| row.1.iter().sum::<f64>();
+        let most = self
+            .rows
+            .iter()
+            .map(total)
+            .fold(0.0, f64::max)
+            .max(f64::MIN_POSITIVE);
+        let x = |value: f64| LEFT + value / most * (WIDTH - LEFT - RIGHT);
+        let floor = TOP + ROW * self.rows.len() as f64;
+        let mut body = format!(
+            "<text class='title' x='10' y='16'>{}</text>",
+            escaped(self.title)
+        );
+        let mut left = LEFT;
+        for (part, colour) in self.parts.iter().zip(COLOURS) {
+            let _ = write!(
+                body,
+                "<rect x='{left}' y='28' width='12' height='10' fill='{colour}'/>\
+                 <text x='{}' y='37'>{}</text>",
+                left + 17.0,
+                escaped(part)
+            );
+            left += 90.0;
+        }
+        for tick in ticks(0.0, most) {
+            let at = x(tick);
+            let _ = write!(
+                body,
+                "<path class='grid' d='M{at:.1} {TOP}V{floor}'/>\
+                 <text x='{at:.1}' y='{}' text-anchor='middle'>{}</text>",
+                floor + 15.0,
+                number(tick)
+            );
+        }
+        for (place, row) in self.rows.iter().enumerate() {
+            let top = TOP + ROW * place as f64;
+            let _ = write!(
+                body,
+                "<text x='{}' y='{}' text-anchor='end'>{}</text>",
+                LEFT - 8.0,
+                top + 17.0,
+                escaped(&row.0)
+            );
+            let mut before = 0.0;
+            for (length, colour) in row.1.iter().zip(COLOURS) {
+                let _ = write!(
+                    body,
+                    "<rect x='{:.1}' y='{}' width='{:.1}' height='{}' fill='{colour}'/>",
+                    x(before),
+                    top + 4.0,
+                    x(before + length) - x(before),
+                    ROW - 8.0
+                );
+                before += length;
+            }
+            let _ = write!(
+                body,
+                "<text x='{:.1}' y='{}'>{before:.0} {}</text>",
+                x(before) + 5.0,
+                top + 17.0,
+                self.unit
+            );
+        }
+        Drawing {
+            title: self.title.to_owned(),
+            width: WIDTH,
+            height: floor + 24.0,
+            body,
+        }
+    }
+}

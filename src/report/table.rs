@@ -1,0 +1,357 @@
+//! Tables of numbers: for people, as CSV, and on a page.
+
+use super::drawing::escaped;
+use crate::metrics::{Metric, Scores};
+use serde::Serialize;
+use std::fmt::{Display, Formatter, Write as _};
+
+/// Numbers with what they are.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Table {
+    /// What it shows.
+    pub title: String,
+    /// What the rows are.
+    pub rows_are: String,
+    /// Which numbers compete.
+    pub contest: Contest,
+    /// The kinds of numbers.
+    pub columns: Vec<Column>,
+    /// The numbers.
+    pub rows: Vec<Row>,
+}
+
+/// Which numbers of a table compete.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Contest {
+    /// The rows, in every column.
+    Rows,
+    /// The columns, in every row.
+    Columns,
+    /// None.
+    None,
+}
+
+/// A kind of numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Column {
+    /// The name.
+    pub label: String,
+    /// The unit; none for ratios.
+    pub unit: &'static str,
+    /// Digits after the point.
+    pub decimals: usize,
+    /// Whether less is better, or more.
+    pub rising: bool,
+}
+
+/// A line of a table.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// The name.
+    pub label: String,
+    /// Whether somebody else reported it, measured elsewhere.
+    pub published: bool,
+    /// One for each column, in its unit; absent where there is none.
+    pub values: Vec<Option<f64>>,
+}
+
+impl Column {
+    /// Values of a measure.
+    pub fn of(metric: Metric) -> Self {
+        Self {
+            label: metric.label().to_owned(),
+            unit: metric.unit(),
+            decimals: decimals(metric),
+            rising: metric.is_share(),
+        }
+    }
+
+    /// Values of a measure under another name.
+    pub fn named(label: &str, metric: Metric) -> Self {
+        Self {
+            label: label.to_owned(),
+            ..Self::of(metric)
+        }
+    }
+
+    fn heading(&self) -> String {
+        if self.unit.is_empty() {
+            self.label.clone()
+        } else {
+            format!("{}, {}", self.label, self.unit)
+        }
+    }
+
+    fn shown(&self, value: Option<f64>) -> String {
+        match value {
+            Some(value) if value.is_finite() => format!("{value:.*}", self.decimals),
+            _ => "-".to_owned(),
+        }
+    }
+}
+
+fn decimals(metric: Metric) -> usize {
+    match metric.unit() {
+        "%" => 2,
+        "1/km" => 1,
+        _ => 4,
+    }
+}
+
+impl Row {
+    /// The measures of a method.
+    pub fn of(label: &str, scores: &Scores, metrics: &[Metric]) -> Self {
+        Self {
+            label: label.to_owned(),
+            published: false,
+            values: metrics.iter().map(|&m| Some(value(scores, m))).collect(),
+        }
+    }
+}
+
+/// A measure in the unit of tables.
+pub(super) fn value(scores: &Scores, metric: Metric) -> f64 {
+    if metric.is_share() {
+        100.0 * scores[metric]
+    } else {
+        scores[metric]
+    }
+}
+
+impl Table {
+    /// Where `ours` is not the best of what was measured here, in words; if it is everywhere, that.
+    pub fn verdict(&self, ours: &str) -> Option<String> {
+        let mut behind = Vec::new();
+        let mut won = 0;
+        for (row, column) in self.places() {
+            let name = self.competitor(row, column);
+            let Some(value) = self.rows[row].values[column].filter(|_| name == ours) else {
+                continue;
+            };
+            match self.best_rival(row, column) {
+                Some((rival, best)) if self.better(column, best, value) => {
+                    let (shown, at) = (&self.columns[column], self.place(row, column));
+                    behind.push(format!(
+                        "{rival} in {at} ({} against {})",
+                        shown.shown(Some(best)),
+                        shown.shown(Some(value))
+                    ));
+                }
+                Some(_) => won += 1,
+                None => (),
+            }
+        }
+        match (behind.is_empty(), won) {
+            (true, 0) => None,
+            (true, _) => Some(format!(
+                "{}: {ours} is the best of what was measured here everywhere.",
+                self.title
+            )),
+            (false, _) => Some(format!(
+                "{}: {ours} is behind {}; the best in the {won} others.",
+                self.title,
+                behind.join(", ")
+            )),
+        }
+    }
+
+    fn places(&self) -> impl Iterator<Item = (usize, usize)> {
+        let columns = self.columns.len();
+        (0..self.rows.len()).flat_map(move |row| (0..columns).map(move |column| (row, column)))
+    }
+
+    /// Whose number this is.
+    fn competitor(&self, row: usize, column: usize) -> &str {
+        match self.contest {
+            Contest::Columns => &self.columns[column].label,
+            _ => &self.rows[row].label,
+        }
+    }
+
+    /// What the number is of.
+    fn place(&self, row: usize, column: usize) -> &str {
+        match self.contest {
+            Contest::Columns => &self.rows[row].label,
+            _ => &self.columns[column].label,
+        }
+    }
+
+    /// The best of the others that compete with a number.
+    fn best_rival(&self, row: usize, column: usize) -> Option<(&str, f64)> {
+        let rivals: Vec<(usize, usize)> = match self.contest {
+            Contest::None => return None,
+            Contest::Rows => (0..self.rows.len()).map(|r| (r, column)).collect(),
+            Contest::Columns => (0..self.columns.len()).map(|c| (row, c)).collect(),
+        };
+        rivals
+            .into_iter()
+            .filter(|&place| place != (row, column) && !self.rows[place.0].published)
+            .filter_map(|(r, c)| Some((self.competitor(r, c), self.rows[r].values[c]?)))
+            .filter(|(_, value)| value.is_finite())
+            .reduce(|a, b| if self.better(column, b.1, a.1) { b } else { a })
+    }
+
+    fn better(&self, column: usize, a: f64, b: f64) -> bool {
+        if self.columns[column].rising {
+            a > b
+        } else {
+            a < b
+        }
+    }
+
+    /// Whether a number is the best of those that compete.
+    fn leads(&self, row: usize, column: usize) -> bool {
+        let Some(value) = self.rows[row].values[column].filter(|v| v.is_finite()) else {
+            return false;
+        };
+        !self.rows[row].published
+            && self
+                .best_rival(row, column)
+                .is_some_and(|(_, best)| !self.better(column, best, value))
+    }
+
+    /// The table as CSV, without its title.
+    pub fn csv(&self) -> String {
+        let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+        let headings = self.columns.iter().map(|c| quoted(&c.heading()));
+        let mut lines = vec![
+            [quoted(&self.rows_are), quoted("published")]
+                .into_iter()
+                .chain(headings)
+                .collect::<Vec<_>>()
+                .join(","),
+        ];
+        for row in &self.rows {
+            let values = row
+                .values
+                .iter()
+                .map(|v| v.map_or(String::new(), |v| v.to_string()));
+            let line: Vec<String> = [quoted(&row.label), row.published.to_string()]
+                .into_iter()
+                .chain(values)
+                .collect();
+            lines.push(line.join(","));
+        }
+        lines.join("\n") + "\n"
+    }
+
+    /// The table as HTML; the best numbers stand out, published rows stand back.
+    pub fn html(&self) -> String {
+        let mut html = format!(
+            "<h3>{}</h3><div class='scroll'><table><thead><tr><th>{}</th>",
+            escaped(&self.title),
+            escaped(&self.rows_are)
+        );
+        for column in &self.columns {
+            let unit = column.unit;
+            let label = escaped(&column.label);
+            let _ = write!(html, "<th>{label} <span class='spread'>{unit}</span></th>");
+        }
+        html.push_str("</tr></thead><tbody>");
+        for (r, row) in self.rows.iter().enumerate() {
+            let class = if row.published {
+                " class='published'"
+            } else {
+                ""
+            };
+            let _ = write!(html, "<tr{class}><td>{}</td>", escaped(&row.label));
+            for (c, column) in self.columns.iter().enumerate() {
+                let class = if self.leads(r, c) {
+                    " class='best'"
+                } else {
+                    ""
+                };
+                let _ = write!(html, "<td{class}>{}</td>", column.shown(row.values[c]));
+            }
+            html.push_str("</tr>");
+        }
+        html.push_str("</tbody></table></div>");
+        html
+    }
+}
+
+impl Display for Table {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        let first = self.rows.iter().map(|row| row.label.chars().count());
+        let first = first
+            .chain([self.rows_are.chars().count()])
+            .max()
+            .unwrap_or(0);
+        let widths: Vec<usize> = self
+            .columns
+            .iter()
+            .map(|column| column.heading().chars().count().max(9))
+            .collect();
+        writeln!(f, "{}", self.title)?;
+        write!(f, "  {:<first$}", self.rows_are)?;
+        for (column, width) in self.columns.iter().zip(&widths) {
+            write!(f, "  {:>width$}", column.heading())?;
+        }
+        writeln!(f)?;
+        for (r, row) in self.rows.iter().enumerate() {
+            write!(f, "  {:<first$}", row.label)?;
+            for (c, (column, width)) in self.columns.iter().zip(&widths).enumerate() {
+                // A star for the best.
+                let mark = if self.leads(r, c) { "*" } else { " " };
+                let width = width - 1;
+                write!(f, "  {:>width$}{mark}", column.shown(row.values[c]))?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Table {
+        let row = |label: &str, published, values: [f64; 2]| Row {
+            label: label.to_owned(),
+            published,
+            values: values.map(Some).to_vec(),
+        };
+        Table {
+            title: "T".to_owned(),
+            rows_are: "method".to_owned(),
+            contest: Contest::Rows,
+            columns: vec![Column::of(Metric::Rmse), Column::of(Metric::Delta1)],
+            rows: vec![
+                row("ours", false, [0.2, 97.0]),
+                row("theirs", false, [0.3, 98.0]),
+                row("paper", true, [0.1, 99.0]),
+            ],
+        }
+    }
+
+    #[test]
+    fn what_others_published_does_not_compete() {
+        let table = table();
+        let leaders: Vec<_> = table.places().filter(|&(r, c)| table.leads(r, c)).collect();
+        assert_eq!(leaders, [(0, 0), (1, 1)]);
+        assert_eq!(
+            table.verdict("ours").unwrap(),
+            "T: ours is behind theirs in d1.25 (98.00 against 97.00); the best in the 1 others."
+        );
+        assert_eq!(table.verdict("nobody"), None);
+    }
+
+    #[test]
+    fn columns_compete_within_a_row() {
+        let mut table = table();
+        table.contest = Contest::Columns;
+        table.columns = vec![
+            Column::named("ours", Metric::Rmse),
+            Column::named("linear", Metric::Rmse),
+        ];
+        table.rows.truncate(1);
+        table.rows[0].values = vec![Some(0.1), Some(0.2)];
+        let verdict = table.verdict("ours").unwrap();
+        assert_eq!(
+            verdict,
+            "T: ours is the best of what was measured here everywhere."
+        );
+    }
+}
