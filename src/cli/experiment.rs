@@ -14,7 +14,7 @@ use crate::sample::Preset;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The recipe of the ablation, unless another is given.
 const RECIPE: &str = "nyu-medium.toml";
@@ -26,7 +26,7 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
     }
     let stop = ui::stop_flag();
     let bar = ui::bar(1, "s");
-    let mut announced = Duration::ZERO;
+    let mut announced = None;
     let sections = experiment::run(&Chosen::experiments(&args.names), &lab, |event| {
         match event {
             Event::Trying { done, total, cell } => {
@@ -35,7 +35,7 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
                 bar.set_message(format!("trying {cell}"));
             }
             Event::Announced(time) => {
-                announced = time;
+                announced = Some((Instant::now(), time));
                 bar.suspend(|| ui::say(&format!("this takes about {}", words(time))));
                 bar.set_length(time.as_secs());
                 bar.reset_eta();
@@ -52,7 +52,6 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
             ControlFlow::Continue(())
         }
     })?;
-    let took = bar.elapsed();
     bar.finish_and_clear();
     let Some(sections) = sections else {
         ui::say("hint: the same command goes on where it stopped");
@@ -64,11 +63,10 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
         ui::print(&section.to_string());
         ui::print("");
     }
-    ui::say(&format!(
-        "took {}, announced {}",
-        words(took),
-        words(announced)
-    ));
+    if let Some((start, time)) = announced {
+        let took = words(start.elapsed());
+        ui::say(&format!("took {took}, announced {}", words(time)));
+    }
     ui::tell(&format!("written   {}", page.display()));
     Ok(Exit::Done)
 }
@@ -130,8 +128,8 @@ fn lab(args: &Experiments) -> Result<Lab> {
 fn words(time: Duration) -> String {
     let seconds = time.as_secs_f64();
     match time.as_secs() {
-        0..90 => format!("{seconds:.0} s"),
-        90..5400 => format!("{:.0} min", seconds / 60.0),
+        0..180 => format!("{seconds:.0} s"),
+        180..5400 => format!("{:.0} min", seconds / 60.0),
         _ => format!("{:.1} h", seconds / 3600.0),
     }
 }

@@ -1,5 +1,5 @@
 //! How many base functions, and how the position is encoded: one network for each, trained from the
-//! same seed on an equal budget (Fang et al., section 4.6).
+//! same seed on an equal budget.
 
 use super::cell::{Cell, Trained};
 use super::{Lab, Study};

@@ -1,4 +1,4 @@
-//! What base functions look like, and which pixels they take for alike (Fang et al., section 4.1).
+//! What base functions look like, and which pixels they take for alike.
 
 use super::cell::Cell;
 use super::{Lab, Study};

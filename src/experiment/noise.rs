@@ -51,11 +51,9 @@ impl Study for NoiseStudy<'_> {
 
     fn section(&self) -> Result<Section> {
         let mut section = Section::new("noise", "Wrong points, with and without robust losses");
-        section.about.push(format!(
-            "{} {POINTS} points, of which {}.",
-            self.lab.about(),
-            NOISE
-        ));
+        section
+            .about
+            .push(format!("{} {POINTS} points, {}.", self.lab.about(), NOISE));
         let clean = self.clean.means()?;
         let noisy = self.noisy.means()?;
         let row = |label: &str, clean: &Scores, noisy: &Scores| {

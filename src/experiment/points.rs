@@ -1,4 +1,4 @@
-//! Errors against the number of points (Fang et al., section 4.2).
+//! Errors against the number of points.
 
 use super::benchmark;
 use super::cell::{Cell, Measured};

@@ -88,7 +88,7 @@ impl Study for Resolution<'_> {
         let mut section = Section::new("resolution", title);
         section.about.push(format!(
             "{} Image and {POINTS} points at {SMALL}, depth at {LARGE}: base functions read there, or \
-             depths enlarged bilinearly. {}.",
+             depths enlarged bilinearly. Averaged {}.",
             self.lab.about(),
             self.lab.rules
         ));

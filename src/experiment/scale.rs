@@ -1,4 +1,4 @@
-//! Errors against the scale of the depths (Fang et al., section 4.3).
+//! Errors against the scale of the depths.
 
 use super::cell::{Cell, Measured};
 use super::points::{axis, compare};

@@ -133,7 +133,8 @@ impl Robust {
 ///
 /// Losses other than the paper's look at what the residuals would be had each point been left out,
 /// so that an outlier which bends the fit towards itself is not overlooked, and take their scale
-/// from the median of their absolute values. Those that redescend start from Huber's solution with
+/// from the median of their absolute values. A fit with a field takes as much of each point's leverage
+/// as the loss leaves of its weight. Those that redescend start from Huber's solution with
 /// a scale that takes in every point, which shrinks by a constant factor from round to round
 /// (graduated non-convexity, Blake and Zisserman 1987) until it is that of the noise. With no more
 /// points than directions nothing can be told from an outlier: all points count.
@@ -165,6 +166,7 @@ pub(super) fn robust(
         (_, Some(places)) => Some(Neighbourhood::new(places, settings.neighbours)),
     };
     let mut widening = f64::INFINITY;
+    let mut odds = vec![0.0; own.len()];
     for _ in 0..settings.iterations {
         let mut found = estimate.rests.clone();
         let scale = if loss == Loss::Irls {
@@ -172,6 +174,9 @@ pub(super) fn robust(
         } else {
             let leverages = estimate.leverages(rows.bases, &weights);
             found = without_own(&found, &leverages, estimate.field.is_some());
+            if estimate.field.is_some() {
+                update_odds(&mut odds, &leverages, &weights, own);
+            }
             if let Some(neighbourhood) = &neighbourhood {
                 found = neighbourhood.apart(&found, &weights);
             }
@@ -192,7 +197,8 @@ pub(super) fn robust(
         weights = found
             .iter()
             .zip(own)
-            .map(|(r, own)| own * loss.weight(r / (widening * scale)))
+            .zip(&odds)
+            .map(|((r, own), odds)| own * damped(loss.weight(r / (widening * scale)), *odds))
             .collect();
         let next = estimator.solve(rows, &weights)?;
         let largest = rows.values.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
@@ -204,6 +210,24 @@ pub(super) fn robust(
         }
     }
     Ok((estimate, weights))
+}
+
+/// The weight by which a point of `odds` h / (1 - h) has the leverage `weight` h: the odds are
+/// proportional to the weight. Where points hold a field nearly alone, h is close to 1, and a weight
+/// of a half or a hundredth would leave it there: outliers would be met all the same.
+fn damped(weight: f64, odds: f64) -> f64 {
+    weight / (1.0 + odds * (1.0 - weight))
+}
+
+/// The odds h / (1 - h) of each point's leverage h at its own weight: leverages at smaller weights,
+/// whose odds fall with them. Points that have no weight keep what they had.
+fn update_odds(odds: &mut [f64], leverages: &[f64], weights: &[f64], own: &[f64]) {
+    for (((odds, h), weight), own) in odds.iter_mut().zip(leverages).zip(weights).zip(own) {
+        let found = h / (1.0 - h).max(f64::EPSILON) * own / weight;
+        if found.is_finite() && found >= 0.0 {
+            *odds = found;
+        }
+    }
 }
 
 /// By how much the scale of a redescending loss shrinks in a round.
@@ -297,6 +321,16 @@ mod tests {
         let (solution, weights) = fitted(&[1.0; 7], &depths, Some(settings));
         assert!((solution[0] - 1.2).abs() < 1e-3, "{solution:?}");
         assert!(weights[4] < 1e-3);
+    }
+
+    #[test]
+    fn a_damped_point_has_that_share_of_its_leverage() {
+        for (leverage, weight) in [(0.999, 0.5), (0.2, 0.01), (0.6, 1.0), (0.9, 0.0)] {
+            let odds = leverage / (1.0 - leverage);
+            let after = odds * damped(weight, odds);
+            let found = after / (1.0 + after);
+            assert!((found - weight * leverage).abs() < 1e-12, "{found}");
+        }
     }
 
     /// A line through `count` noisy points of which a share was raised.

@@ -251,8 +251,8 @@ impl Completer {
         Ok(next)
     }
 
-    /// Changes the height and width down to whose number of pixels larger images are reduced
-    /// before the network sees them.
+    /// Changes the height and width to whose number of pixels images are resized before the network
+    /// sees them.
     #[must_use]
     pub fn with_input(mut self, input: [usize; 2]) -> Self {
         self.normalisation.input = input;
@@ -361,19 +361,20 @@ impl Completer {
         fit.leverages(&at_places(bases, sparse, &places))
     }
 
-    /// The base functions of an image. A larger image than those of training is first reduced to
-    /// their number of pixels; its base functions can be read at any size all the same.
+    /// The base functions of an image. An image of more or fewer pixels than those of training is
+    /// first resized to their number: the network knows things at that size. Base functions can be
+    /// read at any size all the same.
     ///
     /// # Errors
     /// An image without pixels.
     pub fn bases(&self, rgb: &RgbImage) -> Result<ImageBases> {
         let [height, width] = self.normalisation.input;
         let (w, h) = (rgb.width() as f64, rgb.height() as f64);
-        let scale = ((height * width) as f64 / (w * h)).sqrt().min(if std::env::var_os("UP").is_some() { 9.0 } else { 1.0 });
-        let reduced = |length: f64| ((length * scale).round() as usize).max(1);
+        let scale = ((height * width) as f64 / (w * h)).sqrt();
+        let resized = |length: f64| ((length * scale).round() as usize).max(1);
         let size = Size {
-            height: reduced(h),
-            width: reduced(w),
+            height: resized(h),
+            width: resized(w),
         };
         let working = resize_rgb(rgb, size, Interpolation::PilBilinear)?;
         let Normalisation {

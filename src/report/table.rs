@@ -131,12 +131,14 @@ impl Table {
             };
             match self.best_rival(row, column) {
                 Some((rival, best)) if self.better(column, best, value) => {
-                    let (shown, at) = (&self.columns[column], self.place(row, column));
-                    behind.push(format!(
-                        "{rival} in {at} ({} against {})",
-                        shown.shown(Some(best)),
-                        shown.shown(Some(value))
-                    ));
+                    let [best, value] = [best, value].map(|v| self.columns[column].shown(Some(v)));
+                    // What looks equal is no difference to speak of.
+                    if best == value {
+                        won += 1;
+                    } else {
+                        let at = self.place(row, column);
+                        behind.push(format!("{rival} in {at} ({best} against {value})"));
+                    }
                 }
                 Some(_) => won += 1,
                 None => (),

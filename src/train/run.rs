@@ -9,7 +9,7 @@ use crate::fit::FitConfig;
 use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{BasisNet, BasisNetConfig, Normalisation, Weights, WeightsRecord};
 use crate::predict::{Completer, open_weights, record_fit};
-use crate::sample::{Batch, Loader, Pattern, Sampler, SamplerConfig};
+use crate::sample::{Batch, Loader, Pattern, Protocol, Sampler, SamplerConfig};
 use burn::module::Module as _;
 use burn::tensor::Device;
 use serde::Serialize;
@@ -70,6 +70,7 @@ pub struct Trainer {
     fit: FitConfig,
     config: TrainConfig,
     frames: Arc<dyn Dataset>,
+    normalisation: Normalisation,
     device: Device,
 }
 
@@ -77,7 +78,7 @@ impl Trainer {
     /// Prepares a run in `folder`, which must exist.
     ///
     /// # Errors
-    /// A setting out of range.
+    /// A setting out of range, or no frame that can be read.
     pub fn new(
         folder: &Path,
         network: BasisNetConfig,
@@ -98,6 +99,7 @@ impl Trainer {
             folder: folder.to_owned(),
             network,
             fit,
+            normalisation: normalisation(&config.protocol, frames.as_ref())?,
             config,
             frames,
             device: device.clone(),
@@ -131,7 +133,7 @@ impl Trainer {
             let samples = loader.next_batch()?;
             let Normalisation {
                 mean, deviation, ..
-            } = self.normalisation();
+            } = self.normalisation;
             let batch = Batch::new(&samples, mean, deviation, &device)?;
             let rate = self.rate(step);
             if step as f64 >= self.config.freeze_statistics * self.config.steps as f64 {
@@ -185,24 +187,13 @@ impl Trainer {
         }
     }
 
-    fn normalisation(&self) -> Normalisation {
-        let input = self.config.protocol.crop.or(self.config.protocol.resize);
-        match input {
-            Some(size) => Normalisation {
-                input: [size.height, size.width],
-                ..Normalisation::default()
-            },
-            None => Normalisation::default(),
-        }
-    }
-
     fn rate(&self, step: usize) -> f64 {
         let progress = (step + 1) as f64 / self.config.steps as f64;
         self.config.learning_rate * self.config.schedule.factor(progress)
     }
 
     fn completer(&self, net: &BasisNet) -> Completer {
-        Completer::new(net.valid(), self.normalisation(), self.fit, &self.device)
+        Completer::new(net.valid(), self.normalisation, self.fit, &self.device)
     }
 
     fn measure(&self, completer: &Completer, frames: &[usize]) -> Result<Scores> {
@@ -226,7 +217,7 @@ impl Trainer {
             .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))?;
         let record = WeightsRecord {
             network: self.network.clone(),
-            normalisation: self.normalisation(),
+            normalisation: self.normalisation,
             notes: BTreeMap::from([(TRAINING_NOTE.to_owned(), training)]),
         };
         let mut weights = Weights::of(&net.valid(), record);
@@ -251,4 +242,20 @@ impl Trainer {
         write(&weights)?;
         Ok(())
     }
+}
+
+/// With the size at which the network learns: the protocol's, or that of the first frame.
+fn normalisation(protocol: &Protocol, frames: &dyn Dataset) -> Result<Normalisation> {
+    let input = match protocol.crop.or(protocol.resize) {
+        Some(size) => [size.height, size.width],
+        None if frames.is_empty() => return Err(Error::config("there is no frame to learn from")),
+        None => {
+            let depth = protocol.apply(&frames.load(0)?)?.depth;
+            [depth.height(), depth.width()]
+        }
+    };
+    Ok(Normalisation {
+        input,
+        ..Normalisation::default()
+    })
 }

@@ -67,7 +67,7 @@ pub(in crate::cli) struct Complete {
     /// Write a list of the points that do not agree with the others.
     #[arg(long)]
     pub(in crate::cli) outliers: bool,
-    /// Show the network every pixel, instead of a large image reduced to the size of training.
+    /// Show the network the image as it is, instead of resized to the number of pixels of training.
     #[arg(long)]
     pub(in crate::cli) full: bool,
     /// The images are a video: weights are drawn towards those of the frame before, so that few
@@ -100,7 +100,7 @@ pub(in crate::cli) struct Bench {
     pub(in crate::cli) runs: usize,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
-    /// Show the network every pixel, instead of a large image reduced to the size of training.
+    /// Show the network the image as it is, instead of resized to the number of pixels of training.
     #[arg(long)]
     pub(in crate::cli) full: bool,
     /// Time steps of training instead: two images, every pixel in the loss.
