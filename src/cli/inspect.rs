@@ -1,9 +1,12 @@
 //! `lsdc inspect`: what is in files, folders and datasets.
 
 use super::args::Inspect;
-use super::{Exit, settings, ui, weights};
-use crate::data::{Contents, DepthMap, Split, View};
-use crate::error::Result;
+use super::{Exit, report, settings, ui, weights};
+use crate::data::{Contents, DepthMap, Split, View, read_rgb, write_atomically};
+use crate::device::device;
+use crate::error::{Error, Result};
+use crate::experiment::contact_sheet;
+use crate::predict::Completer;
 use crate::report::coloured;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -18,6 +21,9 @@ const ACROSS: usize = 72;
 pub(super) fn run(args: &Inspect) -> Result<Exit> {
     if args.source.dataset.is_some() {
         return dataset(args);
+    }
+    if let Some(sheet) = &args.bases {
+        return bases(args, sheet);
     }
     for (number, path) in args.files.iter().enumerate() {
         if number > 0 && !args.json {
@@ -40,6 +46,34 @@ pub(super) fn run(args: &Inspect) -> Result<Exit> {
             ui::print(&picture(map));
         }
     }
+    Ok(Exit::Done)
+}
+
+/// A contact sheet of base functions.
+fn bases(args: &Inspect, sheet: &Path) -> Result<Exit> {
+    let [image] = &args.files[..] else {
+        return Err(Error::config("`--bases` is for one image"));
+    };
+    let vector = match sheet.extension().and_then(|e| e.to_str()) {
+        Some("svg") => true,
+        Some("png") => false,
+        _ => {
+            return Err(Error::config(format!(
+                "`{}` is neither .svg nor .png",
+                sheet.display()
+            )));
+        }
+    };
+    report::unless_exists(sheet, args.force)?;
+    let completer = Completer::open(args.weights.as_deref(), &device("cpu")?)?;
+    let drawing = contact_sheet(&completer, &read_rgb(image)?)?;
+    let bytes = if vector {
+        drawing.document().into_bytes()
+    } else {
+        drawing.png()?
+    };
+    write_atomically(sheet, |out| out.write_all(&bytes))?;
+    ui::tell(&format!("written   {}", sheet.display()));
     Ok(Exit::Done)
 }
 

@@ -51,7 +51,7 @@ pub(super) fn training(args: &Runs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-fn unless_exists(path: &Path, force: bool) -> Result<()> {
+pub(super) fn unless_exists(path: &Path, force: bool) -> Result<()> {
     if path.exists() && !force {
         return Err(Error::config(format!("`{}` exists", path.display()))
             .hint("give --force to replace it, or another name"));

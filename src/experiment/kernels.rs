@@ -3,7 +3,8 @@
 use super::cell::Cell;
 use super::{Lab, Study};
 use crate::error::Result;
-use crate::report::{Panel, Panels, Scale, Section, signed};
+use crate::predict::Completer;
+use crate::report::{Drawing, Panel, Panels, Scale, Section, signed};
 use image::{Rgb, RgbImage};
 
 /// Frames that are shown.
@@ -21,21 +22,6 @@ pub(super) struct Kernels<'a> {
 impl<'a> Kernels<'a> {
     pub(super) fn new(lab: &'a Lab) -> Self {
         Self { lab }
-    }
-
-    /// The learned base functions of a frame: its image, and values `[pixels, N]`.
-    fn functions(&self, index: usize) -> Result<(RgbImage, Vec<f32>)> {
-        let frame = self.lab.frames.load(index)?;
-        let frame = self.lab.preset.protocol.apply(&frame)?;
-        let (width, height) = frame.rgb.dimensions();
-        let pixels: Vec<u32> = (0..width * height).collect();
-        let bases = self.lab.completer.bases(&frame.rgb)?;
-        let size = (height as usize, width as usize);
-        let rows = bases.at(size, &pixels);
-        let (stride, count) = (rows.len() / pixels.len(), self.lab.network.bases);
-        // The first is constant; smooth ones that belong to no image come last.
-        let learned = rows.chunks_exact(stride).flat_map(|row| &row[1..=count]);
-        Ok((frame.rgb, learned.copied().collect()))
     }
 }
 
@@ -56,15 +42,16 @@ impl Study for Kernels<'_> {
         let mut rows = Vec::new();
         for number in 0..shown {
             let index = number * frames / shown;
-            let (rgb, values) = self.functions(index)?;
+            let frame = self.lab.frames.load(index)?;
+            let rgb = self.lab.preset.protocol.apply(&frame)?.rgb;
             if number == 0 {
                 section.show(
                     "functions",
                     "The base functions that change most over the first frame.",
-                    sheet(&rgb, &values, self.lab.network.bases).draw(),
+                    contact_sheet(&self.lab.completer, &rgb)?,
                 );
             }
-            rows.push(kernels(rgb, &values, self.lab.network.bases));
+            rows.push(kernels(&self.lab.completer, rgb)?);
         }
         let panels = Panels {
             title: "Kernels of pixels".into(),
@@ -89,10 +76,23 @@ fn scale(name: &str, most: f32) -> Scale {
     }
 }
 
+/// The learned base functions of an image, less their means: values `[pixels, N]`, and N.
+fn functions(completer: &Completer, rgb: &RgbImage) -> Result<(Vec<f32>, usize)> {
+    let (width, height) = rgb.dimensions();
+    let pixels: Vec<u32> = (0..width * height).collect();
+    let size = (height as usize, width as usize);
+    let rows = completer.bases(rgb)?.network_at(size, &pixels);
+    // The first is constant.
+    let stride = rows.len() / pixels.len();
+    let learned = rows.chunks_exact(stride).flat_map(|row| &row[1..]);
+    let values: Vec<f32> = learned.copied().collect();
+    Ok((centred(&values, stride - 1), stride - 1))
+}
+
 /// An image with the kernels of some of its pixels.
-fn kernels(rgb: RgbImage, values: &[f32], count: usize) -> Vec<Panel> {
+fn kernels(completer: &Completer, rgb: RgbImage) -> Result<Vec<Panel>> {
     let (width, height) = (rgb.width() as usize, rgb.height() as usize);
-    let centred = centred(values, count);
+    let (centred, count) = functions(completer, &rgb)?;
     let norms: Vec<f32> = centred
         .chunks_exact(count)
         .map(|row| dot(row, row).sqrt())
@@ -125,13 +125,16 @@ fn kernels(rgb: RgbImage, values: &[f32], count: usize) -> Vec<Panel> {
             image: marked,
         },
     );
-    panels
+    Ok(panels)
 }
 
-/// The functions of greatest deviation over the image.
-fn sheet(rgb: &RgbImage, values: &[f32], count: usize) -> Panels {
+/// The base functions of greatest standard deviation over an image, as a picture.
+///
+/// # Errors
+/// An image without pixels.
+pub fn contact_sheet(completer: &Completer, rgb: &RgbImage) -> Result<Drawing> {
     let width = rgb.width() as usize;
-    let centred = centred(values, count);
+    let (centred, count) = functions(completer, rgb)?;
     let mut powers = vec![0.0_f32; count];
     for row in centred.chunks_exact(count) {
         powers
@@ -161,11 +164,12 @@ fn sheet(rgb: &RgbImage, values: &[f32], count: usize) -> Panels {
         image: rgb.clone(),
     }]];
     rows.extend(panels.chunks(ACROSS).map(<[Panel]>::to_vec));
-    Panels {
+    let panels = Panels {
         title: "Base functions less their means, and their standard deviations".into(),
         scales: vec![scale("standard deviations", 2.5)],
         rows,
-    }
+    };
+    Ok(panels.draw())
 }
 
 /// Values `[pixels, count]` less the mean of each function.

@@ -16,6 +16,7 @@ mod scale;
 mod tests;
 
 pub use cost::{Times, time};
+pub use kernels::contact_sheet;
 
 use crate::data::Dataset;
 use crate::error::{Error, Result};

@@ -91,7 +91,8 @@ impl ImageBases {
             .beside(&rows, rows.len() / pixels.len(), size, pixels)
     }
 
-    fn network_at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
+    /// Values `[pixels, N + 1]` of the constant and the functions of the network alone.
+    pub fn network_at(&self, size: (usize, usize), pixels: &[u32]) -> Vec<f32> {
         match &self.values {
             Values::Plan(bases) => bases.at(size, pixels),
             Values::Net(_) if pixels.is_empty() => Vec::new(),

@@ -37,6 +37,19 @@ fn files_are_described() {
 }
 
 #[test]
+fn base_functions_are_drawn() {
+    let folder = room();
+    let args = ["inspect", "rgb.png", "--bases", "functions.png"];
+    lsdc(folder.path()).args(args).assert().success();
+    // An image and 30 functions in rows of five, at twice the units of the drawing.
+    let sheet = image::open(folder.path().join("functions.png")).unwrap();
+    assert!(sheet.width() > 5 * 2 * 200 && sheet.height() > sheet.width());
+    refused(folder.path(), &args, &["functions.png", "exists", "--force"]);
+    let args = ["inspect", "rgb.png", "--bases", "functions.jpg"];
+    refused(folder.path(), &args, &["neither .svg nor .png"]);
+}
+
+#[test]
 fn the_command_line_is_written_for_shells_and_man() {
     let folder = tempfile::tempdir().unwrap();
     for (shell, words) in [

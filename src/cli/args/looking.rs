@@ -18,6 +18,15 @@ pub(in crate::cli) struct Inspect {
     /// Draw depth maps on the terminal, in colours.
     #[arg(long)]
     pub(in crate::cli) show: bool,
+    /// Draw the base functions of an image into this file (.svg or .png), by --weights.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["json", "show"])]
+    pub(in crate::cli) bases: Option<PathBuf>,
+    /// Weights file for --bases [default: the weights in the program].
+    #[arg(long, value_name = "FILE", requires = "bases")]
+    pub(in crate::cli) weights: Option<PathBuf>,
+    /// Replace an existing file.
+    #[arg(long, requires = "bases")]
+    pub(in crate::cli) force: bool,
     /// Print one JSON object to a file.
     #[arg(long)]
     pub(in crate::cli) json: bool,
