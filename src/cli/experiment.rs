@@ -71,6 +71,9 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
+/// How long a part is tried before the time for all is announced.
+const TRIAL: Duration = Duration::from_secs(1);
+
 fn lab(args: &Experiments) -> Result<Lab> {
     let path = args.settings.config.as_deref().unwrap_or(Path::new(RECIPE));
     let mut config = Config::load(Some(path), &args.settings.set)?;
@@ -121,6 +124,7 @@ fn lab(args: &Experiments) -> Result<Lab> {
             frames: Box::new(move || settings::open(&data, Split::Train)),
         },
         device: (device_of_all, args.model.device.clone()),
+        trial: TRIAL,
     })
 }
 

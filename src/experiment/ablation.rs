@@ -122,8 +122,8 @@ impl Study for Ablation<'_> {
             self.lab.preset.points
         ));
         section.notes.push(
-            "The paper trains 300,000 steps (100 epochs of 6,000 frames, two at a time) and draws \
-             curves without numbers; it takes N = 128 and E = 5. On a budget this much smaller, the \
+            "The paper trains 300,000 steps (100 epochs of 6,000 frames, two at a time) and takes \
+             N = 128 and E = 5. On a budget this much smaller, the \
              order of networks tells how fast they learn, not where they end."
                 .into(),
         );

@@ -282,7 +282,7 @@ impl Study for Cost<'_> {
                 let staged = parameters.is_some();
                 rows.push(Row {
                     label: cell.label.clone(),
-                    published: false,
+                    aside: false,
                     values: vec![
                         parameters.map(|n| n as f64 / 1e6),
                         multiply_adds.map(|n| 2.0 * n as f64 / 1e9),

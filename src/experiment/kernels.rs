@@ -59,9 +59,6 @@ impl Study for Kernels<'_> {
             rows,
         };
         section.show("kernels", "Crosses mark the pixels.", panels.draw());
-        section
-            .notes
-            .push("The paper shows such pictures without numbers.".into());
         Ok(section)
     }
 }

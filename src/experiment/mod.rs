@@ -132,6 +132,8 @@ pub struct Lab {
     pub recipe: Recipe,
     /// Where to compute, and its name.
     pub device: (Device, String),
+    /// How long each part is tried, to foretell the time of the rest.
+    pub trial: Duration,
 }
 
 /// How networks are trained, and on what.
@@ -180,9 +182,6 @@ pub enum Event<'a> {
     },
 }
 
-/// The longest trial of a part.
-const TRIAL: Duration = Duration::from_secs(1);
-
 /// Runs experiments, writes what each found into the folder of `lab`, and returns it; nothing if `tell`
 /// broke off: then the same call goes on.
 ///
@@ -213,7 +212,7 @@ pub fn run(
         if tell(trying).is_break() {
             return Ok(None);
         }
-        left.push(try_out(*cell)?);
+        left.push(try_out(*cell, lab.trial)?);
     }
     let total = left.iter().sum();
     if tell(Event::Announced(total)).is_break() {
@@ -250,7 +249,7 @@ pub fn run(
 }
 
 /// Lets a part go on for a moment; how long the rest of it will take. What the trial measures is kept.
-fn try_out(cell: &dyn Cell) -> Result<Duration> {
+fn try_out(cell: &dyn Cell, trial: Duration) -> Result<Duration> {
     let mut first: Option<(Instant, f64)> = None;
     let mut left = Duration::ZERO;
     cell.run(&mut |share| {
@@ -259,7 +258,7 @@ fn try_out(cell: &dyn Cell) -> Result<Duration> {
         if share > start {
             left = elapsed.mul_f64((1.0 - share).max(0.0) / (share - start));
         }
-        if share > start && elapsed >= TRIAL {
+        if share > start && elapsed >= trial {
             ControlFlow::Break(())
         } else {
             ControlFlow::Continue(())

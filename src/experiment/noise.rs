@@ -60,7 +60,7 @@ impl Study for NoiseStudy<'_> {
             let (before, after) = (clean[Metric::Rmse], noisy[Metric::Rmse]);
             Row {
                 label: label.to_owned(),
-                published: false,
+                aside: false,
                 values: vec![
                     Some(before),
                     Some(after),

@@ -53,8 +53,8 @@ impl Study for Points<'_> {
             section.show(metric.key(), &caption, drawing.draw());
         }
         section.notes.push(
-            "The paper draws these curves and prints no numbers but 0.148 m at 500 and 0.129 m at \
-             1000 points; it has none below N, where its fit cannot be solved."
+            "Of the paper, 0.148 m at 500 and 0.129 m at 1000 points are known; below N its fit cannot \
+             be solved."
                 .into(),
         );
         Ok(section)
@@ -81,7 +81,7 @@ pub(super) fn compare(
         }
         rows.push(Row {
             label: label.clone(),
-            published: false,
+            aside: false,
             values: means.iter().map(|(_, s)| Some(s[metric])).collect(),
         });
     }

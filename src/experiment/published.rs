@@ -99,7 +99,7 @@ pub(super) const TABLE_5_NOTES: [&str; 1] =
 pub(super) fn row(label: &str, values: Vec<Option<f64>>) -> Row {
     Row {
         label: label.to_owned(),
-        published: true,
+        aside: true,
         values,
     }
 }

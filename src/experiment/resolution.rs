@@ -114,10 +114,9 @@ impl Study for Resolution<'_> {
             .position(|row| row.label == "lsdc, large image");
         let unfair = unfair.map(|at| table.rows.remove(at));
         section.findings.extend(table.verdict("lsdc"));
-        table.rows.extend(unfair.map(|row| Row {
-            published: true,
-            ..row
-        }));
+        table
+            .rows
+            .extend(unfair.map(|row| Row { aside: true, ..row }));
         for (name, [rmse, rel]) in published::TABLE_3 {
             let values = vec![Some(rmse), Some(rel), None, None];
             table.rows.push(published::row(name, values));

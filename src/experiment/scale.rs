@@ -12,12 +12,10 @@ use std::sync::Arc;
 
 const FACTORS: [f32; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0];
 
-/// IP-Basic stands for methods that know depths of one range.
-const METHODS: [Method; 4] = [
+const METHODS: [Method; 3] = [
     Method::Lsdc,
     Method::Classic(Classic::Linear),
     Method::Classic(Classic::Smooth),
-    Method::Classic(Classic::Morphology),
 ];
 
 pub(super) struct Scale<'a> {
@@ -77,9 +75,6 @@ impl Study for Scale<'_> {
             "A level line is a method without a scale of its own.",
             drawing.draw(),
         );
-        section
-            .notes
-            .push("The paper draws this curve and prints no numbers.".into());
         Ok(section)
     }
 }

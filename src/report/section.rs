@@ -128,7 +128,7 @@ impl Section {
 /// The file cannot be written.
 pub fn write_page(path: &Path, title: &str, sections: &[Section]) -> Result<()> {
     let mut page = begin(title);
-    page.push_str("<p>Rows in grey were published by others, on their machines and frames. Bold: the best of what was measured here.</p><ul>");
+    page.push_str("<p>Rows in grey do not compete: others published them, on their machines and frames, or they were given more. Bold: the best of the others.</p><ul>");
     for section in sections {
         let title = escaped(section.title);
         let _ = write!(page, "<li><a href='#{}'>{title}</a></li>", section.name);

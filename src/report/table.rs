@@ -50,8 +50,8 @@ pub struct Column {
 pub struct Row {
     /// The name.
     pub label: String,
-    /// Whether somebody else reported it, measured elsewhere.
-    pub published: bool,
+    /// Whether it does not compete: somebody else reported it, or it was given more.
+    pub aside: bool,
     /// One for each column, in its unit; absent where there is none.
     pub values: Vec<Option<f64>>,
 }
@@ -104,7 +104,7 @@ impl Row {
     pub fn of(label: &str, scores: &Scores, metrics: &[Metric]) -> Self {
         Self {
             label: label.to_owned(),
-            published: false,
+            aside: false,
             values: metrics.iter().map(|&m| Some(value(scores, m))).collect(),
         }
     }
@@ -188,7 +188,7 @@ impl Table {
         };
         rivals
             .into_iter()
-            .filter(|&place| place != (row, column) && !self.rows[place.0].published)
+            .filter(|&place| place != (row, column) && !self.rows[place.0].aside)
             .filter_map(|(r, c)| Some((self.competitor(r, c), self.rows[r].values[c]?)))
             .filter(|(_, value)| value.is_finite())
             .reduce(|a, b| if self.better(column, b.1, a.1) { b } else { a })
@@ -207,7 +207,7 @@ impl Table {
         let Some(value) = self.rows[row].values[column].filter(|v| v.is_finite()) else {
             return false;
         };
-        !self.rows[row].published
+        !self.rows[row].aside
             && self
                 .best_rival(row, column)
                 .is_some_and(|(_, best)| !self.better(column, best, value))
@@ -218,7 +218,7 @@ impl Table {
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
         let headings = self.columns.iter().map(|c| quoted(&c.heading()));
         let mut lines = vec![
-            [quoted(&self.rows_are), quoted("published")]
+            [quoted(&self.rows_are), quoted("aside")]
                 .into_iter()
                 .chain(headings)
                 .collect::<Vec<_>>()
@@ -229,7 +229,7 @@ impl Table {
                 .values
                 .iter()
                 .map(|v| v.map_or(String::new(), |v| v.to_string()));
-            let line: Vec<String> = [quoted(&row.label), row.published.to_string()]
+            let line: Vec<String> = [quoted(&row.label), row.aside.to_string()]
                 .into_iter()
                 .chain(values)
                 .collect();
@@ -238,7 +238,7 @@ impl Table {
         lines.join("\n") + "\n"
     }
 
-    /// The table as HTML; the best numbers stand out, published rows stand back.
+    /// The table as HTML; the best numbers stand out, those aside stand back.
     pub fn html(&self) -> String {
         let mut html = format!(
             "<h3>{}</h3><div class='scroll'><table><thead><tr><th>{}</th>",
@@ -252,11 +252,7 @@ impl Table {
         }
         html.push_str("</tr></thead><tbody>");
         for (r, row) in self.rows.iter().enumerate() {
-            let class = if row.published {
-                " class='published'"
-            } else {
-                ""
-            };
+            let class = if row.aside { " class='aside'" } else { "" };
             let _ = write!(html, "<tr{class}><td>{}</td>", escaped(&row.label));
             for (c, column) in self.columns.iter().enumerate() {
                 let class = if self.leads(r, c) {
@@ -310,9 +306,9 @@ mod tests {
     use super::*;
 
     fn table() -> Table {
-        let row = |label: &str, published, values: [f64; 2]| Row {
+        let row = |label: &str, aside, values: [f64; 2]| Row {
             label: label.to_owned(),
-            published,
+            aside,
             values: values.map(Some).to_vec(),
         };
         Table {

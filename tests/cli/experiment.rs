@@ -33,7 +33,7 @@ fn experiments_write_tables_pictures_and_a_page() {
     assert!(paper["values"][5].as_f64().unwrap() > 0.0);
     let csv = std::fs::read_to_string(out.join("cost.csv")).unwrap();
     assert!(
-        csv.starts_with("\"method\",\"published\",\"parameters, M\""),
+        csv.starts_with("\"method\",\"aside\",\"parameters, M\""),
         "{csv}"
     );
     for name in ["kernels-kernels", "kernels-functions", "cost-times"] {

@@ -44,7 +44,11 @@ fn base_functions_are_drawn() {
     // An image and 30 functions in rows of five, at twice the units of the drawing.
     let sheet = image::open(folder.path().join("functions.png")).unwrap();
     assert!(sheet.width() > 5 * 2 * 200 && sheet.height() > sheet.width());
-    refused(folder.path(), &args, &["functions.png", "exists", "--force"]);
+    refused(
+        folder.path(),
+        &args,
+        &["functions.png", "exists", "--force"],
+    );
     let args = ["inspect", "rgb.png", "--bases", "functions.jpg"];
     refused(folder.path(), &args, &["neither .svg nor .png"]);
 }
