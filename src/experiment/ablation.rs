@@ -59,8 +59,8 @@ impl<'a> Ablation<'a> {
                 hidden
             };
             member(BasisNetConfig {
-                bases,
                 hidden,
+                bases,
                 ..base.clone()
             })
         });

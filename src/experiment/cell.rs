@@ -104,7 +104,7 @@ impl<'a> Measured<'a> {
     /// The same protocol at another size.
     pub(super) fn resized(mut self, protocol: Protocol, followed: &str) -> Self {
         self.protocol = protocol;
-        self.followed = followed.to_owned();
+        followed.clone_into(&mut self.followed);
         self
     }
 

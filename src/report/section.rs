@@ -134,9 +134,9 @@ pub fn write_page(path: &Path, title: &str, sections: &[Section]) -> Result<()> 
         let _ = write!(page, "<li><a href='#{}'>{title}</a></li>", section.name);
     }
     page.push_str("</ul>");
-    sections
-        .iter()
-        .for_each(|section| page.push_str(&section.html()));
+    for section in sections {
+        page.push_str(&section.html());
+    }
     let _ = write!(
         page,
         "\n<p class='spread'>lsdc {}</p></body></html>\n",

@@ -36,7 +36,7 @@ pub(super) struct View<'a> {
 
 /// A frame of which the network has seen the image.
 pub(super) enum Seen<'a> {
-    Trained(View<'a>),
+    Trained(Box<View<'a>>),
     /// An untrained method looks at image and points together.
     Untrained(Classic),
 }
@@ -44,8 +44,8 @@ pub(super) enum Seen<'a> {
 /// A frame whose weights are found.
 pub(super) enum Weighed<'a> {
     Trained {
-        view: View<'a>,
-        fit: Fit,
+        view: Box<View<'a>>,
+        fit: Box<Fit>,
         fitting: Duration,
     },
     Untrained(Classic),
@@ -107,11 +107,11 @@ impl<'a> Engine<'a> {
         }
         let started = Instant::now();
         let bases = completer.bases(rgb)?;
-        Ok(Seen::Trained(View {
+        Ok(Seen::Trained(Box::new(View {
             completer,
             bases,
             network: started.elapsed(),
-        }))
+        })))
     }
 
     /// The last part, for which no other frame waits.
@@ -124,7 +124,7 @@ impl<'a> Engine<'a> {
         let sparse = &points.depth;
         let (depth, fitted) = match weighed {
             Weighed::Trained { view, fit, fitting } => {
-                let (depth, fitted) = self.fitted(&view, fit, fitting, sparse)?;
+                let (depth, fitted) = self.fitted(&view, *fit, fitting, sparse)?;
                 (depth, Some(fitted))
             }
             Weighed::Untrained(method) => (complete_classic(method, rgb, sparse)?, None),
@@ -182,7 +182,7 @@ impl<'a> Seen<'a> {
         let fit = view.completer.fit(&view.bases, &points.depth, sigma)?;
         Ok(Weighed::Trained {
             view,
-            fit,
+            fit: Box::new(fit),
             fitting: started.elapsed(),
         })
     }
