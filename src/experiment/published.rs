@@ -29,7 +29,7 @@ pub(super) const TABLE_1: [(&str, Errors); 4] = [
 pub(super) const TABLE_1_NOTES: [&str; 2] = [
     "The row of S2D is, digit for digit, the one that sparse-to-dense gives for 200 points; at 500 \
      points it is usually quoted with RMSE 0.204, REL 0.043.",
-    "Published rows were measured on all 654 official test frames and trained on 47,584.",
+    "Published rows were measured on all 654 official test frames.",
 ];
 
 /// Fang et al., section 4.4: RMSE in metres at 1000 points, clean, with noise, with noise and IRLS.
@@ -49,7 +49,7 @@ pub(super) const TABLE_3: [(&str, [f64; 2]); 3] = [
 
 pub(super) const TABLE_3_NOTES: [&str; 1] = [
     "The paper prints RMSE 0.046 with REL 0.215 for LSE, which no frames of NYU can have; its columns \
-     are taken to be exchanged, here put back. It states no size of the window or threshold of SEE.",
+     are taken to be exchanged, here put back. It states no threshold of edges for SEE.",
 ];
 
 /// Fang et al., table 4: DIODE, 1000 points, trained on NYU: RMSE in metres, REL, share below 1.25;
