@@ -111,7 +111,7 @@ impl Study for Ablation<'_> {
         let mut section = Section::new("ablation", title);
         let train = &self.lab.recipe.train;
         section.about.push(format!(
-            "Each network is trained from seed {} for {} steps of {} images through the paper's fit, \
+            "Each network is trained from seed {} for {} steps of {} images through the plain fit of the recipe, \
              and measured after each of {EPOCHS} parts of the steps on {} frames kept out of training, \
              at the end on the frames of the other experiments ({}, {}).",
             train.seed,

@@ -7,7 +7,7 @@ use crate::eval::Candidate;
 use crate::fit::{FitMethod, PriorKind};
 use crate::metrics::Metric;
 use crate::predict::{Classic, Method};
-use crate::report::{Column, Contest, Panels, Row, Section, Table};
+use crate::report::{Column, Contest, Row, Section, Table};
 
 /// What is measured beside `lsdc` wherever methods are compared.
 pub(super) const RIVALS: [Method; 3] = [
@@ -91,11 +91,8 @@ impl Study for Benchmark<'_> {
                 .into(),
         );
         section.notes = published::notes(&published::TABLE_1_NOTES);
-        if let Some((frame, seed)) = self.methods.median_frame()? {
-            let exhibit = self.methods.exhibit(&frame, seed)?;
-            let caption = "The frame on which lsdc is neither good nor bad.";
-            section.show("frame", caption, Panels::of_exhibit(&exhibit).draw());
-        }
+        let caption = "The frame on which lsdc is neither good nor bad.";
+        self.methods.show(&mut section, caption)?;
         Ok(section)
     }
 }

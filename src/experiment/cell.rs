@@ -1,6 +1,6 @@
 //! The parts of experiments: what each has done is on disk.
 
-use super::{Lab, Recipe};
+use super::Lab;
 use crate::data::{Dataset, write_atomically};
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal, Shard};
@@ -8,7 +8,7 @@ use crate::fit::FitConfig;
 use crate::metrics::Scores;
 use crate::model::BasisNetConfig;
 use crate::predict::{Completer, Method};
-use crate::report::{Exhibit, Heading, Report};
+use crate::report::{Exhibit, Heading, Panels, Report, Section};
 use crate::sample::{Noise, Pattern, Preset, Protocol};
 use crate::train::{Event, Outcome, TrainConfig, Trainer};
 use std::ops::ControlFlow;
@@ -181,6 +181,15 @@ impl<'a> Measured<'a> {
         Ok(frame.map(|(_, frame, seed)| ((*frame).to_owned(), *seed)))
     }
 
+    /// Adds a picture of that frame.
+    pub(super) fn show(&self, section: &mut Section, caption: &str) -> Result<()> {
+        if let Some((frame, seed)) = self.median_frame()? {
+            let exhibit = self.exhibit(&frame, seed)?;
+            section.show("frame", caption, Panels::of_exhibit(&exhibit).draw());
+        }
+        Ok(())
+    }
+
     /// A frame with all predictions.
     pub(super) fn exhibit(&self, frame: &str, seed: u64) -> Result<Exhibit> {
         self.evaluation().exhibit("median", frame, seed)
@@ -233,21 +242,11 @@ impl<'a> Trained<'a> {
     }
 
     fn train(&self, progress: &mut dyn FnMut(usize) -> ControlFlow<()>) -> Result<Outcome> {
-        let Recipe { fit, train, .. } = &self.lab.recipe;
-        let folder = self.folder();
-        std::fs::create_dir_all(&folder).map_err(|e| Error::write(&folder, e))?;
-        let config = TrainConfig {
-            measure_every: train.steps.div_ceil(super::ablation::EPOCHS),
-            // The paper's plain fit: nothing is learned of weights.
-            calibrate: false,
-            ..train.clone()
-        };
-        self.keep_to(&config)?;
         let trainer = Trainer::new(
-            &folder,
+            &self.folder(),
             self.network.clone(),
-            *fit,
-            config,
+            self.lab.recipe.fit,
+            self.config(),
             self.frames.clone(),
             &self.lab.device.0,
         )?;
@@ -261,11 +260,24 @@ impl<'a> Trained<'a> {
         })
     }
 
-    /// Refuses to go on with a training by other settings.
-    fn keep_to(&self, config: &TrainConfig) -> Result<()> {
-        let path = self.folder().join("recipe.json");
+    fn config(&self) -> TrainConfig {
+        let train = &self.lab.recipe.train;
+        TrainConfig {
+            measure_every: train.steps.div_ceil(super::ablation::EPOCHS),
+            // The plain fit: nothing is learned of weights.
+            calibrate: false,
+            ..train.clone()
+        }
+    }
+
+    /// Refuses to go on with, or to measure, a training by other settings.
+    fn keep_to_recipe(&self) -> Result<()> {
+        let folder = self.folder();
+        std::fs::create_dir_all(&folder).map_err(|e| Error::write(&folder, e))?;
+        let path = folder.join("recipe.json");
+        let frames = (self.frames.about(), self.frames.len());
         let fit = &self.lab.recipe.fit;
-        let recipe = serde_json::to_string(&(&self.network, fit, config))
+        let recipe = serde_json::to_string(&(&self.network, fit, self.config(), frames))
             .map_err(|e| Error::write(&path, e.into()))?;
         match std::fs::read_to_string(&path) {
             Ok(there) if there == recipe => Ok(()),
@@ -299,6 +311,7 @@ impl Cell for Trained<'_> {
             .len()
             .min(self.lab.limit.unwrap_or(usize::MAX));
         let measuring = FRAME * frames as f64;
+        self.keep_to_recipe()?;
         if !self.weights().exists() {
             let mut share = |step: usize| progress(step as f64 / (steps + measuring));
             if let Outcome::Stopped(_) = self.train(&mut share)? {

@@ -104,8 +104,10 @@ enum Subject {
 }
 
 /// What a cell keeps.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Kept {
+    /// Weights and device.
+    of: String,
     times: Times,
     /// Trained parameters, and multiply-adds at this size.
     parameters: Option<usize>,
@@ -117,10 +119,23 @@ impl Timed<'_> {
         self.lab.cell(&self.name, "json")
     }
 
+    fn of(&self) -> String {
+        format!("{} on {}", self.lab.weights, self.lab.device.1)
+    }
+
     fn kept(&self) -> Result<Kept> {
         let path = self.path();
         let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
-        serde_json::from_slice(&bytes).map_err(|e| Error::read(&path, e.into()))
+        let kept: Kept =
+            serde_json::from_slice(&bytes).map_err(|e| Error::read(&path, e.into()))?;
+        if kept.of == self.of() {
+            return Ok(kept);
+        }
+        Err(Error::config(format!(
+            "`{}` has times of other weights, or of another device",
+            path.display()
+        ))
+        .hint("choose another folder, or give --force to begin anew"))
     }
 
     fn measure(&self) -> Result<Kept> {
@@ -139,6 +154,7 @@ impl Timed<'_> {
                     seen = self.size;
                 }
                 Ok(Kept {
+                    of: self.of(),
                     times: time(&completer, &frame, &points, RUNS)?,
                     parameters: Some(parameter_count(&net)),
                     multiply_adds: Some(net.multiply_adds((seen.height, seen.width))),
@@ -158,6 +174,7 @@ impl Timed<'_> {
                 let (parameters, adds) = (parameter_count(&net), net.multiply_adds(size));
                 let completer = Completer::with_weights(&Weights::of(&net, record), device)?;
                 Ok(Kept {
+                    of: self.of(),
                     times: time(&completer, &frame, &points, RUNS)?,
                     parameters: Some(parameters),
                     multiply_adds: Some(adds),
@@ -173,6 +190,7 @@ impl Timed<'_> {
                 }
                 let total_ms = median(times.into_iter())?;
                 Ok(Kept {
+                    of: self.of(),
                     times: Times {
                         network_ms: 0.0,
                         fit_ms: 0.0,
@@ -278,6 +296,7 @@ impl Study for Cost<'_> {
                     times,
                     parameters,
                     multiply_adds,
+                    ..
                 } = cell.kept()?;
                 let staged = parameters.is_some();
                 rows.push(Row {

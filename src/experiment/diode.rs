@@ -6,7 +6,7 @@ use super::{Lab, Study, published};
 use crate::data::Place;
 use crate::error::Result;
 use crate::metrics::Metric;
-use crate::report::{Column, Contest, Panels, Row, Section, Table};
+use crate::report::{Column, Contest, Row, Section, Table};
 use crate::sample::Preset;
 
 const PRESETS: [&str; 3] = ["diode-paper", "diode-masked", "diode-robustdc"];
@@ -92,12 +92,9 @@ impl Study for Diode<'_> {
         }
         section.notes = published::notes(&published::TABLE_4_NOTES);
         // With the mask: what lies beyond is not known.
-        if let Some((_, cell)) = self.cells.get(1)
-            && let Some((frame, seed)) = cell.median_frame()?
-        {
-            let exhibit = cell.exhibit(&frame, seed)?;
+        if let Some((_, cell)) = self.cells.get(1) {
             let caption = "The frame on which lsdc is neither good nor bad, with the mask.";
-            section.show("frame", caption, Panels::of_exhibit(&exhibit).draw());
+            cell.show(&mut section, caption)?;
         }
         Ok(section)
     }

@@ -8,7 +8,7 @@ use crate::eval::{Candidate, Enlargement};
 use crate::fit::{FitMethod, PriorKind};
 use crate::metrics::Metric;
 use crate::predict::Method;
-use crate::report::{Column, Contest, Panels, Row, Section, Table};
+use crate::report::{Column, Contest, Row, Section, Table};
 use crate::sample::{Interpolation, Pattern, Protocol, Size};
 
 const SMALL: Size = Size {
@@ -123,11 +123,8 @@ impl Study for Resolution<'_> {
         }
         section.tables.push(table);
         section.notes = published::notes(&published::TABLE_3_NOTES);
-        if let Some((frame, seed)) = self.small.median_frame()? {
-            let exhibit = self.small.exhibit(&frame, seed)?;
-            let caption = "The frame on which lsdc is neither good nor bad.";
-            section.show("frame", caption, Panels::of_exhibit(&exhibit).draw());
-        }
+        let caption = "The frame on which lsdc is neither good nor bad.";
+        self.small.show(&mut section, caption)?;
         Ok(section)
     }
 }

@@ -131,6 +131,11 @@ fn a_folder_of_other_settings_is_refused() {
         ..lab(folder.path())
     };
     assert!(run(&[Experiment::Scale], &other, go_on).is_err());
+    // Networks that are trained already belong to their recipe as well.
+    run(&[Experiment::Ablation], &first, go_on).unwrap();
+    let mut longer = lab(folder.path());
+    longer.recipe.train.steps += 1;
+    assert!(run(&[Experiment::Ablation], &longer, go_on).is_err());
     forget(folder.path()).unwrap();
     assert!(run(&[Experiment::Scale], &other, go_on).unwrap().is_some());
 }
