@@ -18,7 +18,7 @@ use lsdc::rng::Rng;
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, ValueKind, WriterInit};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -243,8 +243,7 @@ fn a_chunk_that_promises_gigabytes_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("val/official/00001.h5");
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    let damaged = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/damaged/huge_chunk.h5");
-    std::fs::copy(damaged, path).unwrap();
+    std::fs::copy(found("huge_chunk.h5"), path).unwrap();
     let before = IN_USE.load(Ordering::Relaxed);
     PEAK.store(before, Ordering::Relaxed);
     assert!(!readable(DatasetKind::Nyu, folder.path()));
@@ -291,6 +290,12 @@ fn archives_that_swell_are_refused() {
     assert!(places > 0, "the size of the array is in the archive");
     std::fs::write(&path, bytes).unwrap();
     refuse(&path, "declares 2147483647 bytes");
+}
+
+/// A file that a fuzzer found.
+fn found(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    folder.join("tests/damaged").join(name)
 }
 
 /// Refused with these words, and without taking memory.
@@ -362,9 +367,10 @@ fn clouds() {
         sound.push(path);
     }
 
-    for name in ["scan.las", "scan.laz"] {
+    for (name, format) in [("scan.las", 0), ("scan.laz", 0), ("layers.laz", 7)] {
         let path = folder.path().join(name);
         let mut builder = las::Builder::from((1, 4));
+        builder.point_format = las::point::Format::new(format).unwrap();
         builder.evlrs.push(las::Vlr {
             user_id: "nobody".to_owned(),
             data: vec![7; 100],
@@ -378,6 +384,8 @@ fn clouds() {
                 x,
                 y,
                 z,
+                gps_time: (format > 0).then_some(i as f64),
+                color: (format > 0).then(|| las::Color::new(7, 8, i as u16)),
                 ..las::Point::default()
             };
             writer.write_point(point).unwrap();
@@ -412,6 +420,10 @@ fn clouds_that_promise_too_much_are_refused() {
         std::fs::write(&path, head + "1 2 3\n").unwrap();
         refuse(&path, "declares 12000000000000 bytes");
     }
+    refuse(
+        &found("no_chunks.laz"),
+        "declares 12 points, its chunks hold 0",
+    );
 }
 
 #[test]

@@ -3,6 +3,8 @@
 use super::Visit;
 use crate::error::{Error, Result};
 use las::raw::Header;
+use laz::LazItemType;
+use laz::laszip::{ChunkTable, LazItem};
 use std::fs::File;
 use std::io::{BufReader, Read as _, Seek as _, SeekFrom};
 use std::panic::AssertUnwindSafe;
@@ -18,7 +20,7 @@ const BEFORE: u64 = 20;
 
 /// Visits every point.
 pub(super) fn read_las(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
-    let damaged = |e: las::Error| Error::format(path, "is no sound LAS file").because(e);
+    let damaged = |e| Error::format(path, "is no sound LAS file").because(e);
     let unreadable = |e| Error::read(path, e);
     let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
     let size = file.get_ref().metadata().map_err(unreadable)?.len();
@@ -26,11 +28,14 @@ pub(super) fn read_las(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
     check_records(path, &header, &mut file, size)?;
     check_chunks(path, &header, &mut file, size)?;
     file.rewind().map_err(unreadable)?;
-    let read = move || -> las::Result<()> {
-        let mut reader = las::Reader::new(file)?;
+    let read = || -> Result<()> {
+        let mut reader = las::Reader::new(file).map_err(damaged)?;
+        check_layers(path, &header, reader.header(), size)?;
         let record = u64::from(reader.header().point_format().len()).max(1);
         loop {
-            let points = reader.read_points((CHUNK / record).max(1))?;
+            let points = reader
+                .read_points((CHUNK / record).max(1))
+                .map_err(damaged)?;
             if points.is_empty() {
                 return Ok(());
             }
@@ -42,7 +47,6 @@ pub(super) fn read_las(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
     // Damaged records of compression make the library panic.
     std::panic::catch_unwind(AssertUnwindSafe(read))
         .map_err(|_| Error::format(path, "is no sound LAS file"))?
-        .map_err(damaged)
 }
 
 /// Refuses extended records longer than the file, for which the library asks memory unread.
@@ -89,9 +93,10 @@ fn check_chunks(path: &Path, header: &Header, file: &mut BufReader<File>, size: 
             .map_err(|e| Error::read(path, e))?;
         Ok(u64::from_le_bytes(bytes))
     };
-    let mut table = number(u64::from(header.offset_to_point_data))?;
+    let start = u64::from(header.offset_to_point_data);
+    let mut table = number(start)?;
     // Written without seeking: the place is at the end.
-    if table == u64::MAX {
+    if table.cast_signed() <= start.cast_signed() {
         table = number(size.saturating_sub(8))?;
     }
     // A version comes first.
@@ -103,4 +108,61 @@ fn check_chunks(path: &Path, header: &Header, file: &mut BufReader<File>, size: 
         ));
     }
     Ok(())
+}
+
+/// Refuses layers longer than the file, for which the library asks memory unread, and more points than
+/// the chunks hold, for which it would read on behind them (the specification of `LAZ` 1.4, "Layered
+/// chunks": a point as it is, the number of points, the length of each layer, the layers).
+fn check_layers(path: &Path, raw: &Header, header: &las::Header, size: u64) -> Result<()> {
+    let Ok(compression) = header.laz_vlr() else {
+        return Ok(());
+    };
+    if compression.items().iter().all(|item| item.version() < 3) {
+        return Ok(());
+    }
+    let damaged = |e| Error::format(path, "is no sound LAZ file").because(e);
+    let unreadable = |e| Error::read(path, e);
+    let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
+    let start = u64::from(raw.offset_to_point_data);
+    file.seek(SeekFrom::Start(start)).map_err(unreadable)?;
+    let table = ChunkTable::read_from(&mut file, &compression).map_err(damaged)?;
+    let layers: u64 = compression.items().iter().map(layers_of).sum();
+    let head = compression.items_size() + 4;
+    let mut place = start + ChunkTable::OFFSET_SIZE as u64;
+    let mut points = 0_u64;
+    for chunk in &table {
+        file.seek(SeekFrom::Start(place + head))
+            .map_err(unreadable)?;
+        place += head + 4 * layers;
+        for _ in 0..layers {
+            let mut length = [0; 4];
+            file.read_exact(&mut length).map_err(unreadable)?;
+            place += u64::from(u32::from_le_bytes(length));
+        }
+        if place > size {
+            return Err(Error::format(
+                path,
+                format!("declares points up to byte {place}, the file has {size}"),
+            ));
+        }
+        points = points.saturating_add(chunk.point_count);
+    }
+    let declared = header.number_of_points();
+    if declared > points {
+        return Err(Error::format(
+            path,
+            format!("declares {declared} points, its chunks hold {points}"),
+        ));
+    }
+    Ok(())
+}
+
+/// How many layers a part of a point is kept in.
+fn layers_of(item: &LazItem) -> u64 {
+    match item.item_type() {
+        LazItemType::Point14 => 9,
+        LazItemType::RGBNIR14 => 2,
+        LazItemType::Byte14(count) => u64::from(count),
+        _ => 1,
+    }
 }
