@@ -2,11 +2,11 @@
 """Files of other programs read by lsdc, and its files read by them.
 
 Writes the points of the room in `assets/` in every form with NumPy, tifffile, OpenEXR, OpenCV,
-plyfile, pypcd4, laspy and pycolmap, completes each, and compares the results with that of the npy
+plyfile, pypcd4, laspy, Open3D and pycolmap, completes each, and compares the results with that of the npy
 map; then reads every form of the result back. Clouds lie in the world of a camera whose lens bends,
 as OpenCV says.
 
-    pip install numpy tifffile OpenEXR opencv-python-headless plyfile pypcd4 'laspy[lazrs]' pycolmap
+    pip install numpy tifffile OpenEXR opencv-python-headless plyfile pypcd4 'laspy[lazrs]' pycolmap open3d
     python3 scripts/formats.py [PROGRAM]
 """
 
@@ -18,6 +18,7 @@ from pathlib import Path
 import cv2
 import laspy
 import numpy as np
+import open3d
 import OpenEXR
 import plyfile
 import pycolmap
@@ -134,7 +135,12 @@ def clouds(folder: Path, places: np.ndarray) -> dict[str, float]:
         scan = laspy.LasData(header)
         scan.x, scan.y, scan.z = places.T
         scan.write(str(folder / name))
-    return {path.name: 1e-4 if "las" in path.name or "laz" in path.name else 1e-5 for path in sorted(folder.iterdir())}
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(places))
+    for name, options in (("open3d.ply", {}), ("open3d.pcd", {"compressed": True})):
+        open3d.io.write_point_cloud(str(folder / name), cloud, **options)
+    # Steps of scans, and of float32 kilometres from the origin.
+    coarse = {"old.las", "new.las", "new.laz", "open3d.pcd"}
+    return {path.name: 1e-4 if path.name in coarse else 1e-5 for path in sorted(folder.iterdir())}
 
 
 def check_clouds(program: str, at: Path, sparse: np.ndarray) -> None:
@@ -179,6 +185,11 @@ def check_clouds(program: str, at: Path, sparse: np.ndarray) -> None:
         print(f"| ply, {lens} | {worst:.2g}; {off:.2g} |")
         assert worst < 1e-5 and off < 1e-3 and len(places) > 0.99 * depth.size
         assert (colours == image[nearest[:, 1], nearest[:, 0]]).all()
+        cloud = open3d.io.read_point_cloud(str(at / f"{lens}-out.ply"))
+        again = np.round(np.asarray(cloud.colors) * 255)
+        worst = np.abs(np.asarray(cloud.points) - places).max()
+        print(f"| ply, {lens}, by Open3D | {worst:.2g} to plyfile |")
+        assert worst == 0 and (again == colours).all()
 
 
 def check_images(program: str, at: Path) -> None:

@@ -83,6 +83,11 @@ impl DepthMap {
         &self.values
     }
 
+    /// The same, without the map.
+    pub fn into_values(self) -> Vec<f32> {
+        self.values
+    }
+
     /// The depth at a pixel of the map.
     pub fn at(&self, x: usize, y: usize) -> f32 {
         self.values[y * self.width + x]

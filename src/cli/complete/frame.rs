@@ -130,7 +130,7 @@ impl<'a> Engine<'a> {
             Weighed::Untrained(method) => (complete_classic(method, rgb, sparse)?, None),
         };
         Ok(Completed {
-            depth: self.args.preserve_input.apply(&depth, sparse)?,
+            depth: self.args.preserve_input.apply(depth, sparse)?,
             fitted,
         })
     }

@@ -3,11 +3,13 @@
 use super::tiff::check_tags;
 use super::{plausible, write_atomically};
 use crate::data::DepthMap;
-use crate::error::{Cause, Error, Result};
+use crate::error::{Error, Result};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
-    ColorType, DynamicImage, ImageBuffer, ImageDecoder, ImageFormat, ImageReader, Luma, RgbImage,
+    ColorType, DynamicImage, ImageBuffer, ImageDecoder, ImageError, ImageFormat, ImageReader,
+    ImageResult, Luma, RgbImage,
 };
+use std::io::Write;
 use std::path::Path;
 
 /// Reads a JPEG, PNG, WebP or TIFF as 8-bit RGB, turned upright as its EXIF record asks.
@@ -59,7 +61,7 @@ pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> 
     let image: ImageBuffer<Luma<u16>, Vec<u16>> =
         ImageBuffer::from_raw(depth.width() as u32, depth.height() as u32, values)
             .ok_or_else(|| Error::shape("depth map and image differ in size"))?;
-    write_png(path, &image.into())
+    write_png(path, |encoder| image.write_with_encoder(encoder))
 }
 
 /// Writes an 8-bit colour PNG.
@@ -67,17 +69,21 @@ pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> 
 /// # Errors
 /// The file cannot be written.
 pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<()> {
-    write_png(path, &image.clone().into())
+    write_png(path, |encoder| image.write_with_encoder(encoder))
 }
 
-fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
-    let mut bytes = Vec::new();
-    // Trying every filter on each row takes longer than what it saves is worth.
-    let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Up);
-    image.write_with_encoder(encoder).map_err(|e| {
-        Error::new(Cause::Write, format!("cannot encode `{}`", path.display())).because(e)
-    })?;
-    write_atomically(path, |out| out.write_all(&bytes))
+fn write_png(
+    path: &Path,
+    encode: impl FnOnce(PngEncoder<&mut dyn Write>) -> ImageResult<()>,
+) -> Result<()> {
+    write_atomically(path, |out| {
+        // Trying every filter on each row takes longer than what it saves is worth.
+        let encoder = PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Up);
+        encode(encoder).map_err(|e| match e {
+            ImageError::IoError(e) => e,
+            other => std::io::Error::other(other),
+        })
+    })
 }
 
 /// Width, height and what a pixel is made of, as stored.
@@ -89,14 +95,14 @@ pub(crate) fn image_kind(path: &Path) -> Result<((usize, usize), ColorType)> {
 
 fn open(path: &Path) -> Result<DynamicImage> {
     let mut decoder = decoder(path)?;
-    let damaged = |e: image::ImageError| damaged(path, e);
+    let damaged = |e: ImageError| damaged(path, e);
     let orientation = decoder.orientation().map_err(damaged)?;
     let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     image.apply_orientation(orientation);
     Ok(image)
 }
 
-fn damaged(path: &Path, cause: image::ImageError) -> Error {
+fn damaged(path: &Path, cause: ImageError) -> Error {
     Error::format(path, "is not a readable image")
         .because(cause)
         .hint("JPEG, PNG, WebP and TIFF are read; check that the file is complete")
