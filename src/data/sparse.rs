@@ -179,111 +179,114 @@ impl Sparse {
         })
     }
 
-    fn of_cloud(
-        path: &Path,
-        camera: &Camera,
-        unit: Unit,
-        (width, height): (usize, usize),
-    ) -> Result<Self> {
-        let mut depths = vec![0.0_f32; width * height];
-        let (mut all, mut ignored, mut outside, mut hidden) = (0_usize, 0, 0, 0);
+    fn of_cloud(path: &Path, camera: &Camera, unit: Unit, size: (usize, usize)) -> Result<Self> {
+        let mut screen = Screen::new(size);
+        let mut all = 0_usize;
         read_cloud(path, &mut |point| {
             all += 1;
             if point.iter().any(|v| !v.is_finite()) {
-                ignored += 1;
+                screen.ignored += 1;
                 return;
             }
-            let point = point.map(|v| v * unit.metres());
-            let pixel = camera
-                .project(point)
-                .and_then(|(place, depth)| Some((pixel(place, (width, height))?, depth as f32)));
-            let Some((pixel, depth)) = pixel else {
-                outside += 1;
-                return;
-            };
-            let here = &mut depths[pixel];
-            if *here > 0.0 {
-                hidden += 1;
-            }
-            if *here == 0.0 || depth < *here {
-                *here = depth;
+            match camera.project(point.map(|v| v * unit.metres())) {
+                Some((place, depth)) => screen.add(place, depth as f32, None),
+                None => screen.outside += 1,
             }
         })?;
-        hidden += remove_hidden(width, &mut depths);
-        let depth = DepthMap::new(width, height, depths)?;
-        if depth.count() == 0 {
+        screen.hidden += remove_hidden(size.0, &mut screen.depths);
+        let found = screen.sparse(unit)?;
+        if found.depth.count() == 0 {
+            let (width, height) = size;
             let what = format!("none of its {all} points lies in the image of {width}x{height}");
             return Err(Error::format(path, what).hint(
                 "check the camera: its pose leads from the cloud's axes to x right, y down, z \
                  forwards, in metres",
             ));
         }
-        Ok(Self {
-            depth,
-            sigma: None,
-            unit,
-            guessed: false,
-            ignored,
-            outside,
-            hidden,
-        })
+        Ok(found)
     }
 
-    fn of_list(
-        path: &Path,
-        points: &[Listed],
-        unit: Unit,
-        (width, height): (usize, usize),
-    ) -> Result<Self> {
-        let mut depths = vec![0.0_f32; width * height];
-        let mut sigmas = points
-            .iter()
-            .any(|p| p.sigma.is_some())
-            .then(|| vec![0.0; width * height]);
-        let (mut ignored, mut outside, mut hidden) = (0, 0, 0);
+    fn of_list(path: &Path, points: &[Listed], unit: Unit, size: (usize, usize)) -> Result<Self> {
+        let mut screen = Screen::new(size);
+        let metres = |value: f64| (value * unit.metres()) as f32;
         for point in points {
-            let depth = (point.depth * unit.metres()) as f32;
-            if !(depth > 0.0 && depth.is_finite()) {
-                ignored += 1;
-                continue;
-            }
-            let Some(pixel) = pixel([point.u, point.v], (width, height)) else {
-                outside += 1;
-                continue;
-            };
-            let here = &mut depths[pixel];
-            if *here > 0.0 {
-                hidden += 1;
-            }
-            if *here == 0.0 || depth < *here {
-                *here = depth;
-                if let (Some(sigmas), Some(sigma)) = (&mut sigmas, point.sigma) {
-                    sigmas[pixel] = (sigma * unit.metres()) as f32;
-                }
+            let sigma = point.sigma.map(metres);
+            screen.add([point.u, point.v], metres(point.depth), sigma);
+        }
+        let found = screen.sparse(unit)?;
+        if found.depth.count() == 0 {
+            let (all, (width, height)) = (points.len(), size);
+            let what = format!(
+                "none of its {all} points lies in the image of {width}x{height} with a positive \
+                 depth"
+            );
+            return Err(Error::format(path, what)
+                .hint("columns are u, v, depth: u to the right, v down, in pixels"));
+        }
+        Ok(found)
+    }
+}
+
+/// The nearest point in each pixel, and how many others there were.
+struct Screen {
+    size: (usize, usize),
+    depths: Vec<f32>,
+    /// Empty until a point has one.
+    sigmas: Vec<f32>,
+    ignored: usize,
+    outside: usize,
+    hidden: usize,
+}
+
+impl Screen {
+    /// Of an image of `size` (width, height).
+    fn new(size: (usize, usize)) -> Self {
+        Self {
+            size,
+            depths: vec![0.0; size.0 * size.1],
+            sigmas: Vec::new(),
+            ignored: 0,
+            outside: 0,
+            hidden: 0,
+        }
+    }
+
+    /// Takes in a point at `place` (u, v); depth and deviation in metres.
+    fn add(&mut self, place: [f64; 2], depth: f32, sigma: Option<f32>) {
+        if !(depth > 0.0 && depth.is_finite()) {
+            self.ignored += 1;
+            return;
+        }
+        let Some(pixel) = pixel(place, self.size) else {
+            self.outside += 1;
+            return;
+        };
+        if sigma.is_some() && self.sigmas.is_empty() {
+            self.sigmas.resize(self.depths.len(), 0.0);
+        }
+        let here = &mut self.depths[pixel];
+        if *here > 0.0 {
+            self.hidden += 1;
+        }
+        if *here == 0.0 || depth < *here {
+            *here = depth;
+            if let Some(deviation) = self.sigmas.get_mut(pixel) {
+                *deviation = sigma.unwrap_or(0.0);
             }
         }
-        let depth = DepthMap::new(width, height, depths)?;
-        if depth.count() == 0 {
-            return Err(Error::format(
-                path,
-                format!(
-                    "none of its {} points lies in the image of {width}x{height} with a positive \
-                     depth",
-                    points.len()
-                ),
-            )
-            .hint("columns are u, v, depth: u to the right, v down, in pixels"));
-        }
-        Ok(Self {
-            depth,
-            sigma: sigmas
-                .map(|values| DepthMap::new(width, height, values))
-                .transpose()?,
+    }
+
+    fn sparse(self, unit: Unit) -> Result<Sparse> {
+        let map = |values| DepthMap::new(self.size.0, self.size.1, values);
+        let sigma = (!self.sigmas.is_empty()).then(|| map(self.sigmas));
+        Ok(Sparse {
+            depth: map(self.depths)?,
+            sigma: sigma.transpose()?,
             unit,
             guessed: false,
-            ignored,
-            outside,
-            hidden,
+            ignored: self.ignored,
+            outside: self.outside,
+            hidden: self.hidden,
         })
     }
 }
