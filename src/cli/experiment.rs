@@ -6,7 +6,7 @@ use crate::config::Config;
 use crate::data::{DataConfig, DatasetKind, Split};
 use crate::device::device;
 use crate::error::Result;
-use crate::experiment::{self, Event, Lab, Recipe};
+use crate::experiment::{self, Event, Experiment, Lab, Recipe};
 use crate::fit::FitMethod;
 use crate::predict::{Completer, open_weights, weights_name};
 use crate::report::write_page;
@@ -27,7 +27,8 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
     let stop = ui::stop_flag();
     let bar = ui::bar(1, "s");
     let mut announced = None;
-    let sections = experiment::run(&Chosen::experiments(&args.names), &lab, |event| {
+    let experiments = Chosen::experiments(&args.names);
+    let sections = experiment::run(&experiments, &lab, |event| {
         match event {
             Event::Trying { done, total, cell } => {
                 bar.set_length(total as u64);
@@ -57,7 +58,7 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
         ui::say("hint: the same command goes on where it stopped");
         return Ok(Exit::Interrupted);
     };
-    let page = lab.folder.join("index.html");
+    let page = lab.folder.join(page(&experiments));
     write_page(&page, "Experiments", &sections)?;
     for section in &sections {
         ui::print(&section.to_string());
@@ -68,7 +69,22 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
         ui::say(&format!("took {took}, announced {}", words(time)));
     }
     ui::tell(&format!("written   {}", page.display()));
-    Ok(Exit::Done)
+    Ok(
+        if sections.iter().all(|section| section.failures.is_empty()) {
+            Exit::Done
+        } else {
+            Exit::Partial
+        },
+    )
+}
+
+/// The page's file: one of fewer experiments does not take the place of that of all.
+fn page(experiments: &[Experiment]) -> String {
+    if experiments == Experiment::ALL {
+        return "index.html".to_owned();
+    }
+    let names: Vec<&str> = experiments.iter().map(|e| e.name()).collect();
+    format!("{}.html", names.join("-"))
 }
 
 /// How long a part is tried before the time for all is announced.

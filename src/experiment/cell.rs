@@ -8,7 +8,7 @@ use crate::fit::FitConfig;
 use crate::metrics::Scores;
 use crate::model::BasisNetConfig;
 use crate::predict::{Completer, Method};
-use crate::report::{Exhibit, Heading, Panels, Report, Section};
+use crate::report::{Exhibit, Failure, Heading, Panels, Report, Section};
 use crate::sample::{Noise, Pattern, Preset, Protocol};
 use crate::train::{Event, Outcome, TrainConfig, Trainer};
 use std::ops::ControlFlow;
@@ -26,6 +26,11 @@ pub(super) trait Cell {
 
     /// Goes on with what is left to do.
     fn run(&self, progress: &mut Progress<'_>) -> Result<()>;
+
+    /// Frames that could not be measured, once it is done.
+    fn failures(&self) -> Result<Vec<Failure>> {
+        Ok(Vec::new())
+    }
 }
 
 /// Methods measured on frames.
@@ -204,6 +209,10 @@ impl Cell for Measured<'_> {
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
         self.go_on(progress).map(|_| ())
     }
+
+    fn failures(&self) -> Result<Vec<Failure>> {
+        Ok(self.report()?.failures().to_vec())
+    }
 }
 
 /// A network trained and then measured.
@@ -320,5 +329,9 @@ impl Cell for Trained<'_> {
         }
         self.measured()?
             .run(&mut |share| progress((steps + measuring * share) / (steps + measuring)))
+    }
+
+    fn failures(&self) -> Result<Vec<Failure>> {
+        self.measured()?.failures()
     }
 }

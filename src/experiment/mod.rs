@@ -240,7 +240,13 @@ pub fn run(
     }
     let sections: Vec<Section> = studies
         .iter()
-        .map(|study| study.section())
+        .map(|study| {
+            let mut section = study.section()?;
+            for cell in study.cells() {
+                section.leave_out(cell.failures()?);
+            }
+            Ok(section)
+        })
         .collect::<Result<_>>()?;
     for section in &sections {
         section.write(&lab.folder)?;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::data::{Rooms, RoomsConfig, Split};
+use crate::data::{Frame, FrameId, Rooms, RoomsConfig, Split};
 use crate::model::ExtractorConfig;
 use crate::sample::{Pattern, Protocol, SupervisionConfig};
 use burn::tensor::Device;
@@ -152,4 +152,51 @@ fn experiments_without_their_data_say_so() {
         "{}",
         sections[0].about[0]
     );
+}
+
+/// Rooms of which one cannot be read.
+struct Torn(Rooms);
+
+impl Dataset for Torn {
+    fn about(&self) -> String {
+        self.0.about()
+    }
+
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn id(&self, index: usize) -> FrameId {
+        self.0.id(index)
+    }
+
+    fn load(&self, index: usize) -> Result<Frame> {
+        if index == 1 {
+            return Err(Error::config("torn"));
+        }
+        self.0.load(index)
+    }
+}
+
+#[test]
+fn frames_that_fail_are_named_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = lab(folder.path());
+    let config = RoomsConfig {
+        width: 64,
+        height: 48,
+        ..RoomsConfig::default()
+    };
+    let frames = Torn(Rooms::new(Split::Val, &config).unwrap());
+    let name = frames.id(1).to_string();
+    let lab = Lab {
+        frames: Arc::new(frames),
+        ..whole
+    };
+    let sections = run(&[Experiment::Scale], &lab, go_on).unwrap().unwrap();
+    let failed = &sections[0].failures;
+    assert_eq!(failed.len(), 1, "{failed:?}");
+    assert_eq!((&failed[0].frame, &*failed[0].error), (&name, "torn"));
+    let text = std::fs::read_to_string(folder.path().join("scale.txt")).unwrap();
+    assert!(text.contains(&format!("- {name}: torn")), "{text}");
 }

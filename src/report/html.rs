@@ -4,7 +4,7 @@ use super::chart::{COLOURS, Chart, Line};
 use super::colour::{coloured, errors};
 use super::drawing::{encoded, escaped};
 use super::text::{TABLES, shown};
-use super::{Mean, Report};
+use super::{Failure, Mean, Report};
 use crate::data::{DepthMap, Place, write_atomically};
 use crate::error::Result;
 use crate::metrics::{Axis, Bin, Certainty, Metric};
@@ -72,14 +72,7 @@ impl Report {
         for exhibit in exhibits {
             page.push_str(&exhibited(exhibit));
         }
-        if !self.failures.is_empty() {
-            page.push_str("\n<h2>Frames that failed</h2><ul class='failures'>");
-            for failure in &self.failures {
-                let text = format!("{}: {}", failure.frame, failure.error);
-                let _ = write!(page, "<li>{}</li>", escaped(&text));
-            }
-            page.push_str("</ul>");
-        }
+        page.push_str(&failed(&self.failures));
         let _ = write!(
             page,
             "\n<p class='spread'>lsdc {}</p></body></html>\n",
@@ -188,7 +181,6 @@ impl Report {
     }
 }
 
-/// All measures of each method, errors and shares apart; the best of each column stands out.
 /// The page up to its title.
 pub(super) fn begin(title: &str) -> String {
     format!(
@@ -215,6 +207,20 @@ pub(super) fn legend(methods: &[String]) -> String {
     legend
 }
 
+/// What is not in the numbers.
+pub(super) fn failed(failures: &[Failure]) -> String {
+    if failures.is_empty() {
+        return String::new();
+    }
+    let mut list = String::from("\n<h3>Frames that failed</h3><ul class='failures'>");
+    for failure in failures {
+        let text = format!("{}: {}", failure.frame, failure.error);
+        let _ = write!(list, "<li>{}</li>", escaped(&text));
+    }
+    list + "</ul>"
+}
+
+/// All measures of each method, errors and shares apart; the best of each column stands out.
 fn tables(means: &[Mean]) -> String {
     TABLES.iter().map(|metrics| table(means, metrics)).collect()
 }

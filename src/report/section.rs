@@ -1,8 +1,8 @@
 //! What an experiment found: words, tables and pictures, in files and on a page.
 
-use super::Table;
 use super::drawing::{Drawing, escaped};
-use super::html::begin;
+use super::html::{begin, failed};
+use super::{Failure, Table};
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
 use serde::Serialize;
@@ -26,6 +26,8 @@ pub struct Section {
     pub notes: Vec<String>,
     /// What was found, in pictures.
     pub figures: Vec<Figure>,
+    /// What could not be measured and is left out of all this.
+    pub failures: Vec<Failure>,
 }
 
 /// A picture with a name.
@@ -51,6 +53,7 @@ impl Section {
             findings: Vec::new(),
             notes: Vec::new(),
             figures: Vec::new(),
+            failures: Vec::new(),
         }
     }
 
@@ -61,6 +64,15 @@ impl Section {
             caption: caption.to_owned(),
             drawing,
         });
+    }
+
+    /// Says once of each frame that it failed.
+    pub fn leave_out(&mut self, failures: Vec<Failure>) {
+        for failure in failures {
+            if !self.failures.contains(&failure) {
+                self.failures.push(failure);
+            }
+        }
     }
 
     /// Writes `NAME.txt`, `NAME.json`, `NAME.csv` with a blank line between tables, and each picture
@@ -118,6 +130,7 @@ impl Section {
         for text in &self.notes {
             paragraph(&mut html, text, " class='spread'");
         }
+        html.push_str(&failed(&self.failures));
         html
     }
 }
@@ -163,6 +176,12 @@ impl Display for Section {
         }
         for text in &self.notes {
             writeln!(f, "- {text}")?;
+        }
+        if !self.failures.is_empty() {
+            writeln!(f, "\nFrames that failed:")?;
+        }
+        for Failure { frame, error } in &self.failures {
+            writeln!(f, "- {frame}: {error}")?;
         }
         Ok(())
     }

@@ -47,7 +47,7 @@ fn experiments_write_tables_pictures_and_a_page() {
         assert_eq!(png.width(), doubled(size("width")), "{name}");
         assert_eq!(png.height(), doubled(size("height")), "{name}");
     }
-    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
+    let page = std::fs::read_to_string(out.join("kernels-cost.html")).unwrap();
     assert!(page.contains("id='kernels'") && page.contains("id='cost'"));
 
     // What was measured is kept.
