@@ -188,7 +188,7 @@ fn frames_that_fail_are_named_once() {
         ..RoomsConfig::default()
     };
     let frames = Torn(Rooms::new(Split::Val, &config).unwrap());
-    let name = frames.id(1).to_string();
+    let name = frames.id(1).clone();
     let lab = Lab {
         frames: Arc::new(frames),
         ..whole

@@ -126,7 +126,7 @@ fn check_layers(path: &Path, raw: &Header, header: &las::Header, size: u64) -> R
     let start = u64::from(raw.offset_to_point_data);
     file.seek(SeekFrom::Start(start)).map_err(unreadable)?;
     let table = ChunkTable::read_from(&mut file, &compression).map_err(damaged)?;
-    let layers: u64 = compression.items().iter().map(layers_of).sum();
+    let layers: u64 = compression.items().iter().copied().map(layers_of).sum();
     let head = compression.items_size() + 4;
     let mut place = start + ChunkTable::OFFSET_SIZE as u64;
     let mut points = 0_u64;
@@ -158,7 +158,7 @@ fn check_layers(path: &Path, raw: &Header, header: &las::Header, size: u64) -> R
 }
 
 /// How many layers a part of a point is kept in.
-fn layers_of(item: &LazItem) -> u64 {
+fn layers_of(item: LazItem) -> u64 {
     match item.item_type() {
         LazItemType::Point14 => 9,
         LazItemType::RGBNIR14 => 2,
