@@ -18,10 +18,12 @@ pub enum Preset {
     Paper,
     /// Fewer blocks and a narrower MLP: 2.5 M parameters, about half of the compute.
     Medium,
-    /// The medium network with features at full resolution.
+    /// The medium network, and one that judges edges: 3.2 M.
     Sharp,
     /// About a tenth of the compute, for weak machines.
     Small,
+    /// The small network, and one that judges edges.
+    Light,
 }
 
 /// A configuration file.
@@ -84,6 +86,7 @@ impl Config {
             Preset::Medium => BasisNetConfig::medium(),
             Preset::Sharp => BasisNetConfig::sharp(),
             Preset::Small => BasisNetConfig::small(),
+            Preset::Light => BasisNetConfig::light(),
         })
     }
 

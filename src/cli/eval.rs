@@ -24,7 +24,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     let folder = args.folder();
     let outputs = Outputs::of(args, folder.as_deref())?;
     let eval = &config.eval;
-    let frames = settings::open(&config.data, args.split)?;
+    let frames = settings::open(&config.data, args.draws.split)?;
     let preset = Preset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
     let mut protocol = eval.protocol.unwrap_or(preset.protocol);
     if let Some(depth_resize) = args.depth_resize {
@@ -48,7 +48,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         uncertainty: args.uncertainty,
         limit: eval.limit,
     };
-    let name = format!("{} {}", config.data.dataset.name(), args.split.name());
+    let name = format!("{} {}", config.data.dataset.name(), args.draws.split.name());
     let followed = if eval.protocol.is_some() {
         "of the configuration".to_owned()
     } else {

@@ -95,14 +95,11 @@ fn lab(args: &Experiments) -> Result<Lab> {
     let mut config = Config::load(Some(path), &args.settings.set)?;
     args.source.apply(&mut config.data);
     let eval = &mut config.eval;
-    eval.preset = args.protocol.clone().or(eval.preset.take());
-    eval.seed = args.seed.unwrap_or(eval.seed);
-    eval.seeds = args.seeds.unwrap_or(eval.seeds);
-    eval.limit = args.limit.or(eval.limit);
+    args.draws.apply(eval);
     eval.check()?;
     config.train.steps = args.steps;
     config.train.check()?;
-    let frames = settings::open(&config.data, args.split)?;
+    let frames = settings::open(&config.data, args.draws.split)?;
     let mut preset = Preset::named(eval.preset.as_deref().unwrap_or(frames.protocol()))?;
     preset.protocol = eval.protocol.unwrap_or(preset.protocol);
     preset.points = eval.points.clone().unwrap_or(preset.points);
@@ -122,7 +119,7 @@ fn lab(args: &Experiments) -> Result<Lab> {
     let data = config.data.clone();
     Ok(Lab {
         folder: args.output.clone(),
-        dataset: format!("{} {}", config.data.dataset.name(), args.split.name()),
+        dataset: format!("{} {}", config.data.dataset.name(), args.draws.split.name()),
         frames,
         preset,
         rules: config.eval.rules,

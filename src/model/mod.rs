@@ -99,6 +99,14 @@ impl BasisNetConfig {
         }
     }
 
+    /// The small network, and one that judges edges.
+    pub fn light() -> Self {
+        Self {
+            edges: 16,
+            ..Self::small()
+        }
+    }
+
     /// Checks every setting.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! What is typed to measure methods on a dataset, and to write its frames.
 
 use super::values::{named_folder, typed};
-use super::{FitFlags, Model, Settings, Source};
+use super::{Draws, FitFlags, Model, Settings, Source};
 use crate::data::Split;
 use crate::eval::{EvalConfig, Shard};
 use crate::predict::Method;
@@ -15,13 +15,8 @@ pub(in crate::cli) struct Eval {
     pub(in crate::cli) settings: Settings,
     #[command(flatten)]
     pub(in crate::cli) source: Source,
-    /// Split of the dataset.
-    #[arg(long, value_enum, default_value = "val")]
-    pub(in crate::cli) split: Split,
-    /// Published protocol: full, nyu, nyu-s2d, nyu-cspn, nyu-conti, diode-paper, diode-masked,
-    /// diode-robustdc, kitti, void, marigold [default: that of the dataset].
-    #[arg(long, value_name = "NAME", help_heading = "Protocol")]
-    pub(in crate::cli) protocol: Option<String>,
+    #[command(flatten)]
+    pub(in crate::cli) draws: Draws,
     /// Sparse points: N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N,
     /// given, files:DIR [default: those of the protocol].
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
@@ -29,18 +24,9 @@ pub(in crate::cli) struct Eval {
     /// Spoil points: added:SHARE:METRES or outliers:SHARE.
     #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE", help_heading = "Protocol")]
     pub(in crate::cli) noise: Option<Noise>,
-    /// Names the first draw of points; the same for every method [default: 0].
-    #[arg(long, help_heading = "Protocol")]
-    pub(in crate::cli) seed: Option<u64>,
-    /// Draws of points, with consecutive seeds [default: 1].
-    #[arg(long, value_name = "N", help_heading = "Protocol")]
-    pub(in crate::cli) seeds: Option<usize>,
     /// How true depths are resized [default: that of the protocol].
     #[arg(long, value_enum, help_heading = "Protocol")]
     pub(in crate::cli) depth_resize: Option<Interpolation>,
-    /// Measure only the first frames.
-    #[arg(long, value_name = "N", help_heading = "Protocol")]
-    pub(in crate::cli) limit: Option<usize>,
     /// Methods, side by side on the same points: lsdc, nearest, linear, idw, tps, wls, levin,
     /// steering, ip-basic [default: lsdc,linear].
     #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES")]
@@ -94,12 +80,9 @@ impl Eval {
 
     /// Lays the flags over the configuration.
     pub(in crate::cli) fn apply(&self, eval: &mut EvalConfig) {
-        eval.preset = self.protocol.clone().or(eval.preset.take());
+        self.draws.apply(eval);
         eval.points = self.points.clone().or(eval.points.take());
         eval.noise = self.noise.or(eval.noise);
-        eval.seed = self.seed.unwrap_or(eval.seed);
-        eval.seeds = self.seeds.unwrap_or(eval.seeds);
-        eval.limit = self.limit.or(eval.limit);
         if !self.method.is_empty() {
             eval.methods.clone_from(&self.method);
         }

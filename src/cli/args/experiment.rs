@@ -1,8 +1,7 @@
 //! What is typed to repeat the paper's experiments.
 
 use super::values::{Chosen, named_folder};
-use super::{Model, Settings, Source};
-use crate::data::Split;
+use super::{Draws, Model, Settings, Source};
 use clap::Args as ClapArgs;
 use std::path::PathBuf;
 
@@ -23,24 +22,11 @@ pub(in crate::cli) struct Experiments {
     pub(in crate::cli) settings: Settings,
     #[command(flatten)]
     pub(in crate::cli) source: Source,
-    /// Split to measure on.
-    #[arg(long, value_enum, default_value = "val")]
-    pub(in crate::cli) split: Split,
+    #[command(flatten)]
+    pub(in crate::cli) draws: Draws,
     /// Folder of DIODE, for experiment `diode`.
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) diode: Option<PathBuf>,
-    /// Published protocol, as for `eval` [default: that of the dataset].
-    #[arg(long, value_name = "NAME", help_heading = "Protocol")]
-    pub(in crate::cli) protocol: Option<String>,
-    /// Measure only the first frames.
-    #[arg(long, value_name = "N", help_heading = "Protocol")]
-    pub(in crate::cli) limit: Option<usize>,
-    /// Names the first draw of points [default: 0].
-    #[arg(long, help_heading = "Protocol")]
-    pub(in crate::cli) seed: Option<u64>,
-    /// Draws of points, with consecutive seeds [default: 1].
-    #[arg(long, value_name = "N", help_heading = "Protocol")]
-    pub(in crate::cli) seeds: Option<usize>,
     /// Depth maps of another program for the benchmark, as for `eval`; may be repeated.
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
     pub(in crate::cli) predictions: Vec<(String, PathBuf)>,

@@ -18,7 +18,8 @@ pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 pub(super) use training::{Calibrate, Convert, Train, WeightsCommand};
 pub(super) use values::{Chosen, Format};
 
-use crate::data::DatasetKind;
+use crate::data::{DatasetKind, Split};
+use crate::eval::EvalConfig;
 use clap::{Args as ClapArgs, Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -99,4 +100,35 @@ pub(super) struct Source {
     /// Folder of the dataset [default: `data.root` of the configuration, or LSDC_DATA].
     #[arg(long, value_name = "DIR")]
     pub(super) root: Option<PathBuf>,
+}
+
+/// Which frames are measured, and which points of them.
+#[derive(Debug, ClapArgs)]
+pub(super) struct Draws {
+    /// Split of the dataset.
+    #[arg(long, value_enum, default_value = "val")]
+    pub(super) split: Split,
+    /// Published protocol: full, nyu, nyu-s2d, nyu-cspn, nyu-conti, diode-paper, diode-masked,
+    /// diode-robustdc, kitti, void, marigold [default: that of the dataset].
+    #[arg(long, value_name = "NAME", help_heading = "Protocol")]
+    protocol: Option<String>,
+    /// Names the first draw of points; the same for every method [default: 0].
+    #[arg(long, help_heading = "Protocol")]
+    seed: Option<u64>,
+    /// Draws of points, with consecutive seeds [default: 1].
+    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    seeds: Option<usize>,
+    /// Measure only the first frames.
+    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    limit: Option<usize>,
+}
+
+impl Draws {
+    /// Lays the flags over the configuration.
+    pub(super) fn apply(&self, eval: &mut EvalConfig) {
+        eval.preset = self.protocol.clone().or(eval.preset.take());
+        eval.seed = self.seed.unwrap_or(eval.seed);
+        eval.seeds = self.seeds.unwrap_or(eval.seeds);
+        eval.limit = self.limit.or(eval.limit);
+    }
 }
