@@ -3,7 +3,7 @@
 
 Trains one variant after the other from the same seed, measures each on test frames, and prints a
 table. What exists is not done again: stop and go on as you like. Variants of `nyu-joint.toml` judge
-edges and start from weights with base functions; those of `nyu-medium.toml` learn base functions.
+edges and start from weights with base functions; those of `nyu-half.toml` learn base functions.
 
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 --start WEIGHTS -o ablation
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 -o ablation --only 'bases;N=16'
@@ -73,7 +73,7 @@ def edges(**changes: dict) -> Variant:
 
 
 def bases(**changes: dict) -> Variant:
-    return Variant("nyu-medium", changes)
+    return Variant("nyu-half", changes)
 
 
 def functions(count: int) -> Variant:
@@ -214,7 +214,7 @@ def main() -> None:
         names = [trained[args.task]]
     if not args.root:
         parser.error("--root is needed")
-    if not args.start and any(VARIANTS[n].config != "nyu-medium" for n in names):
+    if not args.start and any(VARIANTS[n].config != "nyu-half" for n in names):
         parser.error("--start is needed")
     print("| variant | RMSE 500 | REL 500 | RMSE 50 | REL 50 |\n|---|---|---|---|---|")
     for name in names:

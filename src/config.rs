@@ -45,13 +45,19 @@ pub struct Config {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 4] = [
+const BUILT_IN: [(&str, &str); 7] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
+    ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     (
         "nyu-medium.toml",
         include_str!("../configs/nyu-medium.toml"),
     ),
     ("nyu-joint.toml", include_str!("../configs/nyu-joint.toml")),
+    ("nyu-small.toml", include_str!("../configs/nyu-small.toml")),
+    (
+        "nyu-small-joint.toml",
+        include_str!("../configs/nyu-small-joint.toml"),
+    ),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
 

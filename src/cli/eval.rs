@@ -10,7 +10,6 @@ use crate::fit::FitConfig;
 use crate::predict::{Completer, Method, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -72,11 +71,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     let report = evaluation.run(heading, args.shard, journal, |done, total| {
         bar.set_length(total as u64);
         bar.set_position(done as u64);
-        if stop.load(Ordering::Relaxed) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
+        ui::unless(&stop)
     })?;
     bar.finish_and_clear();
 

@@ -11,13 +11,11 @@ use crate::fit::FitMethod;
 use crate::predict::{Completer, open_weights, weights_name};
 use crate::report::write_page;
 use crate::sample::Preset;
-use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// The recipe of the ablation, unless another is given.
-const RECIPE: &str = "nyu-medium.toml";
+const RECIPE: &str = "nyu-half.toml";
 
 pub(super) fn run(args: &Experiments) -> Result<Exit> {
     let lab = lab(args)?;
@@ -47,11 +45,7 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
                 bar.set_message(cell.to_owned());
             }
         }
-        if stop.load(Ordering::Relaxed) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
+        ui::unless(&stop)
     })?;
     bar.finish_and_clear();
     let Some(sections) = sections else {

@@ -5,6 +5,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::error::Error as _;
 use std::fs::File;
 use std::io::Write as _;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -123,4 +124,13 @@ pub(super) fn stop_flag() -> Arc<AtomicBool> {
         say("Ctrl-C cannot be caught here; it will end the program at once");
     }
     flag
+}
+
+/// On with the work, unless Ctrl-C was pressed.
+pub(super) fn unless(stop: &AtomicBool) -> ControlFlow<()> {
+    if stop.load(Ordering::Relaxed) {
+        ControlFlow::Break(())
+    } else {
+        ControlFlow::Continue(())
+    }
 }

@@ -4,7 +4,6 @@ use super::cell::{Cell, Measured};
 use super::{Lab, Study, published};
 use crate::error::Result;
 use crate::eval::Candidate;
-use crate::fit::{FitMethod, PriorKind};
 use crate::metrics::Metric;
 use crate::predict::{Classic, Method};
 use crate::report::{Column, Contest, Row, Section, Table};
@@ -46,10 +45,7 @@ impl<'a> Benchmark<'a> {
             methods: Measured::new(lab, "benchmark")
                 .methods(&all())
                 .beside(others),
-            plain: Measured::new(lab, "benchmark-plain").fit(|fit| {
-                fit.method = FitMethod::Lse;
-                fit.prior = PriorKind::None;
-            }),
+            plain: Measured::new(lab, "benchmark-plain").plain(),
         }
     }
 }

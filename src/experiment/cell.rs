@@ -4,7 +4,7 @@ use super::Lab;
 use crate::data::{Dataset, write_atomically};
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal, Shard};
-use crate::fit::FitConfig;
+use crate::fit::{FitConfig, FitMethod, PriorKind};
 use crate::metrics::Scores;
 use crate::model::BasisNetConfig;
 use crate::predict::{Completer, Method};
@@ -118,6 +118,14 @@ impl<'a> Measured<'a> {
         change(&mut fit);
         self.completer = self.completer.with_fit(fit);
         self
+    }
+
+    /// The paper's fit of the same base functions.
+    pub(super) fn plain(self) -> Self {
+        self.fit(|fit| {
+            fit.method = FitMethod::Lse;
+            fit.prior = PriorKind::None;
+        })
     }
 
     pub(super) fn completer(mut self, completer: Completer) -> Self {

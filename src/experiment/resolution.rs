@@ -5,7 +5,6 @@ use super::cell::{Cell, Measured};
 use super::{Lab, Study, published};
 use crate::error::Result;
 use crate::eval::{Candidate, Enlargement};
-use crate::fit::{FitMethod, PriorKind};
 use crate::metrics::Metric;
 use crate::predict::Method;
 use crate::report::{Column, Contest, Row, Section, Table};
@@ -70,10 +69,7 @@ impl<'a> Resolution<'a> {
                     plain("lsdc, the paper's fit", Enlargement::Bases),
                     plain("lsdc, the paper's fit, bilinear", Enlargement::Bilinear),
                 ])
-                .fit(|fit| {
-                    fit.method = FitMethod::Lse;
-                    fit.prior = PriorKind::None;
-                }),
+                .plain(),
         }
     }
 }

@@ -31,7 +31,7 @@ pub(in crate::cli) struct Experiments {
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
     pub(in crate::cli) predictions: Vec<(String, PathBuf)>,
     /// Steps of each training of the ablation; everything else is said by --config [default recipe:
-    /// nyu-medium.toml].
+    /// nyu-half.toml].
     #[arg(long, value_name = "N", default_value_t = 240)]
     pub(in crate::cli) steps: usize,
     #[command(flatten)]
