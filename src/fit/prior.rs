@@ -144,26 +144,43 @@ impl Prior {
     /// of the likelihood, by expectation and maximisation (Dempster, Laird and Rubin 1977),
     /// starting from a constant depth. The noise, in the same unit, is the same for all images.
     ///
+    /// Beside a field the mean is still that of points alone: a field leaves open what lies far apart,
+    /// which is all that a few points ask of the mean.
+    ///
     /// # Errors
     /// Fewer than two images, or base functions that are not finite.
     pub fn learn(images: &[ImageMoments]) -> Result<Self> {
-        const ROUNDS: usize = 30;
-        let [ImageMoments(first), _, ..] = images else {
+        if images.len() < 2 {
             return Err(Error::fit("a prior over weights needs two images at least"));
-        };
-        let columns = first.right.len();
+        }
+        let alone: Vec<&Moments> = images.iter().map(|image| &image.alone).collect();
+        let prior = Self::most_likely(&alone, None)?;
+        let field: Option<Vec<&Moments>> = images.iter().map(|i| i.field.as_ref()).collect();
+        match field {
+            None => Ok(prior),
+            Some(field) => Self::most_likely(&field, Some(prior.mean)),
+        }
+    }
+
+    /// The mean, unless it is known, and the covariance that make images most likely.
+    fn most_likely(images: &[&Moments], known: Option<Vec<f64>>) -> Result<Self> {
+        const ROUNDS: usize = 30;
+        let columns = images.first().map_or(0, |image| image.right.len());
         let singular = |_| {
             Error::fit("the prior over weights cannot be learned")
                 .hint("base functions or depths are not finite")
         };
         let mut prior = Self::flat(columns);
+        if let Some(mean) = &known {
+            prior.mean.clone_from(mean);
+        }
         let mut covariance = Mat::<f64>::identity(columns, columns) * faer::Scale(0.1);
         let mut noise = 0.01;
         for _ in 0..ROUNDS {
             let precision = inverse(&covariance).map_err(singular)?;
             let expected: Vec<(Vec<f64>, Mat<f64>)> = images
                 .par_iter()
-                .map(|ImageMoments(image)| {
+                .map(|image| {
                     let system = &image.normal * faer::Scale(1.0 / noise) + &precision;
                     let spread = inverse(&system)?;
                     let pull = &precision * column(&prior.mean);
@@ -175,23 +192,23 @@ impl Prior {
                 .collect::<std::result::Result<_, NotPositive>>()
                 .map_err(singular)?;
             let total = images.len() as f64;
-            let mut mean = vec![0.0; columns];
-            for (weights, _) in &expected {
-                mean.iter_mut()
-                    .zip(weights)
-                    .for_each(|(m, w)| *m += w / total);
+            if known.is_none() {
+                prior.mean.fill(0.0);
+                for (weights, _) in &expected {
+                    let pairs = prior.mean.iter_mut().zip(weights);
+                    pairs.for_each(|(m, w)| *m += w / total);
+                }
             }
             let off = Mat::from_fn(columns, images.len(), |i, j| {
-                (expected[j].0[i] - mean[i]) / total.sqrt()
+                (expected[j].0[i] - prior.mean[i]) / total.sqrt()
             });
             covariance = &off * off.transpose();
             let (mut squares, mut count) = (0.0, 0.0);
-            for (ImageMoments(image), (weights, spread)) in images.iter().zip(&expected) {
+            for (image, (weights, spread)) in images.iter().zip(&expected) {
                 covariance += spread * faer::Scale(1.0 / total);
                 squares += expected_square(image, weights, spread);
                 count += image.count as f64;
             }
-            prior.mean = mean;
             noise = (squares / count).max(f64::MIN_POSITIVE);
         }
         let spectrum = covariance
@@ -208,23 +225,28 @@ impl Prior {
 
 /// The points of one training image, as far as a prior is learned from them.
 #[derive(Clone, Debug)]
-pub struct ImageMoments(Moments);
+pub struct ImageMoments {
+    alone: Moments,
+    /// In the image's field, if the fit has one.
+    field: Option<Moments>,
+}
 
 impl ImageMoments {
-    /// Of points whose depths are divided by their mean; of points in a field, if there is a scene.
+    /// Of points whose depths are divided by their mean; in a field too, if there is a scene.
     ///
     /// # Errors
     /// No point, or values that are not finite.
     pub fn new(points: &Points<'_>, joint: &JointConfig) -> Result<Self> {
         let rows = points.rows(Space::Depth)?;
         let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;
-        if let Some(scene) = points.scene {
-            return Ok(Self(field_moments(&rows, scene, joint, mean)?));
-        }
         let depths: Vec<f64> = rows.values.iter().map(|d| d / mean).collect();
-        Ok(Self(
-            Problem::new(rows.bases, &depths, &rows.weights).moments(),
-        ))
+        let field = points
+            .scene
+            .map(|scene| field_moments(&rows, scene, joint, mean));
+        Ok(Self {
+            alone: Problem::new(rows.bases, &depths, &rows.weights).moments(),
+            field: field.transpose()?,
+        })
     }
 }
 
