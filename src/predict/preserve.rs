@@ -40,9 +40,6 @@ impl Preserve {
     /// # Errors
     /// None for maps that are sound.
     pub fn apply(self, depth: DepthMap, sparse: &DepthMap) -> Result<DepthMap> {
-        if self == Self::None {
-            return Ok(depth);
-        }
         let (width, height) = (depth.width(), depth.height());
         let scaled = |v: usize, from: usize, to: usize| ((2 * v + 1) * to / (2 * from)).min(to - 1);
         let (places, depths) = places(sparse);
