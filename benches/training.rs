@@ -38,7 +38,7 @@ fn step(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("training step");
     group.sample_size(10);
     for (name, network) in [
-        ("medium", BasisNetConfig::medium()),
+        ("small", BasisNetConfig::small()),
         ("paper", BasisNetConfig::paper()),
     ] {
         let net = network.init(0, &device).expect("a preset");
@@ -46,7 +46,9 @@ fn step(criterion: &mut Criterion) {
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
                 let before = learner.take().expect("put back below");
-                let (after, step) = before.step(&batch, 1e-4, 1).expect("a finite loss");
+                let (after, step) = before
+                    .step(std::slice::from_ref(&batch), 1e-4, 1)
+                    .expect("a finite loss");
                 learner = Some(after);
                 step
             });

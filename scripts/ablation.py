@@ -22,26 +22,39 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# The medium network; presets cannot be changed in part.
+# The small network; presets cannot be changed in part.
 NETWORK = {
     "extractor": {
-        "stem": 32,
+        "stem": 16,
         "stages": [
-            {"width": 32, "blocks": 3},
-            {"width": 64, "blocks": 4},
-            {"width": 128, "blocks": 3},
-            {"width": 128, "blocks": 3},
+            {"width": 16, "blocks": 2},
+            {"width": 32, "blocks": 6},
+            {"width": 64, "blocks": 2},
+            {"width": 64, "blocks": 1},
         ],
         "pools": [32, 16, 8, 4],
-        "branch": 32,
-        "merge": 128,
-        "features": 32,
+        "branch": 16,
+        "merge": 64,
+        "features": 64,
+        "sharpening": 2,
     },
     "octaves": 5,
     "hidden": [128, 128],
     "bases": 128,
     "edges": 0,
     "norm": "batch",
+}
+# Its extractor as the medium network has it.
+MEDIUM = {
+    "stem": 32,
+    "stages": [
+        {"width": 32, "blocks": 3},
+        {"width": 64, "blocks": 4},
+        {"width": 128, "blocks": 3},
+        {"width": 128, "blocks": 3},
+    ],
+    "branch": 32,
+    "merge": 128,
 }
 
 
@@ -99,11 +112,19 @@ VARIANTS = {
     "absolute error alone": edges(train=loss(rmse=0.0)),
     "no average of steps": edges(train={"average": None}),
     "everything, jointly": edges(
-        train={"part": "all", "learning_rate": 5e-4, "freeze_statistics": 0.0}
+        train={"part": "all", "learning_rate": 2e-3, "freeze_statistics": 0.0}
     ),
     "bases": bases(),
-    "bases, absolute loss alone": bases(train=loss(l2=0.0)),
-    "bases, squared loss alone": bases(train=loss(l1=0.0)),
+    "bases, not sharpened": bases(network={"extractor": {"sharpening": 0}}),
+    "bases, 32 features": bases(network={"extractor": {"features": 32}}),
+    "bases, medium extractor": bases(network={"extractor": MEDIUM}),
+    "bases, Adam": bases(train={"optimiser": "adam", "learning_rate": 5e-3}),
+    "bases, Adam, a fifth of the rate": bases(
+        train={"optimiser": "adam", "learning_rate": 1e-3}
+    ),
+    "bases, absolute loss alone": bases(train=loss(rmse=0.0)),
+    "bases, rms loss alone": bases(train=loss(l1=0.0)),
+    "bases, the paper's losses": bases(train=loss(rmse=0.0, l2=1.0)),
     "bases, no gradient loss": bases(train=loss(gradient=0.0)),
     "bases, one draw": bases(train={"supervision": {"draws": 1}}),
     "bases, no augmentation": bases(

@@ -33,6 +33,14 @@ pub fn device(name: &str) -> Result<Device> {
     }
 }
 
+/// Opens several devices, named with commas between them.
+///
+/// # Errors
+/// As [`device`], for the first that cannot be opened.
+pub fn devices(names: &str) -> Result<Vec<Device>> {
+    names.split(',').map(|name| device(name.trim())).collect()
+}
+
 #[cfg(feature = "ndarray")]
 fn ndarray() -> Device {
     Device::ndarray()

@@ -7,11 +7,15 @@
 
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc::data::{Dataset as _, Rooms, RoomsConfig, Split};
-use lsdc::fit::{Factored, Solver, lstsq};
+use lsdc::fit::{Factored, FitConfig, Solver, lstsq};
+use lsdc::model::{BasisNetConfig, ExtractorConfig, Normalisation};
 use lsdc::predict::Completer;
 use lsdc::rng::Rng;
-use lsdc::sample::Pattern;
-use std::sync::LazyLock;
+use lsdc::sample::{
+    self, AugmentConfig, Pattern, Protocol, Sampler, SamplerConfig, SupervisionConfig,
+};
+use lsdc::train::{Learner, TrainConfig};
+use std::sync::{Arc, LazyLock};
 
 /// The GPU, or a software driver in its place.
 fn gpu() -> Option<Device> {
@@ -290,4 +294,71 @@ fn completion_agrees() {
         .map(|(a, b)| f64::from(a - b).powi(2));
     let rms = (squares.sum::<f64>() / here.values().len() as f64).sqrt();
     assert!(rms < 2e-3, "{rms} m");
+}
+
+#[test]
+fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
+    let Some(gpu) = gpu() else { return };
+    let rooms = RoomsConfig {
+        width: 64,
+        height: 48,
+        ..RoomsConfig::default()
+    };
+    let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
+    let config = SamplerConfig {
+        protocol: Protocol::default(),
+        augment: AugmentConfig::none(),
+        supervision: SupervisionConfig {
+            points: 200,
+            fewest: 100,
+            draws: 2,
+            patches: 4,
+            patch: 8,
+        },
+        batch: 3,
+        seed: 0,
+    };
+    let sampler = Sampler::new(rooms, vec![0, 1, 2], config).unwrap();
+    let network = BasisNetConfig {
+        extractor: ExtractorConfig {
+            sharpening: 1,
+            ..ExtractorConfig::small()
+        },
+        hidden: vec![32],
+        bases: 16,
+        ..BasisNetConfig::small()
+    };
+    let fit = FitConfig {
+        ridge: 1e-3,
+        ..FitConfig::default()
+    };
+    let here = Device::flex().autodiff();
+    let losses = |devices: &[&Device]| {
+        let net = network.init(0, &here).unwrap().freeze_statistics();
+        let mut learner = Some(Learner::new(net, &fit, &TrainConfig::default()));
+        (0..3)
+            .map(|step| {
+                let samples = sampler.batch(step).unwrap();
+                let share = samples.len() / devices.len();
+                let shares: Vec<_> = samples
+                    .chunks(samples.len() - share * (devices.len() - 1))
+                    .zip(devices)
+                    .map(|(part, device)| {
+                        let colours = Normalisation::default();
+                        sample::Batch::new(part, colours.mean, colours.deviation, device).unwrap()
+                    })
+                    .collect();
+                assert_eq!(shares.len(), devices.len());
+                let old = learner.take().unwrap();
+                let (next, made) = old.step(&shares, 1e-2, step + 1).unwrap();
+                learner = Some(next);
+                made.loss
+            })
+            .collect::<Vec<f64>>()
+    };
+    let (alone, divided) = (losses(&[&here]), losses(&[&here, &gpu.autodiff()]));
+    for (a, b) in alone.iter().zip(&divided) {
+        assert!((a - b).abs() < 5e-3 * a, "{alone:?} {divided:?}");
+    }
+    assert!((alone[0] - alone[2]).abs() > 1e-2 * alone[0], "{alone:?}");
 }

@@ -80,6 +80,11 @@ fn nor_do_they_through_the_joint_fit() {
     unchanged(&joint());
 }
 
+#[test]
+fn nor_do_they_with_muon() {
+    unchanged(&CONFIG.replace("held_out = 2", "held_out = 2\noptimiser = \"muon\""));
+}
+
 fn unchanged(config: &str) {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -116,6 +121,35 @@ fn unchanged(config: &str) {
 
     train(at, &["--config", "c.toml", "-o", "d", "--seed", "1"]);
     assert_ne!(tensors("a"), tensors("d"));
+}
+
+#[test]
+fn several_devices_divide_every_batch() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), CONFIG).unwrap();
+    let both = ["--config", "c.toml", "--device", "cpu,cpu"];
+    train(at, &[&both[..], &["-o", "a"]].concat());
+    train(at, &[&both[..], &["-o", "b"]].concat());
+    assert_eq!(losses(at, "a"), losses(at, "b"));
+    assert!(losses(at, "a").len() >= 6);
+
+    let too_many = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(at)
+        .args([
+            "train",
+            "--config",
+            "c.toml",
+            "-o",
+            "c",
+            "--device",
+            "cpu,cpu,cpu",
+        ])
+        .output()
+        .unwrap();
+    assert_eq!(too_many.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&too_many.stderr).contains("batch of 2"));
+    assert!(!at.join("c").exists());
 }
 
 #[test]

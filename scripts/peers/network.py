@@ -126,6 +126,14 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
     x = graph.add("Concat", *parts, axis=1)
     x = graph.conv(x, "extractor.merge")
     x = graph.plain(x, graph.tensors["extractor.project.weight"], None)
+    if extractor["sharpening"] > 0:
+        x = graph.resize(x, half(height), half(width), extractor["features"])
+        lateral = graph.tensors["extractor.sharpen.lateral.weight"]
+        y = graph.add("Add", x, graph.plain(taps[0], lateral, None))
+        for i in range(extractor["sharpening"]):
+            y = graph.conv(y, f"extractor.sharpen.mix.{i}")
+        y = graph.plain(y, graph.tensors["extractor.sharpen.last.weight"], None)
+        x = graph.add("Add", x, y)
     x = graph.resize(x, height, width, extractor["features"])
     codes = graph.constant(encode(height, width, config["octaves"]))
     x = graph.add("Concat", x, codes, axis=1)

@@ -91,6 +91,11 @@ class Network(nn.Module):
         )
         self.merge = unit("extractor.merge")
         self.project = Unit(tensors["extractor.project.weight"], None)
+        count = extractor["sharpening"]
+        if count > 0:
+            self.lateral = Unit(tensors["extractor.sharpen.lateral.weight"], None)
+            self.mix = nn.Sequential(*(unit(f"extractor.sharpen.mix.{i}") for i in range(count)))
+            self.sharp = Unit(tensors["extractor.sharpen.last.weight"], None)
         pointwise = lambda matrix: matrix.T[:, :, None, None]
         self.hidden = nn.Sequential(
             *(
@@ -132,6 +137,9 @@ class Network(nn.Module):
             )
             parts.append(functional.interpolate(y, raw.shape[2:], mode="bilinear"))
         x = self.project(self.merge(torch.cat(parts, 1)))
+        if hasattr(self, "mix"):
+            x = functional.interpolate(x, taps[0].shape[2:], mode="bilinear")
+            x = x + self.sharp(self.mix(x + self.lateral(taps[0])))
         x = functional.interpolate(x, (height, width), mode="bilinear")
         x = torch.cat([x, self.codes[height, width].expand(batch, -1, -1, -1)], 1)
         return self.last(self.hidden(x))

@@ -145,7 +145,7 @@ fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
     let mut times = Vec::with_capacity(runs);
     for run in 0..=runs {
         let started = Instant::now();
-        (learner, _) = learner.step(&batch, config.learning_rate, run + 1)?;
+        (learner, _) = learner.step(std::slice::from_ref(&batch), config.learning_rate, run + 1)?;
         if run > 0 {
             times.push(started.elapsed());
         }

@@ -5,7 +5,7 @@ use super::dashboard::Dashboard;
 use super::{Exit, settings, ui};
 use crate::config::Config;
 use crate::data::{Split, write_atomically};
-use crate::device::device;
+use crate::device::devices;
 use crate::error::{Cause, Error, Result};
 use crate::train::{Outcome, Trainer};
 use serde_json::json;
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 const SETTINGS: &str = "config.toml";
 
 pub(super) fn run(args: &Train) -> Result<Exit> {
-    let device_of_run = device(&args.device)?;
+    let devices = devices(&args.device)?;
     let (folder, config) = match &args.resume {
         Some(folder) => (
             folder.clone(),
@@ -29,7 +29,7 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
         config.fit.unwrap_or_default(),
         config.train.clone(),
         frames,
-        &device_of_run,
+        &devices,
     )?;
     if args.resume.is_none() {
         prepare(&folder, &config, &args.device)?;

@@ -265,7 +265,7 @@ impl<'a> Trained<'a> {
             self.lab.recipe.fit,
             self.config(),
             self.frames.clone(),
-            &self.lab.device.0,
+            std::slice::from_ref(&self.lab.device.0),
         )?;
         let stop = AtomicBool::new(false);
         trainer.run(&stop, |event| {

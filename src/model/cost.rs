@@ -11,7 +11,9 @@ impl BasisNet {
     pub fn multiply_adds(&self, (height, width): (usize, usize)) -> u64 {
         let pixels = |step: usize| (height.div_ceil(step) * width.div_ceil(step)) as u64;
         let extractor = &self.extractor;
-        let half = weights(&extractor.stem) + weights(&extractor.half);
+        let half = weights(&extractor.stem)
+            + weights(&extractor.half)
+            + extractor.sharpen.as_ref().map_or(0, weights);
         let quarter = weights(&extractor.quarter)
             + weights(&extractor.wide)
             + weights(&extractor.dilated)

@@ -3,6 +3,7 @@
 //!
 //! Two departures, so that every input size works: the pools are 32, 16, 8 and 4 instead of 64,
 //! 32, 16 and 8 pixels, and they run in ceil mode, averaging only the pixels inside the map.
+//! A third on request: a decoder that sharpens the features at half the resolution.
 
 use super::layers::{Conv, ConvNorm, Init};
 use super::resample::{enlarging, pooling};
@@ -38,6 +39,9 @@ pub struct ExtractorConfig {
     pub merge: usize,
     /// Channels of the result.
     pub features: usize,
+    /// Convolutions that sharpen the result at half the image's resolution, with what the first
+    /// stage saw there; 0: features stay at a quarter, as PSMNet's.
+    pub sharpening: usize,
 }
 
 impl Default for ExtractorConfig {
@@ -57,6 +61,7 @@ impl ExtractorConfig {
             branch: 32,
             merge: 128,
             features: 32,
+            sharpening: 0,
         }
     }
 
@@ -67,7 +72,7 @@ impl ExtractorConfig {
         config
     }
 
-    /// Half the widths and two fifths of the blocks.
+    /// Half the widths and two fifths of the blocks, features twice as wide and sharpened.
     pub fn small() -> Self {
         let stage = |width, blocks| StageConfig { width, blocks };
         Self {
@@ -76,7 +81,8 @@ impl ExtractorConfig {
             pools: vec![32, 16, 8, 4],
             branch: 16,
             merge: 64,
-            features: 32,
+            features: 64,
+            sharpening: 2,
         }
     }
 
@@ -94,6 +100,9 @@ impl ExtractorConfig {
     pub(super) fn widths(&self) -> Vec<usize> {
         let mut widths: Vec<usize> = self.stages.iter().map(|s| s.width).collect();
         widths.extend([self.stem, self.branch, self.merge]);
+        if self.sharpening > 0 {
+            widths.push(self.features);
+        }
         widths
     }
 
@@ -124,6 +133,13 @@ impl ExtractorConfig {
                 .collect(),
             merge: ConvNorm::init(merged, self.merge, 3, plain, init),
             project: Conv::init(self.merge, self.features, 1, ConvSpec::pointwise(), init),
+            sharpen: (self.sharpening > 0).then(|| Sharpen {
+                lateral: Conv::init(first.width, self.features, 1, ConvSpec::pointwise(), init),
+                mix: (0..self.sharpening)
+                    .map(|_| ConvNorm::init(self.features, self.features, 3, plain, init))
+                    .collect(),
+                last: Conv::zero(self.features, self.features, 1, ConvSpec::pointwise(), init),
+            }),
             pools: self.pools.clone(),
         }
     }
@@ -140,19 +156,31 @@ pub struct Extractor {
     pub(super) branches: Vec<ConvNorm>,
     pub(super) merge: ConvNorm,
     pub(super) project: Conv,
+    pub(super) sharpen: Option<Sharpen>,
     #[module(skip)]
     pub(super) pools: Vec<usize>,
 }
 
+/// What is added to the features, enlarged to half the image's resolution: nothing before training.
+#[derive(Module, Debug)]
+pub(super) struct Sharpen {
+    /// From what the first stage saw at that resolution.
+    pub(super) lateral: Conv,
+    pub(super) mix: Vec<ConvNorm>,
+    pub(super) last: Conv,
+}
+
 impl Extractor {
-    /// `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`.
+    /// `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`; to
+    /// half the resolution if features are sharpened.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
         let x = self
             .stem
             .iter()
             .fold(images, |x, conv| conv.forward_relu(x));
-        let raw = run(run(x, &self.half), &self.quarter);
+        let half = run(x, &self.half);
+        let raw = run(half.clone(), &self.quarter);
         let skip = run(run(raw.clone(), &self.wide), &self.dilated);
         let pooled = self.branches.iter().zip(&self.pools).map(|(conv, &pool)| {
             let [_, height, width, _] = skip.dims();
@@ -160,8 +188,22 @@ impl Extractor {
             enlarging(conv.forward_relu(pooled), (height, width))
         });
         let all = [raw, skip.clone()].into_iter().chain(pooled).collect();
-        self.project
-            .forward(self.merge.forward_relu(Tensor::cat(all, 3)))
+        let merged = self.merge.forward_relu(Tensor::cat(all, 3));
+        let features = self.project.forward(merged);
+        match &self.sharpen {
+            None => features,
+            Some(sharpen) => sharpen.forward(features, half),
+        }
+    }
+}
+
+impl Sharpen {
+    fn forward(&self, features: Tensor<4>, half: Tensor<4>) -> Tensor<4> {
+        let [_, height, width, _] = half.dims();
+        let features = enlarging(features, (height, width));
+        let x = features.clone() + self.lateral.forward(half);
+        let x = self.mix.iter().fold(x, |x, conv| conv.forward_relu(x));
+        features + self.last.forward(x)
     }
 }
 

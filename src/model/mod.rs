@@ -78,7 +78,7 @@ impl BasisNetConfig {
         }
     }
 
-    /// The same design at about a tenth of the compute, for weak machines.
+    /// A slimmer extractor with sharpened features: 0.5 M parameters, about a tenth of the compute.
     pub fn small() -> Self {
         Self {
             extractor: ExtractorConfig::small(),
@@ -91,18 +91,18 @@ impl BasisNetConfig {
         }
     }
 
-    /// The medium network, and one that judges edges.
+    /// The small network, and one that judges edges.
     pub fn sharp() -> Self {
         Self {
             edges: 16,
-            ..Self::medium()
+            ..Self::small()
         }
     }
 
-    /// The small network, and one that judges edges.
+    /// The same with half as many channels to judge edges by, for weak machines.
     pub fn light() -> Self {
         Self {
-            edges: 16,
+            edges: 8,
             ..Self::small()
         }
     }

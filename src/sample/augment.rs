@@ -64,11 +64,10 @@ impl AugmentConfig {
         }
     }
 
-    /// Changes a frame and brings it to the protocol's size. What comes from outside the
-    /// protocol's crop has no depth.
+    /// Changes a frame that the protocol has scaled, and brings it to the protocol's size. What
+    /// comes from outside the protocol's crop has no depth.
     pub(super) fn apply(&self, frame: &Frame, protocol: &Protocol, rng: &mut Rng) -> Result<Frame> {
-        let frame = protocol.scale(frame)?;
-        let (left, top) = protocol.corner(&frame)?;
+        let (left, top) = protocol.corner(frame)?;
         let size = protocol.crop.unwrap_or(Size {
             height: frame.depth.height(),
             width: frame.depth.width(),
@@ -101,7 +100,7 @@ impl AugmentConfig {
             .ok_or_else(|| Error::shape("augmented image has the wrong size"))?;
         self.recolour(&mut rgb, rng);
         Frame::new(
-            frame.id,
+            frame.id.clone(),
             rgb,
             DepthMap::new(size.width, size.height, depths)?,
         )

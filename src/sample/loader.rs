@@ -2,11 +2,12 @@
 
 use super::patches::Sample;
 use super::{AugmentConfig, Protocol, SupervisionConfig};
-use crate::data::Dataset;
+use crate::data::{Dataset, Frame};
 use crate::error::{Cause, Error, Result};
 use crate::rng::Rng;
-use std::sync::Arc;
+use std::collections::HashMap;
 use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Arc, Mutex};
 
 /// What turns a frame into a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +31,7 @@ pub struct Sampler {
     /// The frames of the dataset that take part.
     indices: Arc<[usize]>,
     config: SamplerConfig,
+    kept: Arc<Kept>,
 }
 
 impl Sampler {
@@ -51,6 +53,7 @@ impl Sampler {
             frames,
             indices: indices.into(),
             config,
+            kept: Arc::default(),
         })
     }
 
@@ -64,7 +67,7 @@ impl Sampler {
             .map(|position| {
                 let pass = position / self.indices.len();
                 let index = self.order(pass)[position % self.indices.len()];
-                let frame = self.frames.load(index)?;
+                let frame = self.scaled(index)?;
                 let keys = ["sample", &frame.id, &pass.to_string()];
                 let mut rng = Rng::stream(self.config.seed, &keys);
                 let config = &self.config;
@@ -74,12 +77,48 @@ impl Sampler {
             .collect()
     }
 
+    /// A frame as the protocol scales it.
+    fn scaled(&self, index: usize) -> Result<Arc<Frame>> {
+        if let Some(frame) = self.kept.find(index) {
+            return Ok(frame);
+        }
+        let frame = self.config.protocol.scale(&self.frames.load(index)?)?;
+        // Nothing else of a frame takes part in training.
+        let frame = Arc::new(Frame::new(frame.id, frame.rgb, frame.depth)?);
+        self.kept.keep(index, &frame);
+        Ok(frame)
+    }
+
     /// The order of all frames in a pass.
     fn order(&self, pass: usize) -> Vec<usize> {
         let mut order = self.indices.to_vec();
         let count = order.len();
         Rng::stream(self.config.seed, &["order", &pass.to_string()]).choose(&mut order, count);
         order
+    }
+}
+
+/// Frames in memory: to decode and scale one takes longer than all that is random.
+#[derive(Default)]
+struct Kept(Mutex<(HashMap<usize, Arc<Frame>>, usize)>);
+
+impl Kept {
+    /// Bytes in all: 1,900 frames of 240x320.
+    const MOST: usize = 1 << 30;
+
+    fn find(&self, index: usize) -> Option<Arc<Frame>> {
+        self.0.lock().ok()?.0.get(&index).cloned()
+    }
+
+    fn keep(&self, index: usize, frame: &Arc<Frame>) {
+        let bytes = frame.rgb.as_raw().len() + size_of_val(frame.depth.values());
+        // A poisoned lock costs time, nothing else.
+        if let Ok(mut kept) = self.0.lock()
+            && kept.1 + bytes <= Self::MOST
+            && kept.0.insert(index, frame.clone()).is_none()
+        {
+            kept.1 += bytes;
+        }
     }
 }
 
@@ -129,5 +168,71 @@ impl Loader {
         queue
             .recv()
             .map_err(|e| Error::new(Cause::Device, "a loader thread has died").because(e))?
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{FrameId, Rooms, RoomsConfig, Split};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// Rooms that count how often one is read.
+    struct Counted(Rooms, AtomicUsize);
+
+    impl Dataset for Counted {
+        fn about(&self) -> String {
+            self.0.about()
+        }
+
+        fn len(&self) -> usize {
+            self.0.len()
+        }
+
+        fn id(&self, index: usize) -> FrameId {
+            self.0.id(index)
+        }
+
+        fn load(&self, index: usize) -> Result<Frame> {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0.load(index)
+        }
+    }
+
+    #[test]
+    fn frames_are_read_once_and_samples_stay_the_same() {
+        let rooms = RoomsConfig {
+            width: 64,
+            height: 48,
+            ..RoomsConfig::default()
+        };
+        let rooms = Rooms::new(Split::Train, &rooms).unwrap();
+        let frames = Arc::new(Counted(rooms, AtomicUsize::new(0)));
+        let config = SamplerConfig {
+            protocol: Protocol::default(),
+            augment: AugmentConfig::default(),
+            supervision: SupervisionConfig {
+                points: 50,
+                fewest: 20,
+                patches: 1,
+                patch: 8,
+                ..SupervisionConfig::default()
+            },
+            batch: 3,
+            seed: 0,
+        };
+        let sampler = || Sampler::new(frames.clone(), vec![0, 1, 2, 3], config).unwrap();
+        let depths = |sampler: &Sampler, step| -> Vec<Vec<f32>> {
+            let samples = sampler.batch(step).unwrap();
+            samples.iter().map(|sample| sample.map.clone()).collect()
+        };
+        let (one, other) = (sampler(), sampler());
+        let first: Vec<_> = (0..8).map(|step| depths(&one, step)).collect();
+        assert_eq!(frames.1.load(Ordering::Relaxed), 4);
+        // In another order, by one that has kept nothing yet.
+        for step in (0..8).rev() {
+            assert_eq!(depths(&other, step), first[step]);
+        }
+        assert_eq!(frames.1.load(Ordering::Relaxed), 8);
     }
 }

@@ -18,6 +18,17 @@ pub enum Part {
     Edges,
 }
 
+/// What turns gradients into steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OptimiserKind {
+    /// Adam (Kingma and Ba 2015).
+    #[default]
+    Adam,
+    /// Muon (Jordan et al. 2024) for the weights of layers, Adam for the rest.
+    Muon,
+}
+
 /// How to train; the defaults are the paper's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -26,11 +37,13 @@ pub struct TrainConfig {
     pub steps: usize,
     /// Images per step.
     pub batch: usize,
-    /// Peak learning rate of Adam.
+    /// What turns gradients into steps.
+    pub optimiser: OptimiserKind,
+    /// Peak learning rate.
     pub learning_rate: f64,
-    /// L2 penalty added to the gradient.
+    /// L2 penalty added to the gradient, in Adam.
     pub weight_decay: f32,
-    /// Largest norm of the gradient of one tensor; absent = not limited.
+    /// Largest norm of the gradient of one tensor, in Adam; absent = not limited.
     pub clip: Option<f32>,
     /// The learning rate over time.
     pub schedule: Schedule,
@@ -74,6 +87,7 @@ impl Default for TrainConfig {
             // 100 epochs of 6000 frames in batches of 2.
             steps: 300_000,
             batch: 2,
+            optimiser: OptimiserKind::Adam,
             learning_rate: 1e-4,
             weight_decay: 5e-4,
             clip: None,

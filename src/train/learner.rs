@@ -1,14 +1,17 @@
 //! One step of training.
 
 use super::average::follow;
-use super::config::Part;
+use super::config::{OptimiserKind, Part};
 use super::loss::field_losses;
+use super::muon::Flattened;
+use super::parallel::gradients;
 use super::{LossConfig, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
 use crate::fit::{FitConfig, Reweighting};
 use crate::model::BasisNet;
 use crate::sample::Batch;
 use burn::grad_clipping::GradientClippingConfig;
+use burn::module::ParamGroup;
 use burn::optim::decay::WeightDecayConfig;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Tensor;
@@ -26,7 +29,7 @@ pub struct Learner {
 }
 
 /// The losses of one batch.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
     /// The weighted sum.
     pub loss: f64,
@@ -36,8 +39,17 @@ pub struct Step {
     pub l2: f64,
 }
 
+impl Step {
+    /// Adds the losses of a part of the batch.
+    pub(super) fn add(&mut self, other: &Self, part: f64) {
+        self.loss += other.loss * part;
+        self.l1 += other.l1 * part;
+        self.l2 += other.l2 * part;
+    }
+}
+
 impl Learner {
-    /// Starts with a network on an autodiff device, and Adam as `config` has it.
+    /// Starts with a network on an autodiff device, and the optimiser of `config`.
     pub fn new(net: BasisNet, fit: &FitConfig, config: &TrainConfig) -> Self {
         let decay = WeightDecayConfig::new(config.weight_decay);
         let optimiser = AdamConfig::new()
@@ -45,6 +57,13 @@ impl Learner {
             .with_weight_decay(Some(decay))
             .with_grad_clipping(config.clip.map(GradientClippingConfig::Norm))
             .init();
+        let optimiser = match config.optimiser {
+            OptimiserKind::Adam => optimiser,
+            // The name that layers give what they multiply with.
+            OptimiserKind::Muon => {
+                optimiser.with_group(ParamGroup::from_predicate("weight"), Flattened::new(), None)
+            }
+        };
         Self {
             average: config.average.map(|decay| (net.clone(), decay)),
             net,
@@ -68,14 +87,32 @@ impl Learner {
         self
     }
 
-    /// One step of Adam with a learning rate, of this number, counted from 1.
+    /// One step with a learning rate, of this number, counted from 1: on one batch, or on
+    /// shares of it on several devices, the first of them that of the network.
     ///
     /// # Errors
-    /// A loss that is not finite.
-    pub fn step(mut self, batch: &Batch, rate: f64, number: usize) -> Result<(Self, Step)> {
+    /// No share, or a loss that is not finite.
+    pub fn step(mut self, shares: &[Batch], rate: f64, number: usize) -> Result<(Self, Step)> {
+        let (gradients, step) = gradients(&self.net, shares, |net, batch, part| {
+            self.gradients(net, batch, part)
+        })?;
+        self.net = self.optimiser.step(rate, self.net, gradients);
+        self.average = self
+            .average
+            .map(|(average, decay)| (follow(average, &self.net, decay, number), decay));
+        Ok((self, step))
+    }
+
+    /// Gradients of the loss times `part`, and the losses.
+    fn gradients(
+        &self,
+        net: &BasisNet,
+        batch: &Batch,
+        part: f64,
+    ) -> Result<(GradientsParams, Step)> {
         let losses = match self.part {
-            Part::All => losses(&self.net, batch, &self.fit, self.robust, &self.loss),
-            Part::Edges => field_losses(&self.net, batch, &self.fit, &self.loss),
+            Part::All => losses(net, batch, &self.fit, self.robust, &self.loss),
+            Part::Edges => field_losses(net, batch, &self.fit, &self.loss),
         };
         let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
         let step = Step {
@@ -89,11 +126,7 @@ impl Learner {
                  training goes on from the last checkpoint",
             ));
         }
-        let gradients = GradientsParams::from_grads(losses.total.backward(), &self.net);
-        self.net = self.optimiser.step(rate, self.net, gradients);
-        self.average = self
-            .average
-            .map(|(average, decay)| (follow(average, &self.net, decay, number), decay));
-        Ok((self, step))
+        let gradients = (losses.total * part).backward();
+        Ok((GradientsParams::from_grads(gradients, net), step))
     }
 }

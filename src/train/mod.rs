@@ -7,11 +7,13 @@ mod config;
 mod learner;
 mod log;
 mod loss;
+mod muon;
+mod parallel;
 mod run;
 mod schedule;
 
 pub use calibrate::{calibrate, divide};
-pub use config::{Part, TrainConfig};
+pub use config::{OptimiserKind, Part, TrainConfig};
 pub use learner::{Learner, Step};
 pub use loss::{LossConfig, Losses, losses};
 pub use run::{Event, Outcome, SCORES_NOTE, TRAINING_NOTE, Trainer};

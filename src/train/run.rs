@@ -9,7 +9,7 @@ use crate::fit::FitConfig;
 use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{BasisNet, BasisNetConfig, Normalisation, Weights, WeightsRecord};
 use crate::predict::{Completer, open_weights, record_fit};
-use crate::sample::{Batch, Loader, Pattern, Protocol, Sampler, SamplerConfig};
+use crate::sample::{Batch, Loader, Pattern, Protocol, Sample, Sampler, SamplerConfig};
 use burn::module::Module as _;
 use burn::tensor::Device;
 use serde::Serialize;
@@ -71,21 +71,24 @@ pub struct Trainer {
     config: TrainConfig,
     frames: Arc<dyn Dataset>,
     normalisation: Normalisation,
-    device: Device,
+    /// At least one.
+    devices: Vec<Device>,
 }
 
 impl Trainer {
-    /// Prepares a run in `folder`, which must exist.
+    /// Prepares a run in `folder`, which must exist. Several devices divide every batch among them;
+    /// the first measures and calibrates.
     ///
     /// # Errors
-    /// A setting out of range, or no frame that can be read.
+    /// A setting out of range, no device or more than images in a batch, or no frame that can be
+    /// read.
     pub fn new(
         folder: &Path,
         network: BasisNetConfig,
         fit: FitConfig,
         config: TrainConfig,
         frames: Arc<dyn Dataset>,
-        device: &Device,
+        devices: &[Device],
     ) -> Result<Self> {
         network.check()?;
         if config.part == Part::Edges && network.edges == 0 {
@@ -95,6 +98,14 @@ impl Trainer {
         }
         fit.check()?;
         config.check()?;
+        if !(1..=config.batch).contains(&devices.len()) {
+            return Err(Error::config(format!(
+                "{} devices cannot divide a batch of {}",
+                devices.len(),
+                config.batch
+            ))
+            .hint("give one device at least, and at most `train.batch`"));
+        }
         Ok(Self {
             folder: folder.to_owned(),
             network,
@@ -102,7 +113,7 @@ impl Trainer {
             normalisation: normalisation(&config.protocol, frames.as_ref())?,
             config,
             frames,
-            device: device.clone(),
+            devices: devices.to_vec(),
         })
     }
 
@@ -113,8 +124,8 @@ impl Trainer {
     /// Unreadable frames, an unwritable folder, or a loss that is not finite.
     pub fn run(&self, stop: &AtomicBool, mut report: impl FnMut(&Event)) -> Result<Outcome> {
         let checkpoints = Checkpoints::new(&self.folder);
-        let device = self.device.clone().autodiff();
-        let mut learner = Learner::new(self.initial(&device)?, &self.fit, &self.config);
+        let net = self.initial(&self.device().clone().autodiff())?;
+        let mut learner = Learner::new(net, &self.fit, &self.config);
         let mut step = 0;
         if let Some(&last) = checkpoints.steps().last() {
             learner = checkpoints.load(last, learner)?;
@@ -131,15 +142,12 @@ impl Trainer {
         while step < self.config.steps {
             let started = Instant::now();
             let samples = loader.next_batch()?;
-            let Normalisation {
-                mean, deviation, ..
-            } = self.normalisation;
-            let batch = Batch::new(&samples, mean, deviation, &device)?;
+            let shares = self.divided(&samples)?;
             let rate = self.rate(step);
             if step as f64 >= self.config.freeze_statistics * self.config.steps as f64 {
                 learner = learner.freeze_statistics();
             }
-            let (next, made) = learner.step(&batch, rate, step + 1)?;
+            let (next, made) = learner.step(&shares, rate, step + 1)?;
             learner = next;
             step += 1;
             tell(Event::Step {
@@ -165,6 +173,27 @@ impl Trainer {
         }
         self.publish(learner.net(), &held_out)?;
         Ok(Outcome::Finished)
+    }
+
+    /// The device that measures and calibrates.
+    fn device(&self) -> &Device {
+        &self.devices[0]
+    }
+
+    /// A batch, divided among the devices as evenly as can be.
+    fn divided(&self, samples: &[Sample]) -> Result<Vec<Batch>> {
+        let Normalisation {
+            mean, deviation, ..
+        } = self.normalisation;
+        let count = self.devices.len();
+        let bound = |i: usize| i * samples.len() / count;
+        let devices = self.devices.iter().enumerate();
+        devices
+            .map(|(i, device)| {
+                let share = &samples[bound(i)..bound(i + 1)];
+                Batch::new(share, mean, deviation, &device.clone().autodiff())
+            })
+            .collect()
     }
 
     fn initial(&self, device: &Device) -> Result<BasisNet> {
@@ -193,7 +222,7 @@ impl Trainer {
     }
 
     fn completer(&self, net: &BasisNet) -> Completer {
-        Completer::new(net.valid(), self.normalisation, self.fit, &self.device)
+        Completer::new(net.valid(), self.normalisation, self.fit, self.device())
     }
 
     fn measure(&self, completer: &Completer, frames: &[usize]) -> Result<Scores> {
@@ -231,10 +260,10 @@ impl Trainer {
         write(&weights)?;
         if self.config.calibrate {
             let (frames, config) = (self.frames.as_ref(), &self.config);
-            calibrate(&mut weights, frames, config, &self.device, |_, _| {})?;
+            calibrate(&mut weights, frames, config, self.device(), |_, _| {})?;
         }
         if !held_out.is_empty() {
-            let completer = Completer::with_weights(&weights, &self.device)?;
+            let completer = Completer::with_weights(&weights, self.device())?;
             let scores = serde_json::to_string(&self.measure(&completer, held_out)?)
                 .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))?;
             weights.record.notes.insert(SCORES_NOTE.to_owned(), scores);

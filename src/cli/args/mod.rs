@@ -83,8 +83,8 @@ pub(super) struct Model {
 /// Settings, in rising order: built-in, file, --set, flags.
 #[derive(Debug, ClapArgs)]
 pub(super) struct Settings {
-    /// Configuration file, or the name of a built-in one (nyu.toml, nyu-half.toml, nyu-medium.toml,
-    /// nyu-joint.toml, nyu-small.toml, nyu-small-joint.toml, smoke.toml).
+    /// Configuration file, or the name of a built-in one (nyu.toml, nyu-half.toml, nyu-bases.toml,
+    /// nyu-joint.toml, smoke.toml).
     #[arg(long, value_name = "FILE")]
     pub(super) config: Option<PathBuf>,
     /// Change one setting, as in --set train.steps=100; may be repeated.

@@ -21,8 +21,13 @@ pub(in crate::cli) struct Train {
     /// Seed of weights, order, augmentation and points.
     #[arg(long)]
     pub(in crate::cli) seed: Option<u64>,
-    /// Where to compute.
-    #[arg(long, default_value = "cpu", env = "LSDC_DEVICE")]
+    /// Where to compute; several, as in wgpu:0,wgpu:1, divide every batch among them.
+    #[arg(
+        long,
+        value_name = "DEVICE,...",
+        default_value = "cpu",
+        env = "LSDC_DEVICE"
+    )]
     pub(in crate::cli) device: String,
 }
 

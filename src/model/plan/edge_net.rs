@@ -6,7 +6,6 @@ use crate::conv::Layer;
 use crate::model::edge_net::EdgeNet;
 use crate::model::layers::ConvNorm;
 use crate::simd::Level;
-use rayon::prelude::*;
 
 #[derive(Debug)]
 pub(super) struct EdgePlan {
@@ -54,7 +53,7 @@ impl EdgePlan {
         let x = pairs.fold(lowest, |x, (rise, mut level)| {
             let narrow = run.layer(&rise.narrow, &x, None, false);
             run.pool.give(x);
-            add_enlarged(&mut level, &narrow);
+            level.add_enlarged(&narrow);
             run.pool.give(narrow);
             rise.mix.iter().fold(level, next)
         });
@@ -62,17 +61,4 @@ impl EdgePlan {
         run.pool.give(x);
         changes
     }
-}
-
-/// Adds a map of the same channels, enlarged bilinearly.
-fn add_enlarged(sum: &mut Map, map: &Map) {
-    let (height, width, channels) = (sum.height, sum.width, sum.channels());
-    let rows = sum.values.par_chunks_exact_mut(width * channels);
-    rows.enumerate().for_each(|(y, row)| {
-        let mut value = vec![0.0; channels];
-        for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-            map.enlarged((y, height), (x, width), &mut value);
-            pixel.iter_mut().zip(&value).for_each(|(p, v)| *p += v);
-        }
-    });
 }

@@ -3,21 +3,29 @@
 use super::map::{Map, Pool};
 use super::run::Run;
 use crate::conv::Layer;
-use crate::model::extractor::{Block, Extractor};
+use crate::model::extractor::{Block, Extractor, Sharpen};
 use crate::simd::Level;
 use rayon::prelude::*;
 
 #[derive(Debug)]
 pub(super) struct ExtractorPlan {
     stem: Vec<Layer>,
-    /// Half resolution and a quarter.
-    raw: Vec<BlockPlan>,
+    half: Vec<BlockPlan>,
+    quarter: Vec<BlockPlan>,
     /// Wider, then dilated.
     skip: Vec<BlockPlan>,
     /// Pool size and convolution of each branch.
     branches: Vec<(usize, Layer)>,
     merge: Layer,
     project: Layer,
+    sharpen: Option<SharpenPlan>,
+}
+
+#[derive(Debug)]
+struct SharpenPlan {
+    lateral: Layer,
+    mix: Vec<Layer>,
+    last: Layer,
 }
 
 #[derive(Debug)]
@@ -57,9 +65,9 @@ impl ExtractorPlan {
                 },
             })
         };
-        let blocks = |one: &[Block], two: &[Block]| {
-            one.iter().chain(two).map(block).collect::<Option<Vec<_>>>()
-        };
+        let blocks = |stage: &[Block]| stage.iter().map(block).collect::<Option<Vec<_>>>();
+        let mut skip = blocks(&net.wide)?;
+        skip.extend(blocks(&net.dilated)?);
         let branches = net.pools.iter().zip(&net.branches);
         Some(Self {
             stem: net
@@ -67,17 +75,22 @@ impl ExtractorPlan {
                 .iter()
                 .map(|conv| conv.folded(level))
                 .collect::<Option<_>>()?,
-            raw: blocks(&net.half, &net.quarter)?,
-            skip: blocks(&net.wide, &net.dilated)?,
+            half: blocks(&net.half)?,
+            quarter: blocks(&net.quarter)?,
+            skip,
             branches: branches
                 .map(|(&pool, conv)| Some((pool, conv.folded(level)?)))
                 .collect::<Option<_>>()?,
             merge: net.merge.folded(level)?,
             project: net.project.prepared(level),
+            sharpen: match &net.sharpen {
+                None => None,
+                Some(net) => Some(SharpenPlan::new(net, level)?),
+            },
         })
     }
 
-    /// Features at a quarter of the image's resolution.
+    /// Features at a quarter of the image's resolution, or at half of it if they are sharpened.
     pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Map {
         let pool = run.pool;
         let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
@@ -85,7 +98,12 @@ impl ExtractorPlan {
             pool.give(x);
             output
         });
-        let raw = self.raw.iter().fold(x, |x, block| run.block(block, x));
+        let half = self.half.iter().fold(x, |x, block| run.block(block, x));
+        let kept = self.sharpen.as_ref().map(|_| half.copied(pool));
+        let raw = self
+            .quarter
+            .iter()
+            .fold(half, |x, block| run.block(block, x));
         let copy = raw.copied(pool);
         let skip = self.skip.iter().fold(copy, |x, block| run.block(block, x));
         let branches: Vec<Map> = self
@@ -106,7 +124,43 @@ impl ExtractorPlan {
         pool.give(all);
         let features = run.layer(&self.project, &merged, None, false);
         pool.give(merged);
-        features
+        match (&self.sharpen, kept) {
+            (Some(sharpen), Some(half)) => sharpen.forward(features, half, run),
+            _ => features,
+        }
+    }
+}
+
+impl SharpenPlan {
+    fn new(net: &Sharpen, level: Level) -> Option<Self> {
+        Some(Self {
+            lateral: net.lateral.prepared(level),
+            mix: net
+                .mix
+                .iter()
+                .map(|conv| conv.folded(level))
+                .collect::<Option<_>>()?,
+            last: net.last.prepared(level),
+        })
+    }
+
+    fn forward(&self, features: Map, half: Map, run: Run<'_>) -> Map {
+        let pool = run.pool;
+        let mut enlarged = pool.take(half.height, half.width, features.channels());
+        enlarged.values.fill(0.0);
+        enlarged.add_enlarged(&features);
+        pool.give(features);
+        let x = run.layer(&self.lateral, &half, Some(&enlarged), false);
+        pool.give(half);
+        let x = self.mix.iter().fold(x, |x, layer| {
+            let output = run.layer(layer, &x, None, true);
+            pool.give(x);
+            output
+        });
+        let sharp = run.layer(&self.last, &x, Some(&enlarged), false);
+        pool.give(x);
+        pool.give(enlarged);
+        sharp
     }
 }
 

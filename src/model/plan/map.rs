@@ -2,6 +2,7 @@
 
 use crate::bilinear::neighbours;
 use crate::simd::Buffer;
+use rayon::prelude::*;
 use std::sync::Mutex;
 
 /// Values `[height, width, channels]`.
@@ -44,6 +45,19 @@ impl Map {
             let lower = b.0 * (1.0 - u) + b.1 * u;
             *output = upper * (1.0 - v) + lower * v;
         }
+    }
+
+    /// Adds a map of the same channels, enlarged bilinearly.
+    pub(super) fn add_enlarged(&mut self, map: &Self) {
+        let (height, width, channels) = (self.height, self.width, self.channels());
+        let rows = self.values.par_chunks_exact_mut(width * channels);
+        rows.enumerate().for_each(|(y, row)| {
+            let mut value = vec![0.0; channels];
+            for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+                map.enlarged((y, height), (x, width), &mut value);
+                pixel.iter_mut().zip(&value).for_each(|(p, v)| *p += v);
+            }
+        });
     }
 }
 

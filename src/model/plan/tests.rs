@@ -116,6 +116,20 @@ fn the_plan_agrees_for_every_kind_of_head() {
 }
 
 #[test]
+fn the_plan_sharpens_as_the_network_does() {
+    let mut config = tiny();
+    config.extractor.sharpening = 2;
+    let net = net(&config).map(&mut Fill);
+    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+        for size in [(1, 1), (3, 5), (37, 61), (57, 130)] {
+            agree(&net, level, size, size);
+        }
+        agree(&net, level, (48, 64), (100, 77));
+    }
+    agree(&net, Level::here(), (228, 304), (228, 304));
+}
+
+#[test]
 fn the_plan_judges_edges_as_the_network_does() {
     let net = judging();
     for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
@@ -127,7 +141,7 @@ fn the_plan_judges_edges_as_the_network_does() {
     edges_agree(&self::net(&tiny()), Level::here(), (57, 76));
 }
 
-/// A network that judges edges, which begins without effect, and has one.
+/// A network that judges edges; it begins without effect, and is given one.
 fn judging() -> BasisNet {
     let config = BasisNetConfig { edges: 8, ..tiny() };
     net(&config).map(&mut Fill)
