@@ -126,11 +126,13 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
     x = graph.add("Concat", *parts, axis=1)
     x = graph.conv(x, "extractor.merge")
     x = graph.plain(x, graph.tensors["extractor.project.weight"], None)
-    if extractor["sharpening"] > 0:
+    # Absent in files written before there was any.
+    sharpening = extractor.get("sharpening", 0)
+    if sharpening > 0:
         x = graph.resize(x, half(height), half(width), extractor["features"])
         lateral = graph.tensors["extractor.sharpen.lateral.weight"]
         y = graph.add("Add", x, graph.plain(taps[0], lateral, None))
-        for i in range(extractor["sharpening"]):
+        for i in range(sharpening):
             y = graph.conv(y, f"extractor.sharpen.mix.{i}")
         y = graph.plain(y, graph.tensors["extractor.sharpen.last.weight"], None)
         x = graph.add("Add", x, y)

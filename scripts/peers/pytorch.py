@@ -91,7 +91,7 @@ class Network(nn.Module):
         )
         self.merge = unit("extractor.merge")
         self.project = Unit(tensors["extractor.project.weight"], None)
-        count = extractor["sharpening"]
+        count = extractor.get("sharpening", 0)
         if count > 0:
             self.lateral = Unit(tensors["extractor.sharpen.lateral.weight"], None)
             self.mix = nn.Sequential(*(unit(f"extractor.sharpen.mix.{i}") for i in range(count)))

@@ -5,7 +5,7 @@ use super::config::{OptimiserKind, Part};
 use super::loss::field_losses;
 use super::muon::Flattened;
 use super::parallel::gradients;
-use super::{LossConfig, TrainConfig, losses};
+use super::{LossConfig, Losses, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
 use crate::fit::{FitConfig, Reweighting};
 use crate::model::BasisNet;
@@ -40,6 +40,15 @@ pub struct Step {
 }
 
 impl Step {
+    pub(super) fn of(losses: &Losses) -> Self {
+        let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
+        Self {
+            loss: value(&losses.total),
+            l1: value(&losses.l1),
+            l2: value(&losses.l2),
+        }
+    }
+
     /// Adds the losses of a part of the batch.
     pub(super) fn add(&mut self, other: &Self, part: f64) {
         self.loss += other.loss * part;
@@ -114,12 +123,7 @@ impl Learner {
             Part::All => losses(net, batch, &self.fit, self.robust, &self.loss),
             Part::Edges => field_losses(net, batch, &self.fit, &self.loss),
         };
-        let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
-        let step = Step {
-            loss: value(&losses.total),
-            l1: value(&losses.l1),
-            l2: value(&losses.l2),
-        };
+        let step = Step::of(&losses);
         if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {
             return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
                 "lower `train.learning_rate`, set `train.clip`, or give the fit a `ridge`; \

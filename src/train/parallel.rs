@@ -142,12 +142,7 @@ mod tests {
         };
         let (found, step) = gradients(net, shares, |net, batch, part| {
             let losses = losses(net, batch, &fit, None, &loss);
-            let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
-            let step = Step {
-                loss: value(&losses.total),
-                l1: value(&losses.l1),
-                l2: value(&losses.l2),
-            };
+            let step = Step::of(&losses);
             let gradients = (losses.total * part).backward();
             Ok((GradientsParams::from_grads(gradients, net), step))
         })
