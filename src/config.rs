@@ -7,6 +7,7 @@ use crate::fit::FitConfig;
 use crate::model::BasisNetConfig;
 use crate::train::TrainConfig;
 use serde::{Deserialize, Serialize};
+use std::fmt::Display;
 use std::path::Path;
 
 /// The named networks.
@@ -32,8 +33,8 @@ pub struct Config {
     pub preset: Preset,
     /// The network in full; replaces `preset`.
     pub network: Option<BasisNetConfig>,
-    /// The least-squares fit; if absent, that of the weights, or the paper's in training.
-    pub fit: Option<FitConfig>,
+    /// The least-squares fit: what differs from that of the weights, or from the paper's in training.
+    pub fit: FitSettings,
     /// The dataset.
     pub data: DataConfig,
     /// Training.
@@ -42,11 +43,44 @@ pub struct Config {
     pub eval: EvalConfig,
 }
 
+/// Settings of a fit, as far as they are given.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct FitSettings(toml::Table);
+
+impl FitSettings {
+    /// All settings of a fit.
+    ///
+    /// # Errors
+    /// None for a checked fit.
+    pub fn all(fit: &FitConfig) -> Result<Self> {
+        toml::Table::try_from(fit).map(Self).map_err(unfit)
+    }
+
+    /// Lays what is given over a fit.
+    ///
+    /// # Errors
+    /// An unknown key, or a value out of range.
+    pub fn over(&self, fit: &FitConfig) -> Result<FitConfig> {
+        let Self(mut table) = Self::all(fit)?;
+        merge(&mut table, self.0.clone());
+        let fit: FitConfig = table.try_into().map_err(unfit)?;
+        fit.check()?;
+        Ok(fit)
+    }
+}
+
+fn unfit(e: impl Display) -> Error {
+    Error::config(format!("`fit`: {}", e.to_string().trim()))
+        .hint("docs/fit.md explains every setting")
+}
+
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 5] = [
+const BUILT_IN: [(&str, &str); 6] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
+    ("nyu-edges.toml", include_str!("../configs/nyu-edges.toml")),
     ("nyu-joint.toml", include_str!("../configs/nyu-joint.toml")),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
@@ -96,7 +130,7 @@ impl Config {
 
     fn check(&self) -> Result<()> {
         self.network().check()?;
-        self.fit.unwrap_or_default().check()?;
+        self.fit.over(&FitConfig::default())?;
         self.train.check()?;
         self.eval.check()
     }
@@ -129,7 +163,15 @@ fn parse(text: &str, path: &Path) -> Result<toml::Table> {
         .hint("`lsdc config` prints every setting and its value")
     };
     toml::from_str::<Config>(text).map_err(located)?;
+    toml::from_str::<Fit>(text).map_err(located)?;
     toml::from_str(text).map_err(located)
+}
+
+/// The fit of a file, whose settings are not known to [`FitSettings`].
+#[derive(Deserialize)]
+struct Fit {
+    #[serde(default, rename = "fit")]
+    _fit: FitConfig,
 }
 
 /// `a.b=1` as a table; a value that is not TOML counts as text.
@@ -161,6 +203,7 @@ fn merge(base: &mut toml::Table, over: toml::Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::{FitMethod, Lambda};
 
     #[test]
     fn settings_lie_over_the_file() {
@@ -186,6 +229,36 @@ mod tests {
         );
         let error = Config::load(None, &["train.speed=1".into()]).unwrap_err();
         assert!(error.to_string().contains("speed"), "{error}");
+    }
+
+    #[test]
+    fn settings_of_the_fit_lie_over_those_of_the_weights() {
+        let weights = FitConfig {
+            method: FitMethod::Joint,
+            lambda: Lambda::Fixed(0.5),
+            ..FitConfig::default()
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c.toml");
+        std::fs::write(&path, "[fit.joint]\nwaves = 2.0\n").unwrap();
+        let set = ["fit.joint.level=1e-5".to_owned(), "fit.lambda=gcv".into()];
+        let config = Config::load(Some(&path), &set).unwrap();
+        let fit = config.fit.over(&weights).unwrap();
+        assert_eq!(fit.method, FitMethod::Joint);
+        assert_eq!((fit.joint.waves, fit.joint.level), (2.0, 1e-5));
+        assert_eq!(fit.joint.data, weights.joint.data);
+        assert_eq!(fit.lambda, Lambda::Gcv);
+        assert_eq!(FitSettings::default().over(&weights).unwrap(), weights);
+        assert_eq!(FitSettings::all(&fit).unwrap().over(&weights).unwrap(), fit);
+
+        std::fs::write(&path, "[fit]\nrcond = 1e-5\nrigde = 1.0\n").unwrap();
+        let error = Config::load(Some(&path), &[]).unwrap_err().to_string();
+        assert!(
+            error.contains("line 3") && error.contains("rigde"),
+            "{error}"
+        );
+        let error = Config::load(None, &["fit.joint.level=0".into()]).unwrap_err();
+        assert!(error.to_string().contains("level"), "{error}");
     }
 
     #[test]

@@ -309,3 +309,32 @@ fn training_edges_leaves_base_functions_as_they_are() {
         "{text}"
     );
 }
+
+#[test]
+fn edges_learn_the_same_whatever_the_base_functions() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), CONFIG).unwrap();
+    std::fs::write(at.join("d.toml"), joint()).unwrap();
+    let run = |config: &str, name: &str, more: &[&str]| {
+        let short = ["--config", config, "-o", name, "--set", "train.steps=2"];
+        let uncalibrated = ["--set", "train.calibrate=false"];
+        train(at, &[&short[..], &uncalibrated, more].concat());
+        tensors(&at.join(name).join("weights.safetensors"))
+    };
+    run("c.toml", "bases", &[]);
+    let edges = "train.part=\"edges\"";
+    let start = "train.start=\"bases/weights.safetensors\"";
+    let beside = run("d.toml", "beside", &["--set", edges, "--set", start]);
+    let alone = run("d.toml", "alone", &["--set", edges]);
+    assert!(alone.keys().eq(beside.keys()));
+    for (name, values) in &alone {
+        let same = *values == beside[name];
+        // What starts at the same constants in every network learns nothing here either.
+        let constant = name.contains("norm") || name.contains("bias");
+        assert!(
+            same == name.starts_with("edges.") || constant,
+            "{name} is the same: {same}"
+        );
+    }
+}

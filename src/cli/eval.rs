@@ -2,11 +2,11 @@
 
 use super::args::Eval;
 use super::{Exit, settings, ui};
+use crate::config::FitSettings;
 use crate::data::{write_atomically, write_npy};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
-use crate::fit::FitConfig;
 use crate::predict::{Completer, Method, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;
@@ -33,7 +33,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     let network = candidates
         .iter()
         .any(|(_, c)| *c == Candidate::Method(Method::Lsdc))
-        .then(|| network(args, config.fit))
+        .then(|| network(args, &config.fit))
         .transpose()?;
     let evaluation = Evaluation {
         frames: &*frames,
@@ -101,10 +101,10 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
 }
 
 /// The network with its fit, and what names both in reports.
-fn network(args: &Eval, fit: Option<FitConfig>) -> Result<(Completer, String)> {
+fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let weights = args.model.weights.as_deref();
     let completer = Completer::open(weights, &device(&args.model.device)?)?;
-    let mut fit = fit.unwrap_or(*completer.fit_config());
+    let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
     let completer = completer.with_fit(fit);
     let name = format!("{}; {}", weights_name(weights)?, completer.fit_config());

@@ -7,7 +7,7 @@ use crate::data::{DataConfig, DatasetKind, Split};
 use crate::device::device;
 use crate::error::Result;
 use crate::experiment::{self, Event, Experiment, Lab, Recipe};
-use crate::fit::FitMethod;
+use crate::fit::{FitConfig, FitMethod};
 use crate::predict::{Completer, open_weights, weights_name};
 use crate::report::write_page;
 use crate::sample::Preset;
@@ -108,7 +108,7 @@ fn lab(args: &Experiments) -> Result<Lab> {
         };
         settings::open(&data, Split::Val)
     });
-    let mut fit = config.fit.unwrap_or_default();
+    let mut fit = config.fit.over(&FitConfig::default())?;
     fit.method = FitMethod::Lse;
     let data = config.data.clone();
     Ok(Lab {

@@ -3,10 +3,11 @@
 use super::args::Train;
 use super::dashboard::Dashboard;
 use super::{Exit, settings, ui};
-use crate::config::Config;
+use crate::config::{Config, FitSettings};
 use crate::data::{Split, write_atomically};
 use crate::device::devices;
 use crate::error::{Cause, Error, Result};
+use crate::fit::FitConfig;
 use crate::train::{Outcome, Trainer};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -26,7 +27,7 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
     let trainer = Trainer::new(
         &folder,
         config.network(),
-        config.fit.unwrap_or_default(),
+        config.fit.over(&FitConfig::default())?,
         config.train.clone(),
         frames,
         &devices,
@@ -62,6 +63,7 @@ fn start(args: &Train) -> Result<(PathBuf, Config)> {
     let mut config = args.settings.load()?;
     args.source.apply(&mut config.data);
     config.train.seed = args.seed.unwrap_or(config.train.seed);
+    config.fit = FitSettings::all(&config.fit.over(&FitConfig::default())?)?;
     let stem = args.settings.config.as_deref().and_then(Path::file_stem);
     let name = stem.map_or("default".into(), |s| s.to_string_lossy().into_owned());
     let folder = args

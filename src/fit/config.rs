@@ -112,8 +112,7 @@ impl FitConfig {
         }
     }
 
-    /// Up to which frequency smooth base functions stand beside those of the network: in a fit with a
-    /// field, if a prior says how large their weights are.
+    /// Up to which frequency waves are part of the field: under a learned prior, as training knows none.
     pub fn waves(&self) -> f64 {
         match (self.method, self.prior) {
             (FitMethod::Joint, PriorKind::Learned) => self.joint.waves,

@@ -111,15 +111,10 @@ impl Estimator<'_> {
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
     config.check()?;
     let rows = points.rows(config.space)?;
-    let waves = Waves::up_to(config.waves());
+    let ridges = Waves::up_to(config.waves()).ridges(config.joint.bending);
     let prior = match config.prior {
         PriorKind::Learned if config.method != FitMethod::Wls => {
-            let prior = learned(prior, config.space)?;
-            Some(if waves.is_empty() {
-                Cow::Borrowed(prior)
-            } else {
-                Cow::Owned(prior.beside(&waves.deviations(config.joint.swing)))
-            })
+            Some(Cow::Borrowed(learned(prior, config.space)?))
         }
         PriorKind::None if config.method == FitMethod::Lse => None,
         _ => Some(Cow::Owned(Prior::flat(rows.columns()))),
@@ -136,6 +131,7 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
             prior: prior
                 .filter(|_| method == FitMethod::Joint)
                 .map(|prior| (prior, config.field_lambda())),
+            ridges: &ridges,
         }),
     };
     let plain = estimator.solve(&rows, &rows.weights)?;

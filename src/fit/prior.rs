@@ -4,9 +4,8 @@
 //! at a mean depth of 1, and nothing is assumed of the scale s. So the fit stays exactly scale
 //! equivariant, and a single point scales a plausible map.
 
-use super::joint::field_moments;
 use super::lstsq::{Moments, Problem};
-use super::{JointConfig, Points, Space};
+use super::{Points, Space};
 use crate::error::{Error, Result};
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
@@ -120,67 +119,30 @@ impl Prior {
         }
     }
 
-    /// The same beside more weights, which are independent, with mean 0 and these deviations.
-    pub(super) fn beside(&self, deviations: &[f64]) -> Self {
-        let (columns, rank) = (self.columns(), self.factor.ncols());
-        let more = deviations.len();
-        let mut mean = self.mean.clone();
-        mean.resize(columns + more, 0.0);
-        let mut factor = Mat::zeros(columns + more, rank + more);
-        factor
-            .submatrix_mut(0, 0, columns, rank)
-            .copy_from(&self.factor);
-        for (i, &deviation) in deviations.iter().enumerate() {
-            factor[(columns + i, rank + i)] = deviation;
-        }
-        Self {
-            mean,
-            factor,
-            noise: self.noise,
-        }
-    }
-
     /// Learns mean and covariance from images whose depths were divided by their mean: the maximum
     /// of the likelihood, by expectation and maximisation (Dempster, Laird and Rubin 1977),
     /// starting from a constant depth. The noise, in the same unit, is the same for all images.
     ///
-    /// Beside a field the mean is still that of points alone: a field leaves open what lies far apart,
-    /// which is all that a few points ask of the mean.
-    ///
     /// # Errors
     /// Fewer than two images, or base functions that are not finite.
     pub fn learn(images: &[ImageMoments]) -> Result<Self> {
+        const ROUNDS: usize = 30;
         if images.len() < 2 {
             return Err(Error::fit("a prior over weights needs two images at least"));
         }
-        let alone: Vec<&Moments> = images.iter().map(|image| &image.alone).collect();
-        let prior = Self::most_likely(&alone, None)?;
-        let field: Option<Vec<&Moments>> = images.iter().map(|i| i.field.as_ref()).collect();
-        match field {
-            None => Ok(prior),
-            Some(field) => Self::most_likely(&field, Some(prior.mean)),
-        }
-    }
-
-    /// The mean, unless it is known, and the covariance that make images most likely.
-    fn most_likely(images: &[&Moments], known: Option<Vec<f64>>) -> Result<Self> {
-        const ROUNDS: usize = 30;
-        let columns = images.first().map_or(0, |image| image.right.len());
+        let columns = images.first().map_or(0, |image| image.0.right.len());
         let singular = |_| {
             Error::fit("the prior over weights cannot be learned")
                 .hint("base functions or depths are not finite")
         };
         let mut prior = Self::flat(columns);
-        if let Some(mean) = &known {
-            prior.mean.clone_from(mean);
-        }
         let mut covariance = Mat::<f64>::identity(columns, columns) * faer::Scale(0.1);
         let mut noise = 0.01;
         for _ in 0..ROUNDS {
             let precision = inverse(&covariance).map_err(singular)?;
             let expected: Vec<(Vec<f64>, Mat<f64>)> = images
                 .par_iter()
-                .map(|image| {
+                .map(|ImageMoments(image)| {
                     let system = &image.normal * faer::Scale(1.0 / noise) + &precision;
                     let spread = inverse(&system)?;
                     let pull = &precision * column(&prior.mean);
@@ -192,19 +154,17 @@ impl Prior {
                 .collect::<std::result::Result<_, NotPositive>>()
                 .map_err(singular)?;
             let total = images.len() as f64;
-            if known.is_none() {
-                prior.mean.fill(0.0);
-                for (weights, _) in &expected {
-                    let pairs = prior.mean.iter_mut().zip(weights);
-                    pairs.for_each(|(m, w)| *m += w / total);
-                }
+            prior.mean.fill(0.0);
+            for (weights, _) in &expected {
+                let pairs = prior.mean.iter_mut().zip(weights);
+                pairs.for_each(|(m, w)| *m += w / total);
             }
             let off = Mat::from_fn(columns, images.len(), |i, j| {
                 (expected[j].0[i] - prior.mean[i]) / total.sqrt()
             });
             covariance = &off * off.transpose();
             let (mut squares, mut count) = (0.0, 0.0);
-            for (image, (weights, spread)) in images.iter().zip(&expected) {
+            for (ImageMoments(image), (weights, spread)) in images.iter().zip(&expected) {
                 covariance += spread * faer::Scale(1.0 / total);
                 squares += expected_square(image, weights, spread);
                 count += image.count as f64;
@@ -225,28 +185,19 @@ impl Prior {
 
 /// The points of one training image, as far as a prior is learned from them.
 #[derive(Clone, Debug)]
-pub struct ImageMoments {
-    alone: Moments,
-    /// In the image's field, if the fit has one.
-    field: Option<Moments>,
-}
+pub struct ImageMoments(Moments);
 
 impl ImageMoments {
-    /// Of points whose depths are divided by their mean; in a field too, if there is a scene.
+    /// Of points whose depths are divided by their mean.
     ///
     /// # Errors
     /// No point, or values that are not finite.
-    pub fn new(points: &Points<'_>, joint: &JointConfig) -> Result<Self> {
+    pub fn new(points: &Points<'_>) -> Result<Self> {
         let rows = points.rows(Space::Depth)?;
         let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;
         let depths: Vec<f64> = rows.values.iter().map(|d| d / mean).collect();
-        let field = points
-            .scene
-            .map(|scene| field_moments(&rows, scene, joint, mean));
-        Ok(Self {
-            alone: Problem::new(rows.bases, &depths, &rows.weights).moments(),
-            field: field.transpose()?,
-        })
+        let problem = Problem::new(rows.bases, &depths, &rows.weights);
+        Ok(Self(problem.moments()))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::lstsq::Problem;
 use super::prior::{ImageMoments, NoisePrior, Prior};
-use super::{Fit, FitConfig, JointConfig, Lambda, Points, PriorKind, Robust, Space, fit};
+use super::{Fit, FitConfig, Lambda, Points, PriorKind, Robust, Space, fit};
 use crate::rng::Rng;
 use faer::linalg::solvers::{DenseSolveCore as _, Solve as _};
 use faer::{Mat, Side};
@@ -325,7 +325,7 @@ fn a_prior_is_learned_from_images() {
             }
             // An offset of 4 keeps every depth positive: weights (5 w + 20, 5 w, 5 w) over their
             // mean depth.
-            ImageMoments::new(&Points::new(&bases, &depths), &JointConfig::default()).unwrap()
+            ImageMoments::new(&Points::new(&bases, &depths)).unwrap()
         })
         .collect();
     let prior = Prior::learn(&images).unwrap();

@@ -41,11 +41,11 @@ impl Waves {
         self.pairs.is_empty()
     }
 
-    /// How large weights are likely to be: the spectrum of thin plates (Wahba 1990, section 2.4),
-    /// which falls with the square of the frequency, level below frequency 1.
-    pub(super) fn deviations(&self, swing: f64) -> Vec<f64> {
-        let deviation = |&pair| swing / (1.0 + square(pair));
-        self.pairs.iter().map(deviation).collect()
+    /// How much the square of each weight counts: as bending thin plates does (Wahba 1990, section
+    /// 2.4), with the fourth power of the frequency; `bending` below frequency 1.
+    pub(super) fn ridges(&self, bending: f64) -> Vec<f64> {
+        let count = |&pair| bending * (1.0 + square(pair)).powi(2);
+        self.pairs.iter().map(count).collect()
     }
 
     /// Rows of `before` values, one for each pixel, with those of the waves behind them.
@@ -123,9 +123,10 @@ mod tests {
         // (p / 4)^2 + (q / 3)^2 <= 1: p = 0 to 4 with q = 0, 3 with q = 1, 2 with q = 2, 0 with q = 3.
         let waves = Waves::up_to(1.0);
         assert_eq!(waves.len(), 4 + 4 + 3 + 1);
-        // Four half-waves across have frequency 1, and half the deviation of a constant.
+        // Four half-waves across have frequency 1: a weight of half the size counts as much as that of a
+        // constant.
         let place = waves.pairs.iter().position(|&pair| pair == (4, 0)).unwrap();
-        assert!((waves.deviations(0.06)[place] - 0.03).abs() < 1e-12);
+        assert!((waves.ridges(0.06)[place] - 0.24).abs() < 1e-12);
     }
 
     #[test]

@@ -351,9 +351,7 @@ impl Completer {
     /// # Errors
     /// No point, or damaged weights.
     pub fn moments(&self, bases: &ImageBases, sparse: &DepthMap) -> Result<ImageMoments> {
-        let gathered = Gathered::new(bases, sparse, None)?;
-        let edges = (self.fit.method == FitMethod::Joint).then(|| bases.edges());
-        ImageMoments::new(&gathered.points(edges), &self.fit.joint)
+        ImageMoments::new(&Gathered::new(bases, sparse, None)?.points(None))
     }
 
     /// The leverage of each point, in the order of [`DepthMap::points`].

@@ -36,8 +36,9 @@ pub fn divide(frames: &dyn Dataset, count: usize) -> (Vec<usize>, Vec<usize>) {
 }
 
 /// Shares of the variance that training images suggest, among which lambda is chosen for base
-/// functions beside a field: where the field's model of its own steps is wrong, so is theirs.
-const SHARES: [f64; 9] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
+/// functions beside a field: the fewer the points, the less of what base functions cannot express does
+/// the field take.
+const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 /// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.
 const NUMBERS: [(usize, u64); COUNTS] = [(5, 8), (50, 2), (500, 1)];
 
@@ -67,10 +68,12 @@ pub fn calibrate(
         prior: PriorKind::Learned,
         ..*completer.fit_config()
     };
-    // The prior is one over the weights of the network.
-    let mut alone = fit;
-    alone.joint.waves = 0.0;
-    let completer = completer.with_fit(alone);
+    let plain = FitConfig {
+        prior: PriorKind::Learned,
+        robust: None,
+        ..FitConfig::default()
+    };
+    let completer = completer.with_fit(plain);
     let total = training.len() + held_out.len();
     let load = |index: usize| frame(frames, index, &config.protocol);
 
@@ -95,11 +98,6 @@ pub fn calibrate(
     };
 
     // With 500 points there is no need to know the noise beforehand.
-    let plain = FitConfig {
-        prior: PriorKind::Learned,
-        robust: None,
-        ..FitConfig::default()
-    };
     let completer = completer.with_prior(prior.clone().with_noise(unknown), 1.0);
     let (fit, measured) = if fit.method == FitMethod::Joint {
         let scale = prior.noise().mean.exp();

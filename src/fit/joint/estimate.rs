@@ -18,6 +18,8 @@ pub(in crate::fit) struct FieldEstimator<'a> {
     pub(in crate::fit) scene: Scene<'a>,
     pub(in crate::fit) joint: JointConfig,
     pub(in crate::fit) prior: Option<(&'a Prior, Lambda)>,
+    /// The last columns are of waves, and their weights count so much.
+    pub(in crate::fit) ridges: &'a [f64],
 }
 
 /// A field that was fitted.
@@ -54,8 +56,10 @@ impl FieldEstimator<'_> {
                 (nothing(columns), noise, None)
             }
             Some((prior, lambda)) => {
+                let (moments, waves) = moments.without_last(self.ridges)?;
                 let found = moments.shrunk(prior, lambda)?;
-                (found.solution, found.noise, Some(found.lambda))
+                let solution = waves.beside(&found.solution);
+                (solution, found.noise, Some(found.lambda))
             }
         };
         let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
@@ -81,21 +85,6 @@ impl FieldEstimator<'_> {
             })),
         })
     }
-}
-
-/// The moments of points in a field, with depths divided by `unit`.
-pub(in crate::fit) fn field_moments(
-    rows: &Rows<'_>,
-    scene: Scene<'_>,
-    joint: &JointConfig,
-    unit: f64,
-) -> Result<Moments> {
-    let sites = Sites::new(rows, &rows.weights, scene, joint)?;
-    let field = sites.field(scene, joint.level)?;
-    let mut moments = moments(&field, rows.columns(), sites.freedom(joint.level));
-    moments.right.iter_mut().for_each(|v| *v /= unit);
-    moments.square /= unit * unit;
-    Ok(moments)
 }
 
 /// The field alone.

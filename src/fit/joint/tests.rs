@@ -2,8 +2,8 @@
 
 use super::{JointConfig, joint};
 use crate::fit::{
-    Edges, Fit, FitConfig, FitMethod, ImageMoments, Lambda, Loss, NoisePrior, Points, Prior,
-    PriorKind, Robust, Scene, Waves, fit,
+    Edges, Fit, FitConfig, FitMethod, Lambda, Loss, NoisePrior, Points, Prior, PriorKind, Robust,
+    Scene, Waves, fit,
 };
 use crate::rng::Rng;
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -433,26 +433,4 @@ fn waves_carry_slopes_between_points() {
         with < 0.67 * without,
         "{with} with waves, {without} without"
     );
-}
-
-#[test]
-fn a_prior_beside_a_field_has_the_mean_of_points_alone() {
-    let example = Example::new();
-    let learned = |scene: Option<Scene<'_>>| {
-        let images = (0..6).map(|i| {
-            let steeper = |([x, _], d): (&[usize; 2], &f32)| d + 0.03 * (i * x) as f32;
-            let depths = example.places.iter().zip(&example.depths).map(steeper);
-            let depths: Vec<f32> = depths.collect();
-            let points = Points {
-                places: Some(&example.places),
-                scene,
-                ..Points::new(&example.bases, &depths)
-            };
-            ImageMoments::new(&points, &JointConfig::default()).unwrap()
-        });
-        Prior::learn(&images.collect::<Vec<_>>()).unwrap()
-    };
-    let (alone, beside) = (learned(None), learned(Some(example.scene())));
-    assert_eq!(alone.numbers().0, beside.numbers().0);
-    assert_ne!(alone.numbers().1, beside.numbers().1);
 }
