@@ -56,7 +56,8 @@ pub struct Weights {
 /// How the numbers of a network lie in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Precision {
-    /// Two bytes each (IEEE 754 binary16).
+    /// Two bytes each (IEEE 754 binary16), but for tensors with numbers that do not fit: variances of
+    /// features are large where weights have grown.
     #[default]
     Half,
     /// Four bytes each.
@@ -100,7 +101,7 @@ impl Weights {
         }
     }
 
-    /// The bytes of a safetensors file with f16 tensors, and f32 tables.
+    /// The bytes of a safetensors file with f16 tensors, where their numbers fit, and f32 tables.
     ///
     /// # Errors
     /// A record that cannot be written as JSON.
@@ -122,13 +123,20 @@ impl Weights {
         metadata.insert(NETWORK.into(), json(&self.record.network)?);
         metadata.insert(NORMALISATION.into(), json(&self.record.normalisation)?);
         let tensors = self.tensors.iter().map(|(name, data)| {
-            let values = data.iter::<f32>();
+            let values: Vec<f32> = data.iter::<f32>().collect();
+            let held = |v: &f32| v.abs() <= half::f16::MAX.to_f32();
             let (dtype, bytes) = match precision {
-                Precision::Half => {
-                    let bytes = values.flat_map(|v| half::f16::from_f32(v).to_le_bytes());
-                    (Dtype::F16, bytes.collect())
+                Precision::Half if values.iter().all(held) => {
+                    let halves = values.iter().map(|v| half::f16::from_f32(*v));
+                    (
+                        Dtype::F16,
+                        halves.flat_map(half::f16::to_le_bytes).collect(),
+                    )
                 }
-                Precision::Single => (Dtype::F32, values.flat_map(f32::to_le_bytes).collect()),
+                _ => {
+                    let bytes = values.iter().flat_map(|v| v.to_le_bytes());
+                    (Dtype::F32, bytes.collect())
+                }
             };
             (name.clone(), (dtype, data.shape().to_vec(), bytes))
         });
@@ -172,6 +180,11 @@ impl Weights {
         for (name, view) in file.tensors() {
             let values = decode(&view)
                 .ok_or_else(|| foreign(format!("tensor `{name}` is neither f16 nor f32")))?;
+            if !values.iter().all(|v| v.is_finite()) {
+                return Err(foreign(format!(
+                    "tensor `{name}` has values that are not finite"
+                )));
+            }
             let shape = view.shape().to_vec();
             match name.strip_prefix(TABLE) {
                 Some(name) => {
@@ -378,5 +391,56 @@ impl ModuleMapper for Filler {
                 param
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn small() -> Weights {
+        let network = BasisNetConfig::small();
+        let net = network.init(0, &Device::flex()).unwrap();
+        let normalisation = Normalisation::default();
+        let record = WeightsRecord {
+            network,
+            normalisation,
+            notes: BTreeMap::new(),
+        };
+        Weights::of(&net, record)
+    }
+
+    /// The name of a running variance, and the tensor with one number replaced.
+    fn with_variance(weights: &mut Weights, value: f32) -> String {
+        let mut names = weights.tensors.keys();
+        let name = names.find(|n| n.contains("running_var")).unwrap().clone();
+        let data = &weights.tensors[&name];
+        let mut values: Vec<f32> = data.iter::<f32>().collect();
+        values[1] = value;
+        let data = TensorData::new(values, data.shape().to_vec());
+        weights.tensors.insert(name.clone(), data);
+        name
+    }
+
+    #[test]
+    fn numbers_that_do_not_fit_half_precision_stay() {
+        let mut weights = small();
+        let name = with_variance(&mut weights, 123_456.0);
+        let read = Weights::from_bytes(&weights.to_bytes().unwrap(), "w").unwrap();
+        assert_eq!(read.tensors[&name], weights.tensors[&name]);
+        let single = weights.to_bytes_in(Precision::Single).unwrap().len();
+        assert!(2 * weights.to_bytes().unwrap().len() < single + 200_000);
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_refused() {
+        let mut weights = small();
+        let name = with_variance(&mut weights, f32::INFINITY);
+        let error = Weights::from_bytes(&weights.to_bytes().unwrap(), "w").unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.contains(&name) && text.contains("not finite"),
+            "{text}"
+        );
     }
 }
