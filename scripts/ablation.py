@@ -2,7 +2,7 @@
 """What each part of the network, the fit and the training is worth, on equal budgets.
 
 Trains one variant after the other from the same seed, measures each on test frames, and prints a
-table. What exists is not done again: stop and go on as you like. Variants of `nyu-edges.toml` judge
+table. What exists is not done again: stop and go on as you like. Variants of `nyu-joint.toml` judge
 edges and start from weights with base functions; those of `nyu-half.toml` learn base functions.
 
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 --start WEIGHTS -o ablation
@@ -82,7 +82,7 @@ class Variant:
 
 
 def edges(**changes: dict) -> Variant:
-    return Variant("nyu-edges", laid_over({"network": {"edges": 16}}, changes))
+    return Variant("nyu-joint", laid_over({"network": {"edges": 16}}, changes))
 
 
 def bases(**changes: dict) -> Variant:
@@ -218,7 +218,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--root", help="tree of NYU Depth v2 with train and val")
     parser.add_argument("--steps", type=int, default=1000, help="of each variant")
-    parser.add_argument("--start", help="weights that `nyu-edges.toml` starts from")
+    parser.add_argument("--start", help="weights that `nyu-joint.toml` starts from")
     parser.add_argument("--only", help="names of variants, with semicolons [default: all]")
     parser.add_argument("--task", type=int, help="only the variant with this number in --list")
     parser.add_argument("--device", default="cpu")

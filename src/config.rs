@@ -76,11 +76,10 @@ fn unfit(e: impl Display) -> Error {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 6] = [
+const BUILT_IN: [(&str, &str); 5] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
-    ("nyu-edges.toml", include_str!("../configs/nyu-edges.toml")),
     ("nyu-joint.toml", include_str!("../configs/nyu-joint.toml")),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
