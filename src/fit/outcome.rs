@@ -10,7 +10,8 @@ use std::sync::Arc;
 /// The outcome of a fit.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// Weights of the base functions, the constant first, in metres (in the unit of the space).
+    /// Weights of the base functions, the constant first, then of waves, in metres (in the unit of the
+    /// space).
     pub weights: Vec<f64>,
     /// Depth minus fitted depth at each point, in metres.
     pub residuals: Vec<f64>,
@@ -59,6 +60,12 @@ impl Fit {
             solution,
             field,
         }
+    }
+
+    /// The number of base functions that are not waves, the constant among them: the rank is at most
+    /// that.
+    pub fn functions(&self) -> usize {
+        self.weights.len() - self.field.as_ref().map_or(0, |field| field.waves)
     }
 
     /// The field that base functions x weights are added to, if there is one.

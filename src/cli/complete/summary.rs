@@ -51,7 +51,8 @@ struct Fit {
     #[serde(skip_serializing_if = "Option::is_none")]
     outliers: Option<usize>,
     rank: usize,
-    weights: usize,
+    /// Base functions, of which that many directions at most are determined.
+    functions: usize,
 }
 
 #[derive(Debug, Serialize)]
@@ -93,7 +94,7 @@ impl Summary {
                 left_out: fitted.left_out().map(|left| root_mean_square(&left)),
                 outliers: fitted.outlying().map(|points| points.len()),
                 rank: fitted.fit.rank,
-                weights: fitted.fit.weights.len(),
+                functions: fitted.fit.functions(),
             }),
             seconds: Seconds {
                 reading: seconds(frame.reading),
@@ -160,7 +161,7 @@ impl Summary {
             });
             lines.push(format!(
                 "residual  {:.4} m rms at the points{left_out}, rank {} of {}",
-                fit.residual, fit.rank, fit.weights
+                fit.residual, fit.rank, fit.functions
             ));
         }
         let stages = [

@@ -30,6 +30,8 @@ pub(in crate::fit) struct FieldFit {
     pub(in crate::fit) smooth: Smooth,
     pub(in crate::fit) size: (usize, usize),
     pub(in crate::fit) data: f64,
+    /// How many of the last weights are of waves.
+    pub(in crate::fit) waves: usize,
 }
 
 /// Points as the field sees them: those of one of its pixels are one.
@@ -82,6 +84,7 @@ impl FieldEstimator<'_> {
                 smooth: Smooth::new(self.scene.edges.size(), &values),
                 size: self.scene.edges.size(),
                 data: self.joint.data,
+                waves: self.ridges.len(),
             })),
         })
     }

@@ -416,6 +416,7 @@ fn error_on_a_plane(frequency: f64) -> f64 {
         }),
     };
     let fit = fit(&points, &config, Some(&prior)).unwrap();
+    assert_eq!((fit.functions(), fit.weights.len()), (1, 1 + waves.len()));
     let mut dense = vec![fit.weights[0] as f32; height * width];
     waves.add_to((height, width), &fit.weights[1..], &mut dense);
     fit.smooth().unwrap().add_to((height, width), &mut dense);
