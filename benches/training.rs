@@ -38,7 +38,7 @@ fn step(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("training step");
     group.sample_size(10);
     for (name, network) in [
-        ("small", BasisNetConfig::small()),
+        ("sharp", BasisNetConfig::sharp()),
         ("paper", BasisNetConfig::paper()),
     ] {
         let net = network.init(0, &device).expect("a preset");

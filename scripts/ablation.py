@@ -2,8 +2,9 @@
 """What each part of the network, the fit and the training is worth, on equal budgets.
 
 Trains one variant after the other from the same seed, measures each on test frames, and prints a
-table. What exists is not done again: stop and go on as you like. Variants of `nyu-joint.toml` judge
-edges and start from weights with base functions; those of `nyu-half.toml` learn base functions.
+table. What exists is not done again: stop and go on as you like. Variants of `nyu-edges.toml` and
+`nyu-joint.toml` judge edges and start from weights with base functions; those of `nyu-half.toml` learn
+base functions.
 
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 --start WEIGHTS -o ablation
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 -o ablation --only 'bases;N=16'
@@ -22,7 +23,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# The small network; presets cannot be changed in part.
+# The sharp network without its edges; presets cannot be changed in part.
 NETWORK = {
     "extractor": {
         "stem": 16,
@@ -82,7 +83,7 @@ class Variant:
 
 
 def edges(**changes: dict) -> Variant:
-    return Variant("nyu-joint", laid_over({"network": {"edges": 16}}, changes))
+    return Variant("nyu-edges", laid_over({"network": {"edges": 16}}, changes))
 
 
 def bases(**changes: dict) -> Variant:
@@ -111,9 +112,7 @@ VARIANTS = {
     "rms error alone": edges(train=loss(l1=0.0)),
     "absolute error alone": edges(train=loss(rmse=0.0)),
     "no average of steps": edges(train={"average": None}),
-    "everything, jointly": edges(
-        train={"part": "all", "learning_rate": 2e-3, "freeze_statistics": 0.0}
-    ),
+    "everything, jointly": Variant("nyu-joint", {"network": {"edges": 16}}),
     "bases": bases(),
     "bases, not sharpened": bases(network={"extractor": {"sharpening": 0}}),
     "bases, 32 features": bases(network={"extractor": {"features": 32}}),
@@ -218,7 +217,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--root", help="tree of NYU Depth v2 with train and val")
     parser.add_argument("--steps", type=int, default=1000, help="of each variant")
-    parser.add_argument("--start", help="weights that `nyu-joint.toml` starts from")
+    parser.add_argument("--start", help="weights that those that judge edges start from")
     parser.add_argument("--only", help="names of variants, with semicolons [default: all]")
     parser.add_argument("--task", type=int, help="only the variant with this number in --list")
     parser.add_argument("--device", default="cpu")

@@ -322,11 +322,12 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
     let network = BasisNetConfig {
         extractor: ExtractorConfig {
             sharpening: 1,
-            ..ExtractorConfig::small()
+            ..ExtractorConfig::slim()
         },
         hidden: vec![32],
         bases: 16,
-        ..BasisNetConfig::small()
+        edges: 0,
+        ..BasisNetConfig::sharp()
     };
     let fit = FitConfig {
         ridge: 1e-3,

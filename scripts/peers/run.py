@@ -44,7 +44,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--runs", type=int, default=5, help="runs of each program in a round")
     keep = "make the C library keep freed pages, for all programs (lsdc does by itself)"
     parser.add_argument("--keep-pages", action="store_true", help=keep)
-    parser.add_argument("--preset", help="random weights of a preset (paper, medium, small)")
+    parser.add_argument("--preset", help="random weights of a preset (paper, medium, sharp, small)")
     parser.add_argument("--weights", default=str(ROOT / "assets/weights.safetensors"))
     parser.add_argument("--lsdc", default=str(ROOT / "target/release/lsdc"))
     return parser.parse_args()

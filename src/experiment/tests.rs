@@ -32,8 +32,9 @@ fn lab(folder: &Path) -> Lab {
         ..TrainConfig::default()
     };
     let network = BasisNetConfig {
-        extractor: ExtractorConfig::small(),
-        ..BasisNetConfig::small()
+        extractor: ExtractorConfig::slim(),
+        edges: 0,
+        ..BasisNetConfig::sharp()
     };
     let fit = FitConfig {
         ridge: 1e-4,

@@ -112,11 +112,11 @@ impl FitConfig {
         }
     }
 
-    /// Up to which frequency waves are part of the field: under a learned prior, as training knows none.
+    /// Up to which frequency waves are part of the field.
     pub fn waves(&self) -> f64 {
-        match (self.method, self.prior) {
-            (FitMethod::Joint, PriorKind::Learned) => self.joint.waves,
-            _ => 0.0,
+        match self.method {
+            FitMethod::Joint => self.joint.waves,
+            FitMethod::Lse | FitMethod::Wls => 0.0,
         }
     }
 

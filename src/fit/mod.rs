@@ -117,7 +117,7 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
             Some(Cow::Borrowed(learned(prior, config.space)?))
         }
         PriorKind::None if config.method == FitMethod::Lse => None,
-        _ => Some(Cow::Owned(Prior::flat(rows.columns()))),
+        _ => Some(Cow::Owned(Prior::flat(rows.columns() - ridges.len()))),
     };
     let estimator = match (config.method, prior.as_deref()) {
         (FitMethod::Lse, None) => Estimator::Plain(config.solver()),
@@ -125,7 +125,7 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
         (method, prior) => Estimator::Field(FieldEstimator {
             scene: points.scene.ok_or_else(|| no_scene(method))?,
             joint: match method {
-                FitMethod::Wls => config.joint.free(),
+                FitMethod::Wls => config.joint.alone(),
                 _ => config.joint,
             },
             prior: prior

@@ -41,6 +41,11 @@ impl Waves {
         self.pairs.is_empty()
     }
 
+    /// The half-waves of each, across and down.
+    pub(super) fn pairs(&self) -> &[(usize, usize)] {
+        &self.pairs
+    }
+
     /// How much the square of each weight counts: as bending thin plates does (Wahba 1990, section
     /// 2.4), with the fourth power of the frequency; `bending` below frequency 1.
     pub(super) fn ridges(&self, bending: f64) -> Vec<f64> {
@@ -56,12 +61,12 @@ impl Waves {
         (height, width): (usize, usize),
         pixels: &[u32],
     ) -> Vec<f32> {
-        let (across, down) = (self.tables(width, 0), self.tables(height, 1));
+        let (across, down) = (self.table(width, 0), self.table(height, 1));
         let all = before + self.len();
         let mut values = vec![0.0; pixels.len() * all];
-        for ((row, given), &pixel) in values.chunks_mut(all).zip(rows.chunks(before)).zip(pixels) {
+        for (i, (row, &pixel)) in values.chunks_mut(all).zip(pixels).enumerate() {
             let (x, y) = (pixel as usize % width, pixel as usize / width);
-            row[..before].copy_from_slice(given);
+            row[..before].copy_from_slice(&rows[i * before..][..before]);
             for (value, &(p, q)) in row[before..].iter_mut().zip(&self.pairs) {
                 *value = across[p * width + x] * down[q * height + y];
             }
@@ -74,8 +79,8 @@ impl Waves {
         if self.is_empty() {
             return;
         }
-        let (across, down) = (self.tables(width, 0), self.tables(height, 1));
-        let most = self.pairs.iter().map(|pair| pair.0).max().unwrap_or(0);
+        let (across, down) = (self.table(width, 0), self.table(height, 1));
+        let most = self.most(0);
         values
             .par_chunks_mut(width)
             .enumerate()
@@ -94,11 +99,17 @@ impl Waves {
             });
     }
 
+    /// The highest number of half-waves across (0) or down (1).
+    pub(super) fn most(&self, axis: usize) -> usize {
+        let counts = self.pairs.iter().map(|pair| [pair.0, pair.1][axis]);
+        counts.max().unwrap_or(0)
+    }
+
     /// The half-waves of an axis `[half-waves, length]`.
-    fn tables(&self, length: usize, axis: usize) -> Vec<f32> {
-        let most = self.pairs.iter().map(|pair| [pair.0, pair.1][axis]).max();
-        let mut table = Vec::with_capacity((most.unwrap_or(0) + 1) * length);
-        for wave in 0..=most.unwrap_or(0) {
+    pub(super) fn table(&self, length: usize, axis: usize) -> Vec<f32> {
+        let most = self.most(axis);
+        let mut table = Vec::with_capacity((most + 1) * length);
+        for wave in 0..=most {
             for place in 0..length {
                 let turn = wave as f64 * (place as f64 + 0.5) / length as f64;
                 table.push((std::f64::consts::PI * turn).cos() as f32);

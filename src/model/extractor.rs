@@ -73,7 +73,7 @@ impl ExtractorConfig {
     }
 
     /// Half the widths and two fifths of the blocks, features twice as wide and sharpened.
-    pub fn small() -> Self {
+    pub fn slim() -> Self {
         let stage = |width, blocks| StageConfig { width, blocks };
         Self {
             stem: 16,
@@ -83,6 +83,19 @@ impl ExtractorConfig {
             merge: 64,
             features: 64,
             sharpening: 2,
+        }
+    }
+
+    /// Half the widths of the slim one.
+    pub fn slimmer() -> Self {
+        let stage = |width, blocks| StageConfig { width, blocks };
+        Self {
+            stem: 8,
+            stages: [stage(8, 2), stage(16, 6), stage(32, 2), stage(32, 1)],
+            branch: 8,
+            merge: 32,
+            features: 32,
+            ..Self::slim()
         }
     }
 

@@ -15,13 +15,14 @@ fn image(height: usize, width: usize) -> Tensor<4> {
 
 /// Few blocks, so that tests are quick.
 fn tiny() -> BasisNetConfig {
-    let mut extractor = ExtractorConfig::small();
+    let mut extractor = ExtractorConfig::slim();
     extractor.stages.iter_mut().for_each(|s| s.blocks = 1);
     BasisNetConfig {
         extractor,
         hidden: vec![16],
         bases: 12,
-        ..BasisNetConfig::small()
+        edges: 0,
+        ..BasisNetConfig::sharp()
     }
 }
 

@@ -153,7 +153,7 @@ pub(super) fn field_losses(
             batch.draws.clone(),
             edges.clone(),
             candidates(batch),
-            fit.joint.free(),
+            fit.joint.alone(),
         );
         let field = found.field.reshape([draws, images, height * width]);
         let maps = batch.maps.clone().reshape([images, height * width]);

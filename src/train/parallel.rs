@@ -121,11 +121,12 @@ mod tests {
         let config = BasisNetConfig {
             extractor: ExtractorConfig {
                 sharpening: 1,
-                ..ExtractorConfig::small()
+                ..ExtractorConfig::slim()
             },
             hidden: vec![24],
             bases: 16,
-            ..BasisNetConfig::small()
+            edges: 0,
+            ..BasisNetConfig::sharp()
         };
         config.init(0, device).unwrap()
     }

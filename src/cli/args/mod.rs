@@ -84,7 +84,7 @@ pub(super) struct Model {
 #[derive(Debug, ClapArgs)]
 pub(super) struct Settings {
     /// Configuration file, or the name of a built-in one (nyu.toml, nyu-half.toml, nyu-bases.toml,
-    /// nyu-joint.toml, smoke.toml).
+    /// nyu-edges.toml, nyu-joint.toml, smoke.toml).
     #[arg(long, value_name = "FILE")]
     pub(super) config: Option<PathBuf>,
     /// Change one setting, as in --set train.steps=100; may be repeated.

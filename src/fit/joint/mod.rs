@@ -11,6 +11,7 @@
 //! it is weighted least squares (Farbman et al. 2008), with a rigid field the paper's fit.
 
 mod autodiff;
+mod columns;
 mod estimate;
 mod host;
 mod marginal;
@@ -25,6 +26,7 @@ use crate::error::{Error, Result};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::{Tensor, s};
+use columns::Columns;
 use problem::Adjoint;
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex};
@@ -39,9 +41,8 @@ pub struct JointConfig {
     pub ridge: f64,
     /// How much the square of the field counts at each pixel: what holds it near 0 far from points.
     pub level: f64,
-    /// Up to which frequency waves are part of the field, under a learned prior over the weights of the
-    /// network's base functions: first differences alone flatten slopes between points. 0: none; F:
-    /// waves as short as half the width of the image over F.
+    /// Up to which frequency waves are part of the field beside base functions: first differences alone
+    /// flatten slopes between points. 0: none; F: waves as short as half the width of the image over F.
     pub waves: f64,
     /// How much the square of a wave's weight counts at low frequencies.
     pub bending: f64,
@@ -62,10 +63,14 @@ impl Default for JointConfig {
 }
 
 impl JointConfig {
-    /// With a level that is free: a field alone is drawn to nothing but its points.
+    /// For a field alone: without waves, and drawn to nothing but its points.
     #[must_use]
-    pub fn free(self) -> Self {
-        Self { level: 0.0, ..self }
+    pub fn alone(self) -> Self {
+        Self {
+            level: 0.0,
+            waves: 0.0,
+            ..self
+        }
     }
 
     /// Checks every setting.
@@ -175,9 +180,9 @@ pub struct JointFit {
 /// Problem `p` is one of image `p % images`: `bases [problems, points, k]` and `depths [problems,
 /// points]` at candidate points, whose pixels `y * width + x` are `pixels[image]`, all different
 /// where `draws [problems, points]` is above 0. `edges [images, height, width, 2]` says how
-/// strongly each pixel is joined to its right and lower neighbour. Solved on the host in f64;
-/// differentiable in `bases` and `edges` by the adjoint equations. A problem without a solution
-/// yields NaN.
+/// strongly each pixel is joined to its right and lower neighbour. Waves are part of the field. Solved
+/// on the host in f64; differentiable in `bases` and `edges` by the adjoint equations. A problem without
+/// a solution yields NaN.
 pub fn joint(
     bases: Tensor<3>,
     depths: Tensor<2>,
@@ -186,7 +191,16 @@ pub fn joint(
     pixels: Vec<Vec<u32>>,
     config: JointConfig,
 ) -> JointFit {
-    let k = bases.dims()[2];
+    let [problems, _, k] = bases.dims();
+    let [images, height, width, _] = edges.dims();
+    let waves = Columns::new(&config, (height, width), &bases);
+    let bases = match &waves {
+        None => bases,
+        Some(waves) => {
+            let columns = waves.at(&pixels).repeat_dim(0, problems / images);
+            Tensor::cat(vec![bases, columns], 2)
+        }
+    };
     let scenes = Scenes(Arc::new(Inner {
         pixels,
         config,
@@ -199,9 +213,14 @@ pub fn joint(
         edges.into_dispatch(),
         scenes,
     ));
+    let columns = k + waves.as_ref().map_or(0, Columns::count);
+    let field = result.clone().slice(s![.., columns..]);
     JointFit {
         weights: result.clone().slice(s![.., ..k]),
-        field: result.slice(s![.., k..]),
+        field: match waves {
+            None => field,
+            Some(waves) => field + waves.maps(result.slice(s![.., k..columns])),
+        },
     }
 }
 

@@ -65,7 +65,8 @@ fn objective(values: &Values) -> Tensor<1> {
         data: 3.0,
         ridge: 0.2,
         level: 0.01,
-        ..JointConfig::default()
+        waves: 1.0,
+        bending: 0.5,
     };
     let found = joint(
         values.bases.clone(),
@@ -263,27 +264,10 @@ fn deviations_are_those_of_the_gaussian_posterior() {
     let mut deviations = vec![0.0; HEIGHT * WIDTH];
     found.unwrap().add_to((HEIGHT, WIDTH), &mut deviations);
 
-    // The precision of field and weights together; nothing is assumed of the constant.
+    // Of field and weights together; nothing is assumed of the constant.
     let pixels = HEIGHT * WIDTH;
     let size = pixels + 3;
-    let mut precision = Mat::<f64>::zeros(size, size);
-    let level = JointConfig::default().level;
-    let grid = example.edges.grid(level);
-    (0..pixels).for_each(|i| precision[(i, i)] = level);
-    let mut join = |i: usize, j: usize, strength: f64| {
-        precision[(i, i)] += strength;
-        precision[(j, j)] += strength;
-        precision[(i, j)] -= strength;
-        precision[(j, i)] -= strength;
-    };
-    for i in 0..pixels {
-        if (i + 1) % WIDTH > 0 {
-            join(i, i + 1, grid.right[i]);
-        }
-        if i + WIDTH < pixels {
-            join(i, i + WIDTH, grid.down[i]);
-        }
-    }
+    let mut precision = precision(&example.edges, JointConfig::default().level, size);
     let functions = bases_at(&all_places());
     let row = |pixel: usize| {
         Mat::<f64>::from_fn(size, 1, |i, _| match i.checked_sub(pixels) {
@@ -306,6 +290,97 @@ fn deviations_are_those_of_the_gaussian_posterior() {
         assert!(
             (found - variance).abs() < 1e-4 * variance,
             "{found} {variance}"
+        );
+    }
+}
+
+/// The precision of a field before it is observed, and zeros.
+fn precision(edges: &Edges, level: f64, size: usize) -> Mat<f64> {
+    let mut precision = Mat::<f64>::zeros(size, size);
+    let grid = edges.grid(level);
+    let pixels = HEIGHT * WIDTH;
+    (0..pixels).for_each(|i| precision[(i, i)] = level);
+    let mut join = |i: usize, j: usize, strength: f64| {
+        precision[(i, i)] += strength;
+        precision[(j, j)] += strength;
+        precision[(i, j)] -= strength;
+        precision[(j, i)] -= strength;
+    };
+    for i in 0..pixels {
+        if (i + 1) % WIDTH > 0 {
+            join(i, i + 1, grid.right[i]);
+        }
+        if i + WIDTH < pixels {
+            join(i, i + WIDTH, grid.down[i]);
+        }
+    }
+    precision
+}
+
+#[test]
+fn the_op_minimises_over_field_waves_and_weights() {
+    let example = Example::new();
+    let config = JointConfig {
+        data: 3.0,
+        ridge: 0.2,
+        level: 0.01,
+        waves: 1.0,
+        bending: 0.5,
+    };
+    let device = Device::flex();
+    let tensor = |values: Vec<f64>| {
+        let count = values.len();
+        Tensor::<1>::from_data(TensorData::new(values, [count]), (&device, DType::F64))
+    };
+    let wide = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
+    let places = &places()[0];
+    let found = joint(
+        tensor(wide(&example.bases)).reshape([1, POINTS, 3]),
+        tensor(wide(&example.depths)).reshape([1, POINTS]),
+        tensor(vec![1.0; POINTS]).reshape([1, POINTS]),
+        tensor(edges()[..2 * HEIGHT * WIDTH].to_vec()).reshape([1, HEIGHT, WIDTH, 2]),
+        vec![places.clone()],
+        config,
+    );
+    let read = |values: Tensor<2>| values.into_data().iter::<f64>().collect::<Vec<_>>();
+    let (weights, field) = (read(found.weights), read(found.field));
+
+    let waves = Waves::up_to(config.waves);
+    let pixels = HEIGHT * WIDTH;
+    let every: Vec<u32> = (0..pixels as u32).collect();
+    let columns = 3 + waves.len();
+    let functions = waves.beside(&bases_at(&all_places()), 3, (HEIGHT, WIDTH), &every);
+    let size = pixels + columns;
+    let mut precision = precision(&example.edges, config.level, size);
+    let ridges = waves.ridges(config.bending);
+    for (i, ridge) in [config.ridge; 3].iter().chain(&ridges).enumerate() {
+        precision[(pixels + i, pixels + i)] = *ridge;
+    }
+    let mut right = Mat::<f64>::zeros(size, 1);
+    for (&pixel, &depth) in places.iter().zip(&example.depths) {
+        let pixel = pixel as usize;
+        let row = Mat::<f64>::from_fn(size, 1, |i, _| match i.checked_sub(pixels) {
+            None => f64::from(i == pixel),
+            Some(function) => f64::from(functions[columns * pixel + function]),
+        });
+        precision += faer::Scale(config.data) * &row * row.transpose();
+        right += faer::Scale(config.data * f64::from(depth)) * &row;
+    }
+    let least = precision.llt(Side::Lower).unwrap().solve(&right);
+    for (i, found) in weights.iter().enumerate() {
+        let expected = least[(pixels + i, 0)];
+        assert!((found - expected).abs() < 1e-5, "{i}: {found} {expected}");
+    }
+    for (pixel, found) in field.iter().enumerate() {
+        let row = &functions[columns * pixel + 3..][..waves.len()];
+        let smooth = row
+            .iter()
+            .zip(3..)
+            .map(|(v, i)| f64::from(*v) * least[(pixels + i, 0)]);
+        let expected = least[(pixel, 0)] + smooth.sum::<f64>();
+        assert!(
+            (found - expected).abs() < 1e-5,
+            "{pixel}: {found} {expected}"
         );
     }
 }

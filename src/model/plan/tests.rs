@@ -35,13 +35,14 @@ fn net(config: &BasisNetConfig) -> BasisNet {
 }
 
 fn tiny() -> BasisNetConfig {
-    let mut extractor = ExtractorConfig::small();
+    let mut extractor = ExtractorConfig::slim();
     extractor.stages.iter_mut().for_each(|s| s.blocks = 1);
     BasisNetConfig {
         extractor,
         hidden: vec![40, 24],
         bases: 20,
-        ..BasisNetConfig::small()
+        edges: 0,
+        ..BasisNetConfig::sharp()
     }
 }
 
