@@ -16,6 +16,14 @@ const POINTS: usize = 20;
 const FUNCTIONS: usize = 4;
 const IMAGES: usize = 2;
 const DRAWS: usize = 2;
+/// Each part strong enough to show.
+const CONFIG: JointConfig = JointConfig {
+    data: 3.0,
+    ridge: 0.2,
+    level: 0.01,
+    waves: 1.0,
+    bending: 0.5,
+};
 const LENGTH: usize = FUNCTIONS + HEIGHT * WIDTH;
 
 fn random(count: usize, name: &str) -> Vec<f64> {
@@ -61,20 +69,13 @@ fn objective(values: &Values) -> Tensor<1> {
     };
     let shape = [DRAWS * IMAGES, POINTS];
     let depths = tensor(random(DRAWS * IMAGES * POINTS, "depths"), shape);
-    let config = JointConfig {
-        data: 3.0,
-        ridge: 0.2,
-        level: 0.01,
-        waves: 1.0,
-        bending: 0.5,
-    };
     let found = joint(
         values.bases.clone(),
         depths,
         tensor(draws(), shape),
         values.edges.clone(),
         places(),
-        config,
+        CONFIG,
     );
     let all = Tensor::cat(vec![found.weights, found.field], 1);
     let factors = random(DRAWS * IMAGES * LENGTH, "factors");
@@ -320,13 +321,6 @@ fn precision(edges: &Edges, level: f64, size: usize) -> Mat<f64> {
 #[test]
 fn the_op_minimises_over_field_waves_and_weights() {
     let example = Example::new();
-    let config = JointConfig {
-        data: 3.0,
-        ridge: 0.2,
-        level: 0.01,
-        waves: 1.0,
-        bending: 0.5,
-    };
     let device = Device::flex();
     let tensor = |values: Vec<f64>| {
         let count = values.len();
@@ -340,20 +334,20 @@ fn the_op_minimises_over_field_waves_and_weights() {
         tensor(vec![1.0; POINTS]).reshape([1, POINTS]),
         tensor(edges()[..2 * HEIGHT * WIDTH].to_vec()).reshape([1, HEIGHT, WIDTH, 2]),
         vec![places.clone()],
-        config,
+        CONFIG,
     );
     let read = |values: Tensor<2>| values.into_data().iter::<f64>().collect::<Vec<_>>();
     let (weights, field) = (read(found.weights), read(found.field));
 
-    let waves = Waves::up_to(config.waves);
+    let waves = Waves::up_to(CONFIG.waves);
     let pixels = HEIGHT * WIDTH;
     let every: Vec<u32> = (0..pixels as u32).collect();
     let columns = 3 + waves.len();
     let functions = waves.beside(&bases_at(&all_places()), 3, (HEIGHT, WIDTH), &every);
     let size = pixels + columns;
-    let mut precision = precision(&example.edges, config.level, size);
-    let ridges = waves.ridges(config.bending);
-    for (i, ridge) in [config.ridge; 3].iter().chain(&ridges).enumerate() {
+    let mut precision = precision(&example.edges, CONFIG.level, size);
+    let ridges = waves.ridges(CONFIG.bending);
+    for (i, ridge) in [CONFIG.ridge; 3].iter().chain(&ridges).enumerate() {
         precision[(pixels + i, pixels + i)] = *ridge;
     }
     let mut right = Mat::<f64>::zeros(size, 1);
@@ -363,8 +357,8 @@ fn the_op_minimises_over_field_waves_and_weights() {
             None => f64::from(i == pixel),
             Some(function) => f64::from(functions[columns * pixel + function]),
         });
-        precision += faer::Scale(config.data) * &row * row.transpose();
-        right += faer::Scale(config.data * f64::from(depth)) * &row;
+        precision += faer::Scale(CONFIG.data) * &row * row.transpose();
+        right += faer::Scale(CONFIG.data * f64::from(depth)) * &row;
     }
     let least = precision.llt(Side::Lower).unwrap().solve(&right);
     for (i, found) in weights.iter().enumerate() {

@@ -179,13 +179,18 @@ fn edges_agree(net: &BasisNet, level: Level, size: (usize, usize)) {
 }
 
 #[test]
-fn the_papers_network_agrees() {
-    agree(
-        &net(&BasisNetConfig::paper()),
-        Level::here(),
-        (57, 76),
-        (57, 76),
-    );
+fn every_preset_agrees() {
+    let (paper, medium) = (BasisNetConfig::paper(), BasisNetConfig::medium());
+    for config in [
+        paper,
+        medium,
+        BasisNetConfig::sharp(),
+        BasisNetConfig::small(),
+    ] {
+        let net = net(&config).map(&mut Fill);
+        agree(&net, Level::here(), (57, 76), (57, 76));
+        edges_agree(&net, Level::here(), (57, 76));
+    }
 }
 
 #[test]
