@@ -112,6 +112,16 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
     config.check()?;
     let rows = points.rows(config.space)?;
     let ridges = Waves::up_to(config.waves()).ridges(config.joint.bending);
+    if !ridges.is_empty() && rows.columns() <= ridges.len() {
+        return Err(Error::fit(format!(
+            "{} columns are too few for base functions and {} waves",
+            rows.columns(),
+            ridges.len()
+        ))
+        .hint(
+            "add the columns of `Waves` behind those of base functions, or set `joint.waves` to 0",
+        ));
+    }
     let prior = match config.prior {
         PriorKind::Learned if config.method != FitMethod::Wls => {
             Some(Cow::Borrowed(learned(prior, config.space)?))

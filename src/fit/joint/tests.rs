@@ -446,7 +446,7 @@ fn a_field_without_its_image_is_refused() {
 
 /// Root mean square error between points of a slanted plane, base functions being the constant and
 /// waves.
-fn error_on_a_plane(frequency: f64, lambda: f64) -> f64 {
+fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
     let (height, width) = (36, 48);
     let plane = |x: usize, y: usize| 2.0 + 0.03 * x as f32 + 0.02 * y as f32;
     let places: Vec<[usize; 2]> = (0..12).map(|i| [i % 4 * 12 + 6, i / 4 * 12 + 6]).collect();
@@ -466,7 +466,7 @@ fn error_on_a_plane(frequency: f64, lambda: f64) -> f64 {
     let prior = Prior::new(&[1.0], &[0.1], unknown).unwrap();
     let config = FitConfig {
         method: FitMethod::Joint,
-        prior: PriorKind::Learned,
+        prior: kind,
         lambda: Lambda::Fixed(lambda),
         joint: JointConfig {
             waves: frequency,
@@ -498,12 +498,30 @@ fn error_on_a_plane(frequency: f64, lambda: f64) -> f64 {
 
 #[test]
 fn waves_carry_slopes_between_points() {
-    // However strongly base functions are drawn to their prior.
-    for lambda in [1e-3, 1e9] {
-        let (without, with) = (error_on_a_plane(0.0, lambda), error_on_a_plane(3.0, lambda));
-        assert!(
-            with < 0.67 * without,
-            "{with} with waves, {without} without, lambda {lambda}"
-        );
+    // However strongly base functions are drawn to their prior, and whichever it is.
+    for kind in [PriorKind::Learned, PriorKind::Flat, PriorKind::None] {
+        for lambda in [1e-3, 1e9] {
+            let [without, with] = [0.0, 3.0].map(|f| error_on_a_plane(f, kind, lambda));
+            assert!(
+                with < 0.67 * without,
+                "{with} with waves, {without} without, {kind:?}, lambda {lambda}"
+            );
+        }
     }
+}
+
+#[test]
+fn waves_without_their_columns_are_refused() {
+    let example = Example::new();
+    let points = Points {
+        places: Some(&example.places),
+        scene: Some(example.scene()),
+        ..Points::new(&example.bases, &example.depths)
+    };
+    let config = FitConfig {
+        joint: CONFIG,
+        ..settings(FitMethod::Joint)
+    };
+    let error = fit(&points, &config, None).unwrap_err();
+    assert!(error.to_string().contains("too few"), "{error}");
 }
