@@ -57,6 +57,8 @@ MEDIUM = {
     "branch": 32,
     "merge": 128,
 }
+# Rendered at the size that images of half the size are read at.
+ROOMS = {"dataset": "rooms", "rooms": {"train": 800, "width": 160, "height": 120}}
 
 
 def laid_over(base: dict, changes: dict) -> dict:
@@ -76,6 +78,8 @@ class Variant:
     """A configuration and what differs from it, or the weights of another variant."""
     config: str = ""
     changes: dict = field(default_factory=dict)
+    # The name of the variant whose weights training starts from.
+    after: str = ""
     # The name of the variant whose weights these are; "start" for those that training starts from.
     weights: str = ""
     # How they are fitted.
@@ -86,8 +90,8 @@ def edges(**changes: dict) -> Variant:
     return Variant("nyu-edges", laid_over({"network": {"edges": 16}}, changes))
 
 
-def bases(**changes: dict) -> Variant:
-    return Variant("nyu-half", changes)
+def bases(after: str = "", **changes: dict) -> Variant:
+    return Variant("nyu-half", changes, after)
 
 
 def functions(count: int) -> Variant:
@@ -129,6 +133,8 @@ VARIANTS = {
     "bases, no augmentation": bases(
         train={"augment": {"zoom": 1.0, "rotation": 0.0, "mirror": 0.0, "jitter": 0.0}}
     ),
+    "bases, rooms alone": bases(data=ROOMS),
+    "bases, after rooms": bases(after="bases, rooms alone"),
     **{f"N={n}": functions(n) for n in (16, 32, 64, 256, 512)},
     "no position": bases(network={"octaves": 0}),
     "raw position": bases(network={"octaves": 1}),
@@ -158,9 +164,12 @@ def settings(args: argparse.Namespace, variant: Variant) -> dict:
     base = tomllib.loads((ROOT / f"configs/{variant.config}.toml").read_text())
     base.pop("preset")
     base["network"] = NETWORK
+    base["data"]["root"] = str(args.root)
     common = {"train": {"steps": args.steps, "measure_every": args.steps, "calibrate": True}}
     if "start" in base["train"]:
         common["train"]["start"] = args.start
+    if variant.after:
+        common["train"]["start"] = str(weights_of(args, variant.after))
     return laid_over(laid_over(base, common), variant.changes)
 
 
@@ -195,7 +204,7 @@ def weights_of(args: argparse.Namespace, name: str) -> Path:
         run += ["--resume", folder / "run"]
     else:
         config.write_text(toml(settings(args, variant)))
-        run += ["--config", config, "--root", args.root, "-o", folder / "run"]
+        run += ["--config", config, "-o", folder / "run"]
     subprocess.run(run, check=True, stdout=sys.stderr)
     return weights
 

@@ -124,8 +124,23 @@ impl Config {
     /// # Errors
     /// None for a checked configuration.
     pub fn to_toml(&self) -> Result<String> {
-        toml::to_string_pretty(self)
-            .map_err(|e| Error::config("the settings cannot be written as TOML").because(e))
+        as_toml(self)
+    }
+
+    /// The settings as a configuration file, and in comments the whole `[fit]`: what the file leaves
+    /// open is that of the weights, or in training as said there.
+    ///
+    /// # Errors
+    /// None for a checked configuration.
+    pub fn explained(&self) -> Result<String> {
+        let fit = FitSettings::all(&self.fit.over(&FitConfig::default())?)?;
+        let whole = as_toml(&toml::Table::from_iter([("fit".to_owned(), fit.0.into())]))?;
+        let comments: Vec<String> = whole.lines().map(|line| format!("# {line}")).collect();
+        Ok(format!(
+            "{}\n# A fit in full. What [fit] leaves open is that of the weights, or in training:\n#\n{}\n",
+            self.to_toml()?,
+            comments.join("\n")
+        ))
     }
 
     fn check(&self) -> Result<()> {
@@ -134,6 +149,11 @@ impl Config {
         self.train.check()?;
         self.eval.check()
     }
+}
+
+fn as_toml(settings: &impl Serialize) -> Result<String> {
+    toml::to_string_pretty(settings)
+        .map_err(|e| Error::config("the settings cannot be written as TOML").because(e))
 }
 
 fn read(path: &Path) -> Result<String> {
@@ -259,6 +279,17 @@ mod tests {
         );
         let error = Config::load(None, &["fit.joint.level=0".into()]).unwrap_err();
         assert!(error.to_string().contains("level"), "{error}");
+    }
+
+    #[test]
+    fn an_explained_configuration_is_the_same_and_lists_the_whole_fit() {
+        let config = Config::load(Some(Path::new("nyu-joint.toml")), &[]).unwrap();
+        let text = config.explained().unwrap();
+        assert_eq!(toml::from_str::<Config>(&text).unwrap(), config);
+        let (_, comments) = text.split_once("#\n").unwrap();
+        let fit: Config = toml::from_str(&comments.replace("# ", "")).unwrap();
+        let meant = config.fit.over(&FitConfig::default()).unwrap();
+        assert_eq!(fit.fit, FitSettings::all(&meant).unwrap());
     }
 
     #[test]

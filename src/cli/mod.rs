@@ -74,7 +74,7 @@ fn run(args: Args) -> Result<Exit> {
         Command::Export(args) => export::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Config(args) => {
-            ui::print(&args.load()?.to_toml()?);
+            ui::print(&args.load()?.explained()?);
             Ok(Exit::Done)
         }
     }
