@@ -20,11 +20,18 @@ pub struct Embedded {
 }
 
 /// All of them; the first is used unless another is asked for.
-const EMBEDDED: [Embedded; 1] = [Embedded {
-    name: "default",
-    about: "the most accurate",
-    bytes: include_bytes!("../../assets/weights.safetensors"),
-}];
+const EMBEDDED: [Embedded; 2] = [
+    Embedded {
+        name: "default",
+        about: "the most accurate",
+        bytes: include_bytes!("../../assets/weights.safetensors"),
+    },
+    Embedded {
+        name: "small",
+        about: "for weak machines",
+        bytes: include_bytes!("../../assets/small.safetensors"),
+    },
+];
 
 /// The weights that come with the program, the default first.
 pub fn embedded() -> &'static [Embedded] {

@@ -21,7 +21,7 @@ pub(in crate::cli) struct Inspect {
     /// Draw the base functions of an image into this file (.svg or .png), by --weights.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["json", "show"])]
     pub(in crate::cli) bases: Option<PathBuf>,
-    /// Weights file for --bases [default: the weights in the program].
+    /// Weights for --bases, as `lsdc complete` takes them.
     #[arg(long, value_name = "FILE", requires = "bases")]
     pub(in crate::cli) weights: Option<PathBuf>,
     /// Replace an existing file.

@@ -72,7 +72,7 @@ pub(super) enum Command {
 
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct Model {
-    /// Weights file [default: the weights in the program].
+    /// Weights file, or a name that `lsdc weights list` shows [default: the most accurate of those].
     #[arg(long, value_name = "FILE")]
     pub(super) weights: Option<PathBuf>,
     /// Where to compute: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray.
