@@ -235,7 +235,9 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="print what is trained and stop")
     args = parser.parse_args()
     names = args.only.split(";") if args.only else list(VARIANTS)
-    trained = [name for name in names if VARIANTS[name].config]
+    # Those that another starts from are trained in its task: two tasks must not share a folder.
+    befores = {variant.after for variant in VARIANTS.values()}
+    trained = [name for name in names if VARIANTS[name].config and name not in befores]
     if args.list:
         print("\n".join(f"{i:3} {name}" for i, name in enumerate(trained)))
         return
