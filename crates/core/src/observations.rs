@@ -1,0 +1,76 @@
+//! Depths that are known at some places of an image.
+
+/// One known depth.
+///
+/// `u` counts to the right and `v` down, in pixels, from the centre of the first pixel (as in
+/// OpenCV): the image covers `-0.5..width - 0.5` and `-0.5..height - 0.5`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation {
+    /// Horizontal position in pixels.
+    pub u: f64,
+    /// Vertical position in pixels.
+    pub v: f64,
+    /// Depth along the optical axis in metres (in any unit: the result has the same).
+    pub depth: f32,
+    /// Standard deviation of the depth, in the same unit, if it is known.
+    pub sigma: Option<f32>,
+}
+
+/// Known depths, in the order in which they were added.
+///
+/// Nothing is refused here: what cannot be used is left out, and counted, when an image is completed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Observations(Vec<Observation>);
+
+impl Observations {
+    /// None yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds one.
+    pub fn push(&mut self, observation: Observation) {
+        self.0.push(observation);
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// All, in the order in which they were added.
+    pub fn as_slice(&self) -> &[Observation] {
+        &self.0
+    }
+
+    /// All, in the order in which they were added.
+    pub fn iter(&self) -> std::slice::Iter<'_, Observation> {
+        self.0.iter()
+    }
+}
+
+impl Extend<Observation> for Observations {
+    fn extend<I: IntoIterator<Item = Observation>>(&mut self, observations: I) {
+        self.0.extend(observations);
+    }
+}
+
+impl FromIterator<Observation> for Observations {
+    fn from_iter<I: IntoIterator<Item = Observation>>(observations: I) -> Self {
+        Self(observations.into_iter().collect())
+    }
+}
+
+impl<'a> IntoIterator for &'a Observations {
+    type Item = &'a Observation;
+    type IntoIter = std::slice::Iter<'a, Observation>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.iter()
+    }
+}
