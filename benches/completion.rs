@@ -1,4 +1,4 @@
-//! Image to base functions, new points for kept base functions, and all of it, at 228x304 and 500
+//! Image to basis functions, new points for kept basis functions, and all of it, at 228x304 and 500
 //! points.
 //!
 //!     cargo bench --bench completion
@@ -6,15 +6,15 @@
 use burn::tensor::Device;
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc::data::{Dataset as _, Rooms, RoomsConfig, Split};
-use lsdc::fit::FitConfig;
-use lsdc::model::{BasisNetConfig, Normalisation, Weights, WeightsRecord};
+use lsdc::model::{NetworkConfig, Normalisation, Weights, WeightsRecord};
 use lsdc::predict::Completer;
 use lsdc::sample::Pattern;
+use lsdc_core::fit::FitConfig;
 use std::collections::BTreeMap;
 use std::hint::black_box;
 
 /// A network with random weights: as fast as a trained one.
-fn completer(network: BasisNetConfig) -> Completer {
+fn completer(network: NetworkConfig) -> Completer {
     let device = Device::flex();
     let net = network.init(0, &device).expect("a preset");
     let record = WeightsRecord {
@@ -36,14 +36,14 @@ fn completion(criterion: &mut Criterion) {
     let frame = rooms.load(0).expect("a room");
     let sparse = Pattern::Exactly(500).draw(&frame, 0).expect("a pattern");
     for (name, network) in [
-        ("medium", BasisNetConfig::medium()),
-        ("paper", BasisNetConfig::paper()),
+        ("medium", NetworkConfig::medium()),
+        ("paper", NetworkConfig::paper()),
     ] {
         let completer = completer(network);
         let bases = completer.bases(&frame.rgb).expect("an image");
         let mut group = criterion.benchmark_group(name);
         group.sample_size(20);
-        group.bench_function("base functions", |bencher| {
+        group.bench_function("basis functions", |bencher| {
             bencher.iter(|| completer.bases(black_box(&frame.rgb)));
         });
         group.bench_function("fit", |bencher| {

@@ -1,10 +1,10 @@
-//! A smooth field on a grid of 228x304 pixels, alone and with 129 base functions.
+//! A smooth field on a grid of 228x304 pixels, alone and with 129 basis functions.
 //!
 //!     cargo bench --bench field
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lsdc::field::{Field, Grid, Observations, Reach};
-use lsdc::rng::Rng;
+use lsdc_core::field::{Field, Grid, Observations, Reach};
+use lsdc_rng::Rng;
 use std::hint::black_box;
 
 const SIZE: [usize; 2] = [228, 304];

@@ -5,8 +5,8 @@
 use burn::tensor::{Device, Distribution, Tensor};
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use lsdc::conv::{ConvSpec, Layer, conv2d};
-use lsdc::rng::Rng;
-use lsdc::simd::{Level, Scratch, Tail};
+use lsdc_kernels::simd::{Level, Scratch, Tail};
+use lsdc_rng::Rng;
 use std::hint::black_box;
 
 /// Rows and columns at full, half and a quarter of the resolution.

@@ -1,11 +1,11 @@
-//! The least-squares solve alone: 129 base functions, 500 and 1000 points, one thread; and a fit
+//! The least-squares solve alone: 129 basis functions, 500 and 1000 points, one thread; and a fit
 //! that takes points one at a time.
 //!
 //!     cargo bench --bench solve
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lsdc::fit::{Problem, RunningFit, Solver};
-use lsdc::rng::Rng;
+use lsdc_core::fit::{Problem, RunningFit, Solver};
+use lsdc_rng::Rng;
 use std::hint::black_box;
 
 const FUNCTIONS: usize = 129;

@@ -5,10 +5,10 @@
 use burn::tensor::Device;
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc::data::{Rooms, RoomsConfig, Split};
-use lsdc::fit::FitConfig;
-use lsdc::model::{BasisNetConfig, Normalisation};
+use lsdc::model::{NetworkConfig, Normalisation};
 use lsdc::sample::{AugmentConfig, Batch, Protocol, Sampler, SamplerConfig, SupervisionConfig};
 use lsdc::train::{Learner, TrainConfig};
+use lsdc_core::fit::FitConfig;
 use std::sync::Arc;
 
 fn batch(device: &Device) -> Batch {
@@ -38,8 +38,8 @@ fn step(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("training step");
     group.sample_size(10);
     for (name, network) in [
-        ("sharp", BasisNetConfig::sharp()),
-        ("paper", BasisNetConfig::paper()),
+        ("sharp", NetworkConfig::sharp()),
+        ("paper", NetworkConfig::paper()),
     ] {
         let net = network.init(0, &device).expect("a preset");
         let mut learner = Some(Learner::new(net, &fit, &TrainConfig::default()));

@@ -3,9 +3,9 @@
 use crate::data::DataConfig;
 use crate::error::{Error, Result};
 use crate::eval::EvalConfig;
-use crate::fit::FitConfig;
-use crate::model::BasisNetConfig;
+use crate::model::NetworkConfig;
 use crate::train::TrainConfig;
+use lsdc_core::fit::FitConfig;
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub enum Preset {
     Medium,
     /// A slimmer extractor with sharpened features, and a network that judges edges: 1.3 M.
     Sharp,
-    /// The same at half the widths, with half as many base functions: 0.3 M.
+    /// The same at half the widths, with half as many basis functions: 0.3 M.
     Small,
 }
 
@@ -32,7 +32,7 @@ pub struct Config {
     /// The network by name.
     pub preset: Preset,
     /// The network in full; replaces `preset`.
-    pub network: Option<BasisNetConfig>,
+    pub network: Option<NetworkConfig>,
     /// The least-squares fit: what differs from that of the weights, or from the paper's in training.
     pub fit: FitSettings,
     /// The dataset.
@@ -110,12 +110,12 @@ impl Config {
     }
 
     /// The network that is meant.
-    pub fn network(&self) -> BasisNetConfig {
+    pub fn network(&self) -> NetworkConfig {
         self.network.clone().unwrap_or(match self.preset {
-            Preset::Paper => BasisNetConfig::paper(),
-            Preset::Medium => BasisNetConfig::medium(),
-            Preset::Sharp => BasisNetConfig::sharp(),
-            Preset::Small => BasisNetConfig::small(),
+            Preset::Paper => NetworkConfig::paper(),
+            Preset::Medium => NetworkConfig::medium(),
+            Preset::Sharp => NetworkConfig::sharp(),
+            Preset::Small => NetworkConfig::small(),
         })
     }
 
@@ -223,7 +223,7 @@ fn merge(base: &mut toml::Table, over: toml::Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::{FitMethod, Lambda};
+    use lsdc_core::fit::{FitMethod, Lambda};
 
     #[test]
     fn settings_lie_over_the_file() {
@@ -234,7 +234,7 @@ mod tests {
         let config = Config::load(Some(&path), &sets).unwrap();
         assert_eq!((config.train.steps, config.train.batch), (7, 3));
         assert_eq!(config.data.root.as_deref(), Some(Path::new("/tmp/x")));
-        assert_eq!(config.network(), BasisNetConfig::small());
+        assert_eq!(config.network(), NetworkConfig::small());
     }
 
     #[test]

@@ -102,6 +102,15 @@ impl Error {
         self
     }
 
+    /// An error of the core, about the file or setting that `what` names.
+    pub fn of_core(error: lsdc_core::Error, what: impl std::fmt::Display) -> Self {
+        let inner = Self::from(error);
+        Self {
+            message: format!("{what}: {}", inner.message),
+            ..inner
+        }
+    }
+
     /// What the failure is about.
     pub fn cause(&self) -> Cause {
         self.cause
@@ -112,3 +121,35 @@ impl Error {
         self.hint.as_deref()
     }
 }
+
+impl From<lsdc_core::Error> for Error {
+    fn from(error: lsdc_core::Error) -> Self {
+        use lsdc_core::{Error as Core, WeightsError};
+        let cause = match &error {
+            Core::Image(_) => Cause::Shape,
+            Core::Weights(WeightsError::Read { .. }) => Cause::Read,
+            Core::Weights(_) => Cause::Weights,
+            Core::Settings(_) => Cause::Config,
+            _ => Cause::Fit,
+        };
+        let (message, hint) = (error.to_string(), error.hint().map(str::to_owned));
+        let mut found = Self::new(cause, message);
+        found.hint = hint;
+        match std::error::Error::source(&error).map(ToString::to_string) {
+            Some(source) => found.because(source),
+            None => found,
+        }
+    }
+}
+
+macro_rules! through_the_core {
+    ($($kind:ident)*) => {$(
+        impl From<lsdc_core::$kind> for Error {
+            fn from(error: lsdc_core::$kind) -> Self {
+                lsdc_core::Error::from(error).into()
+            }
+        }
+    )*};
+}
+
+through_the_core!(FitError ImageError SettingsError WeightsError);

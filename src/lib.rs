@@ -1,6 +1,6 @@
 //! Depth completion by least squares: an RGB image and a few sparse depths in, dense depth out.
 //!
-//! A network turns the image alone into base functions; a least-squares fit finds the weights that
+//! A network turns the image alone into basis functions; a least-squares fit finds the weights that
 //! match the sparse depths; dense depth = bases x weights (Fang et al., "Depth-Independent Depth
 //! Completion via Least Square Estimation"). Depths are metres along the optical axis.
 //!
@@ -17,28 +17,18 @@
 // burn's authors deprecate ndarray in favour of flex; it stays available on request.
 #![cfg_attr(feature = "ndarray", allow(deprecated))]
 
-mod bilinear;
 pub mod classic;
 pub mod cli;
 pub mod config;
-#[allow(unsafe_code)]
-pub mod conv;
 pub mod data;
 pub mod device;
 pub mod error;
 pub mod eval;
 pub mod experiment;
-pub mod field;
-pub mod fit;
 pub mod metrics;
 pub mod model;
-pub mod nearest;
-#[allow(unsafe_code)]
-pub mod norm;
+pub mod ops;
 pub mod predict;
 pub mod report;
-pub mod rng;
 pub mod sample;
-#[allow(unsafe_code)]
-pub mod simd;
 pub mod train;

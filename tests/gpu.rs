@@ -7,14 +7,14 @@
 
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc::data::{Dataset as _, Rooms, RoomsConfig, Split};
-use lsdc::fit::{Factored, FitConfig, Solver, lstsq};
-use lsdc::model::{BasisNetConfig, ExtractorConfig, Normalisation};
+use lsdc::model::{ExtractorConfig, NetworkConfig, Normalisation};
 use lsdc::predict::Completer;
-use lsdc::rng::Rng;
 use lsdc::sample::{
     self, AugmentConfig, Pattern, Protocol, Sampler, SamplerConfig, SupervisionConfig,
 };
 use lsdc::train::{Learner, TrainConfig};
+use lsdc_core::fit::{Factored, FitConfig, Solver, lstsq};
+use lsdc_rng::Rng;
 use std::sync::{Arc, LazyLock};
 
 /// The GPU, or a software driver in its place.
@@ -319,7 +319,7 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
         seed: 0,
     };
     let sampler = Sampler::new(rooms, vec![0, 1, 2], config).unwrap();
-    let network = BasisNetConfig {
+    let network = NetworkConfig {
         extractor: ExtractorConfig {
             sharpening: 1,
             ..ExtractorConfig::slim()
@@ -327,7 +327,7 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
         hidden: vec![32],
         bases: 16,
         edges: 0,
-        ..BasisNetConfig::sharp()
+        ..NetworkConfig::sharp()
     };
     let fit = FitConfig {
         ridge: 1e-3,

@@ -14,7 +14,7 @@ use lsdc::data::{
     write_rgb, write_tiff,
 };
 use lsdc::report::Report;
-use lsdc::rng::Rng;
+use lsdc_rng::Rng;
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, ValueKind, WriterInit};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::panic::{AssertUnwindSafe, catch_unwind};

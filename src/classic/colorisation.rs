@@ -46,11 +46,11 @@ pub(super) fn colorisation(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap
         }
     }
     let values = equations.solve()?;
-    DepthMap::new(
+    Ok(DepthMap::new(
         width,
         height,
         values.into_iter().map(|v| v as f32).collect(),
-    )
+    )?)
 }
 
 /// The weights of the neighbours, which sum to 1.

@@ -64,7 +64,7 @@ fn lower_envelope(heights: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use lsdc_rng::Rng;
 
     #[test]
     fn distances_are_those_of_the_nearest_point() {

@@ -12,12 +12,12 @@ pub(super) fn inverse_distance(sparse: &DepthMap) -> Result<DepthMap> {
     each_pixel(sparse, |x, y| {
         let near = neighbours.nearest(x, y, NEAREST);
         let depth = |i: usize| f64::from(neighbours.points[i].depth);
-        if near[0].0 == 0 {
+        if near[0].0 == 0.0 {
             return depth(near[0].1) as f32;
         }
         let (mut sum, mut weights) = (0.0, 0.0);
         for (square, i) in near {
-            let weight = 1.0 / square as f64;
+            let weight = 1.0 / square;
             sum += weight * depth(i);
             weights += weight;
         }

@@ -31,7 +31,7 @@ pub(super) fn linear(sparse: &DepthMap) -> Result<DepthMap> {
             *value = points[nearest].depth;
         }
     }
-    DepthMap::new(width, height, values)
+    Ok(DepthMap::new(width, height, values)?)
 }
 
 /// Interpolates the pixels inside a triangle, edges included.

@@ -93,7 +93,7 @@ impl Classic {
 mod tests {
     use super::*;
     use crate::data::Point;
-    use crate::rng::Rng;
+    use lsdc_rng::Rng;
 
     fn points(width: usize, height: usize, depth: impl Fn(usize, usize) -> f32) -> DepthMap {
         let mut rng = Rng::stream(0, &["classic"]);

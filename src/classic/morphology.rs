@@ -44,7 +44,7 @@ pub(super) fn morphology(sparse: &DepthMap) -> Result<DepthMap> {
             }
         })
         .collect();
-    DepthMap::new(width, height, values)
+    Ok(DepthMap::new(width, height, values)?)
 }
 
 /// Inverted depths, 0 where there are none.

@@ -2,7 +2,7 @@
 
 use crate::data::{DepthMap, Point};
 use crate::error::Result;
-use crate::nearest::Cells;
+use lsdc_core::nearest::Cells;
 use rayon::prelude::*;
 
 /// The points of a map, for the nearest ones of a pixel.
@@ -14,7 +14,7 @@ pub(super) struct Neighbours {
 impl Neighbours {
     pub(super) fn new(sparse: &DepthMap) -> Self {
         let points: Vec<Point> = sparse.points().collect();
-        let places: Vec<[usize; 2]> = points.iter().map(|p| [p.x, p.y]).collect();
+        let places: Vec<[f64; 2]> = points.iter().map(|p| [p.x as f64, p.y as f64]).collect();
         Self {
             points,
             cells: Cells::new(&places),
@@ -22,8 +22,8 @@ impl Neighbours {
     }
 
     /// As [`Cells::nearest`].
-    pub(super) fn nearest(&self, x: usize, y: usize, count: usize) -> Vec<(usize, usize)> {
-        self.cells.nearest([x, y], count)
+    pub(super) fn nearest(&self, x: usize, y: usize, count: usize) -> Vec<(f64, usize)> {
+        self.cells.nearest([x as f64, y as f64], count)
     }
 }
 
@@ -42,7 +42,7 @@ pub(super) fn each_pixel(
                 *v = value(x, y);
             }
         });
-    DepthMap::new(width, height, values)
+    Ok(DepthMap::new(width, height, values)?)
 }
 
 /// The depth of the nearest point.

@@ -8,8 +8,9 @@
 use super::equations::singular;
 use crate::data::DepthMap;
 use crate::error::Result;
-use crate::field::{Field, Grid, Observations};
 use image::RgbImage;
+use lsdc_core::bilinear::Taps;
+use lsdc_core::field::{Field, Grid, Observations};
 
 /// Difference in colour (of 255 a channel) at which a weight is half. This and the next were chosen
 /// on training frames of NYU Depth v2.
@@ -35,9 +36,12 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         };
         pixels.map(strength).collect()
     };
-    let (pixels, depths): (Vec<u32>, Vec<f64>) = sparse
+    let (taps, depths): (Vec<Taps>, Vec<f64>) = sparse
         .points()
-        .map(|point| ((point.y * width + point.x) as u32, f64::from(point.depth)))
+        .map(|point| {
+            let pixel = (point.y * width + point.x) as u32;
+            (Taps::pixel(pixel), f64::from(point.depth))
+        })
         .unzip();
     let grid = Grid {
         height,
@@ -47,14 +51,14 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         level: 0.0,
     };
     let seen = Observations {
-        pixels: &pixels,
-        weights: &vec![DATA; pixels.len()],
+        taps: &taps,
+        weights: &vec![DATA; taps.len()],
         columns: &depths,
         count: 1,
     };
     let field = Field::new(&grid, &seen).ok_or_else(singular)?;
     let values = field.extend(&[1.0]).into_iter().map(|v| v as f32);
-    DepthMap::new(width, height, values.collect())
+    Ok(DepthMap::new(width, height, values.collect())?)
 }
 
 fn alike(a: [u8; 3], b: [u8; 3]) -> f64 {

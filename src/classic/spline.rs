@@ -140,7 +140,7 @@ fn monomial(place: [f64; 2], i: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use lsdc_rng::Rng;
 
     fn scattered(count: usize, depth: impl Fn(f32, f32) -> f32) -> DepthMap {
         let mut rng = Rng::stream(2, &["spline"]);

@@ -6,11 +6,12 @@ use crate::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::experiment::{Times, time};
-use crate::fit::FitConfig;
-use crate::predict::{Completer, open_weights};
+use crate::model::InitNetwork as _;
+use crate::predict::{open_completer, open_weights};
 use crate::sample::{AugmentConfig, Batch, Pattern, Protocol, Sampler, SamplerConfig, Size};
-use crate::simd::Level;
 use crate::train::{Learner, TrainConfig};
+use lsdc_core::fit::FitConfig;
+use lsdc_kernels::simd::Level;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -102,12 +103,12 @@ fn setting(model: &Model, size: Size, runs: usize) -> Setting {
 }
 
 fn complete(args: &Bench, size: Size) -> Result<Completing> {
-    let completer = Completer::open(args.model.weights.as_deref(), &device(&args.model.device)?)?;
+    let completer = open_completer(args.model.weights.as_deref(), &device(&args.model.device)?)?;
     let mut settings = *completer.fit_config();
     args.fit.apply(&mut settings);
-    let mut completer = completer.with_fit(settings);
+    let mut completer = completer.with_fit(settings)?;
     if args.full {
-        completer = completer.with_input([size.height, size.width]);
+        completer = completer.with_working_size(size.height, size.width)?;
     }
     let frame = rooms(Split::Val, size)?.load(0)?;
     let points = Pattern::Exactly(args.points);
@@ -122,7 +123,7 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
 /// Trains the network of the weights from the start.
 fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
     let device = device(&model.device)?.autodiff();
-    let record = open_weights(model.weights.as_deref())?.record;
+    let weights = open_weights(model.weights.as_deref())?;
     let config = TrainConfig::default();
     let sampler = SamplerConfig {
         protocol: Protocol::default(),
@@ -133,14 +134,14 @@ fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
     };
     let frames = Arc::new(rooms(Split::Train, size)?);
     let samples = Sampler::new(frames, (0..config.batch).collect(), sampler)?.batch(0)?;
-    let colours = record.normalisation;
+    let colours = weights.normalisation;
     let batch = Batch::new(&samples, colours.mean, colours.deviation, &device)?;
     // Random base functions may depend on each other.
     let fit = FitConfig {
         ridge: 1e-4,
         ..FitConfig::default()
     };
-    let net = record.network.init(config.seed, &device)?;
+    let net = weights.network.init(config.seed, &device)?;
     let mut learner = Learner::new(net, &fit, &config);
     let mut times = Vec::with_capacity(runs);
     for run in 0..=runs {

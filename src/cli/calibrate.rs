@@ -5,9 +5,10 @@ use super::{Exit, settings, ui};
 use crate::data::{DataConfig, Split, write_atomically};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::fit::Lambda;
-use crate::predict::{open_weights, record_fit, recorded_fit};
+use crate::model::{Precision, to_bytes};
+use crate::predict::open_weights;
 use crate::train::{self, TRAINING_NOTE, TrainConfig};
+use lsdc_core::fit::Lambda;
 
 pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     if args.output.exists() && !args.force {
@@ -15,15 +16,15 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
             .hint("give --force to replace it"));
     }
     let mut weights = open_weights(args.model.weights.as_deref())?;
-    let mut fit = recorded_fit(&weights)?.unwrap_or_default();
+    let mut fit = weights.fit()?.unwrap_or_default();
     if let Some(method) = args.fit_method {
         fit.method = method;
         fit.lambda = Lambda::Evidence;
     }
-    fit.joint.waves = args.waves.unwrap_or(fit.joint.waves);
+    fit.joint.cosines = args.waves.unwrap_or(fit.joint.cosines);
     fit.check()?;
-    record_fit(&mut weights, &fit)?;
-    let config: TrainConfig = match weights.record.notes.get(TRAINING_NOTE) {
+    weights.record_fit(&fit);
+    let config: TrainConfig = match weights.notes.get(TRAINING_NOTE) {
         None => TrainConfig::default(),
         Some(json) => serde_json::from_str(json).map_err(|e| {
             Error::weights("the `training` record of the weights cannot be read").because(e)
@@ -45,7 +46,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         },
     )?;
     bar.finish_and_clear();
-    let bytes = weights.to_bytes()?;
+    let bytes = to_bytes(&weights, Precision::Half)?;
     write_atomically(&args.output, |out| out.write_all(&bytes))?;
     ui::print(&format!("written   {}", args.output.display()));
     Ok(Exit::Done)

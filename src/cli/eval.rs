@@ -7,9 +7,10 @@ use crate::data::{write_atomically, write_npy};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
-use crate::predict::{Completer, Method, weights_name};
+use crate::predict::{Method, open_completer, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;
+use lsdc_core::Completer;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -103,10 +104,10 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
 /// The network with its fit, and what names both in reports.
 fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let weights = args.model.weights.as_deref();
-    let completer = Completer::open(weights, &device(&args.model.device)?)?;
+    let completer = open_completer(weights, &device(&args.model.device)?)?;
     let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
-    let completer = completer.with_fit(fit);
+    let completer = completer.with_fit(fit)?;
     let name = format!("{}; {}", weights_name(weights)?, completer.fit_config());
     Ok((completer, name))
 }

@@ -7,10 +7,10 @@ use crate::data::{DataConfig, DatasetKind, Split};
 use crate::device::device;
 use crate::error::Result;
 use crate::experiment::{self, Event, Experiment, Lab, Recipe};
-use crate::fit::{FitConfig, FitMethod};
-use crate::predict::{Completer, open_weights, weights_name};
+use crate::predict::{completer, open_weights, weights_name};
 use crate::report::write_page;
 use crate::sample::Preset;
+use lsdc_core::fit::{FitConfig, FitMethod};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -119,9 +119,9 @@ fn lab(args: &Experiments) -> Result<Lab> {
         rules: config.eval.rules,
         limit: config.eval.limit,
         seeds: config.eval.draws(),
-        completer: Completer::with_weights(&opened, &device_of_all)?,
+        completer: completer(&opened, &device_of_all)?,
         weights: weights_name(weights)?,
-        network: opened.record.network,
+        network: opened.network,
         predictions: args.predictions.clone(),
         diode: diode.transpose()?,
         recipe: Recipe {

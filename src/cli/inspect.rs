@@ -6,7 +6,7 @@ use crate::data::{Contents, DepthMap, Split, View, read_rgb, write_atomically};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::experiment::contact_sheet;
-use crate::predict::Completer;
+use crate::predict::open_completer;
 use crate::report::coloured;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -65,7 +65,7 @@ fn bases(args: &Inspect, sheet: &Path) -> Result<Exit> {
         }
     };
     report::unless_exists(sheet, args.force)?;
-    let completer = Completer::open(args.weights.as_deref(), &device("cpu")?)?;
+    let completer = open_completer(args.weights.as_deref(), &device("cpu")?)?;
     let drawing = contact_sheet(&completer, &read_rgb(image)?)?;
     let bytes = if vector {
         drawing.document().into_bytes()

@@ -7,8 +7,8 @@ use crate::config::{Config, FitSettings};
 use crate::data::{Split, write_atomically};
 use crate::device::devices;
 use crate::error::{Cause, Error, Result};
-use crate::fit::FitConfig;
 use crate::train::{Outcome, Trainer};
+use lsdc_core::fit::FitConfig;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

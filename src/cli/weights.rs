@@ -5,7 +5,8 @@ use super::{Exit, ui};
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
 use crate::metrics::{Metric, Scores};
-use crate::predict::{embedded, open_weights, recorded_fit, recorded_prior, weights_name};
+use crate::model::to_bytes;
+use crate::predict::{embedded, open_weights, weights_name};
 use crate::train::{SCORES_NOTE, TRAINING_NOTE, TrainConfig};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -29,16 +30,16 @@ pub(super) fn run(command: &WeightsCommand) -> Result<Exit> {
 
 pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     let weights = open_weights(file)?;
-    let fit = recorded_fit(&weights)?.unwrap_or_default();
-    let calibration = recorded_prior(&weights)?.map(|(_, calibration)| calibration);
-    let notes = &weights.record.notes;
+    let fit = weights.fit()?.unwrap_or_default();
+    let calibration = weights.prior()?.map(|(_, calibration)| calibration);
+    let notes = &weights.notes;
     let training: Option<TrainConfig> = parsed(notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(notes.get(SCORES_NOTE))?;
     if as_json {
         let value = json!({
             "parameters": weights.parameters(),
-            "network": weights.record.network,
-            "normalisation": weights.record.normalisation,
+            "network": weights.network,
+            "normalisation": weights.normalisation,
             "fit": fit,
             "calibration": calibration,
             "training": training,
@@ -47,14 +48,14 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
         ui::print(&pretty(&value)?);
         return Ok(());
     }
-    let [height, width] = weights.record.normalisation.input;
-    let network = &weights.record.network;
+    let [height, width] = weights.normalisation.input;
+    let network = &weights.network;
     ui::print(&format!("weights    {}", weights_name(file)?));
     ui::print(&format!(
         "network    {} parameters, {} base functions{}",
         weights.parameters(),
         network.bases,
-        if network.edges > 0 {
+        if network.affinities > 0 {
             ", judges edges"
         } else {
             ""
@@ -100,7 +101,7 @@ fn convert(args: &Convert) -> Result<()> {
             .hint("give --force to replace it"));
     }
     let weights = open_weights(Some(&args.input))?;
-    let bytes = weights.to_bytes_in(args.precision)?;
+    let bytes = to_bytes(&weights, args.precision)?;
     write_atomically(&args.output, |out| out.write_all(&bytes))?;
     ui::print(&format!(
         "written   {}, {:.1} MB",

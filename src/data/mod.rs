@@ -3,7 +3,6 @@
 mod camera;
 mod colmap;
 mod contents;
-mod depth;
 mod files;
 mod frame;
 mod occlusion;
@@ -15,13 +14,13 @@ mod unit;
 pub use camera::Camera;
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
-pub use depth::{DepthMap, Point};
 pub use files::{
     Colored, images_below, read_depth, read_depth_png, read_mask, read_npy, read_rgb,
     remove_leftovers, write_atomically, write_depth_png, write_exr, write_npy, write_npz,
     write_pfm, write_ply, write_rgb, write_tiff,
 };
 pub use frame::{Frame, FrameId, Place};
+pub use lsdc_core::{DepthMap, Point};
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
 pub use source::{DataConfig, DatasetKind};
 pub use sparse::Sparse;

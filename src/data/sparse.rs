@@ -308,7 +308,7 @@ pub(super) fn is_list(array: &Array, (width, height): (usize, usize)) -> bool {
 fn in_metres(array: &Array, unit: Unit) -> Result<DepthMap> {
     let metres = |value: &f32| (f64::from(*value) * unit.metres()) as f32;
     let values = array.values.iter().map(metres).collect();
-    DepthMap::new(array.columns, array.rows, values)
+    Ok(DepthMap::new(array.columns, array.rows, values)?)
 }
 
 pub(super) fn listed(array: &Array) -> Vec<Listed> {

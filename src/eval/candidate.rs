@@ -2,8 +2,9 @@
 
 use crate::data::{DepthMap, Frame, read_depth};
 use crate::error::{Cause, Error, Result};
-use crate::predict::{Completer, Completion, ImageBases, Method, complete_classic};
+use crate::predict::{Method, complete_classic, scene};
 use crate::sample::{Interpolation, Size, move_points, resize_depth, resize_rgb};
+use lsdc_core::{Completer, Observations, Scene};
 use std::path::{Path, PathBuf};
 
 /// A source of predictions.
@@ -35,7 +36,7 @@ pub enum Enlargement {
 
 /// What the predictions of a frame have in common: its base functions.
 pub(super) struct Prepared<'a> {
-    network: Option<(&'a Completer, ImageBases)>,
+    network: Option<(&'a Completer, Scene)>,
     uncertainty: bool,
 }
 
@@ -47,7 +48,7 @@ impl<'a> Prepared<'a> {
     ) -> Result<Self> {
         let network = match completer {
             None => None,
-            Some(completer) => Some((completer, completer.bases(&frame.rgb)?)),
+            Some(completer) => Some((completer, scene(completer, &frame.rgb)?)),
         };
         Ok(Self {
             network,
@@ -68,12 +69,10 @@ impl<'a> Prepared<'a> {
             (Candidate::Method(Method::Classic(method)), _) => {
                 Ok((complete_classic(*method, &frame.rgb, sparse)?, None))
             }
-            (Candidate::Method(Method::Lsdc), Some((completer, bases))) => {
-                let Completion { depth, fit, .. } = completer.complete_with(bases, sparse)?;
-                let deviations = self
-                    .uncertainty
-                    .then(|| completer.deviation(bases, sparse, &fit, &depth));
-                Ok((depth, deviations.transpose()?))
+            (Candidate::Method(Method::Lsdc), Some((_, scene))) => {
+                let completion = scene.complete(&Observations::from_map(sparse))?;
+                let deviations = self.uncertainty.then(|| completion.standard_deviation());
+                Ok((completion.depth()?, deviations.transpose()?))
             }
             (Candidate::Method(Method::Lsdc), None) => {
                 Err(Error::weights("method `lsdc` needs a network"))
@@ -110,10 +109,11 @@ fn enlarged(
         (Method::Classic(method), _) => complete_classic(method, &rgb, &sparse)?,
         (Method::Lsdc, None) => return Err(Error::weights("method `lsdc` needs a network")),
         (Method::Lsdc, Some(completer)) => {
-            let bases = completer.bases(&rgb)?;
-            let fit = completer.fit(&bases, &sparse, None)?;
-            let at = (by == Enlargement::Bases).then_some(size);
-            completer.dense(&bases, &fit, &sparse, at)?
+            let completion = scene(completer, &rgb)?.complete(&Observations::from_map(&sparse))?;
+            match by {
+                Enlargement::Bases => completion.depth_at(size.width, size.height)?,
+                Enlargement::Bilinear => completion.depth()?,
+            }
         }
     };
     match by {

@@ -14,10 +14,10 @@ use crate::classic::distances;
 use crate::data::{Dataset, DepthMap, Frame};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Metric, Profile, Rules, Scores};
-use crate::predict::{Completer, RANGE};
 use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
 use crate::sample::{Noise, Pattern, Protocol};
 use candidate::Prepared;
+use lsdc_core::{Completer, RANGE};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 

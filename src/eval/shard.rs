@@ -1,7 +1,7 @@
 //! A share of the frames, for many machines without an engine.
 
 use crate::error::{Error, Result};
-use crate::rng::Rng;
+use lsdc_rng::Rng;
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 

@@ -1,11 +1,11 @@
-//! How many base functions, and how the position is encoded: one network for each, trained from the
+//! How many basis functions, and how the position is encoded: one network for each, trained from the
 //! same seed on an equal budget.
 
 use super::cell::{Cell, Trained};
 use super::{Lab, Study};
 use crate::error::Result;
 use crate::metrics::Metric;
-use crate::model::BasisNetConfig;
+use crate::model::{InitNetwork as _, NetworkConfig};
 use crate::report::{Chart, Column, Contest, Line, Row, Section, Table, Training};
 use burn::tensor::Device;
 
@@ -39,7 +39,7 @@ impl<'a> Ablation<'a> {
         let base = &lab.recipe.network;
         let mut cells: Vec<Trained<'a>> = Vec::new();
         // The network that both families have is trained once.
-        let mut member = |network: BasisNetConfig| {
+        let mut member = |network: NetworkConfig| {
             let there = cells.iter().position(|cell| cell.network == network);
             there.unwrap_or_else(|| {
                 let name = format!("bases-{}-octaves-{}", network.bases, network.octaves);
@@ -49,7 +49,7 @@ impl<'a> Ablation<'a> {
         };
         let bases = BASES.map(|bases| {
             let mut hidden = base.hidden.clone();
-            // A narrower last layer would make base functions depend on each other.
+            // A narrower last layer would make basis functions depend on each other.
             if let Some(last) = hidden.last_mut() {
                 *last = (*last).max(bases);
             }
@@ -58,14 +58,14 @@ impl<'a> Ablation<'a> {
             } else {
                 hidden
             };
-            member(BasisNetConfig {
+            member(NetworkConfig {
                 hidden,
                 bases,
                 ..base.clone()
             })
         });
         let octaves = OCTAVES.map(|octaves| {
-            member(BasisNetConfig {
+            member(NetworkConfig {
                 octaves,
                 ..base.clone()
             })
@@ -77,7 +77,7 @@ impl<'a> Ablation<'a> {
         };
         let families = vec![
             Family {
-                title: "Number of base functions",
+                title: "Number of basis functions",
                 name: "bases",
                 variable: "N",
                 labels: BASES.map(|n| format!("N = {n}")).into(),
@@ -107,7 +107,7 @@ impl Study for Ablation<'_> {
     }
 
     fn section(&self) -> Result<Section> {
-        let title = "Number of base functions, and encoding of the position";
+        let title = "Number of basis functions, and encoding of the position";
         let mut section = Section::new("ablation", title);
         let train = &self.lab.recipe.train;
         section.about.push(format!(

@@ -4,13 +4,14 @@ use super::Lab;
 use crate::data::{Dataset, write_atomically};
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal, Shard};
-use crate::fit::{FitConfig, FitMethod, PriorKind};
 use crate::metrics::Scores;
-use crate::model::BasisNetConfig;
-use crate::predict::{Completer, Method};
+use crate::model::NetworkConfig;
+use crate::predict::{Method, open_completer};
 use crate::report::{Exhibit, Failure, Heading, Panels, Report, Section};
 use crate::sample::{Noise, Pattern, Preset, Protocol};
 use crate::train::{Event, Outcome, TrainConfig, Trainer};
+use lsdc_core::Completer;
+use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -116,11 +117,11 @@ impl<'a> Measured<'a> {
     pub(super) fn fit(mut self, change: impl FnOnce(&mut FitConfig)) -> Self {
         let mut fit = *self.completer.fit_config();
         change(&mut fit);
-        self.completer = self.completer.with_fit(fit);
+        self.completer = self.completer.with_fit(fit)?;
         self
     }
 
-    /// The paper's fit of the same base functions.
+    /// The paper's fit of the same basis functions.
     pub(super) fn plain(self) -> Self {
         self.fit(|fit| {
             fit.method = FitMethod::Lse;
@@ -227,7 +228,7 @@ impl Cell for Measured<'_> {
 pub(super) struct Trained<'a> {
     lab: &'a Lab,
     name: String,
-    pub(super) network: BasisNetConfig,
+    pub(super) network: NetworkConfig,
     frames: Arc<dyn Dataset>,
 }
 
@@ -238,7 +239,7 @@ impl<'a> Trained<'a> {
     pub(super) fn new(
         lab: &'a Lab,
         name: impl Into<String>,
-        network: BasisNetConfig,
+        network: NetworkConfig,
         frames: Arc<dyn Dataset>,
     ) -> Self {
         Self {
@@ -310,7 +311,7 @@ impl<'a> Trained<'a> {
     /// The trained network on the lab's frames.
     pub(super) fn measured(&self) -> Result<Measured<'a>> {
         let weights = self.weights();
-        let completer = Completer::open(Some(&weights), &self.lab.device.0)?;
+        let completer = open_completer(Some(&weights), &self.lab.device.0)?;
         Ok(Measured::new(self.lab, &self.name).completer(completer))
     }
 }

@@ -4,13 +4,13 @@ use super::cell::{Cell, Progress};
 use super::{Lab, Study, published};
 use crate::data::{Dataset as _, Frame, Rooms, RoomsConfig, Split, write_atomically};
 use crate::error::{Error, Result};
-use crate::model::{BasisNetConfig, Normalisation, Weights, WeightsRecord, parameter_count};
-use crate::predict::{Completer, Timings, complete_classic};
+use crate::model::{InitNetwork as _, NetworkConfig, Normalisation, parameter_count, weights_of};
+use crate::predict::{self, complete, complete_classic};
 use crate::report::{Column, Contest, Row, Section, Table};
 use crate::sample::{Pattern, Size};
 use burn::module::Module as _;
+use lsdc_core::Completer;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -32,7 +32,7 @@ const SIZES: [Size; 2] = [
 pub struct Times {
     /// Image to features.
     pub network_ms: f64,
-    /// Base functions at the points, and the solve.
+    /// Basis functions at the points, and the solve.
     pub fit_ms: f64,
     /// The solve alone.
     pub solve_ms: f64,
@@ -48,21 +48,25 @@ pub struct Times {
 /// No runs, or a frame that cannot be completed.
 pub fn time(completer: &Completer, frame: &Frame, points: &Pattern, runs: usize) -> Result<Times> {
     let sparse = points.draw(frame, 0)?;
-    let mut times: Vec<(Timings, Duration)> = Vec::with_capacity(runs);
+    let mut times: Vec<[Duration; 5]> = Vec::with_capacity(runs);
     for run in 0..=runs {
         let started = Instant::now();
-        let completion = completer.complete(&frame.rgb, &sparse)?;
+        let completion = complete(completer, &frame.rgb, &sparse)?;
+        let reading = Instant::now();
+        completion.depth()?;
+        let (dense, total) = (reading.elapsed(), started.elapsed());
+        let report = completion.report();
         if run > 0 {
-            times.push((completion.timings, started.elapsed()));
+            times.push([report.network, report.fit, report.solve, dense, total]);
         }
     }
-    let median = |of: fn(&(Timings, Duration)) -> Duration| median(times.iter().map(of));
+    let median = |of: usize| median(times.iter().map(|stages| stages[of]));
     Ok(Times {
-        network_ms: median(|(t, _)| t.network)?,
-        fit_ms: median(|(t, _)| t.fit)?,
-        solve_ms: median(|(t, _)| t.solve)?,
-        dense_ms: median(|(t, _)| t.dense)?,
-        total_ms: median(|(_, total)| *total)?,
+        network_ms: median(0)?,
+        fit_ms: median(1)?,
+        solve_ms: median(2)?,
+        dense_ms: median(3)?,
+        total_ms: median(4)?,
     })
 }
 
@@ -150,7 +154,7 @@ impl Timed<'_> {
                 // Larger images are reduced to this before the network.
                 let mut seen = SIZES[0];
                 if full {
-                    completer = completer.with_input([size.0, size.1]);
+                    completer = completer.with_working_size(size.0, size.1)?;
                     seen = self.size;
                 }
                 Ok(Kept {
@@ -161,18 +165,15 @@ impl Timed<'_> {
                 })
             }
             Subject::Paper => {
-                let config = BasisNetConfig::paper();
+                let config = NetworkConfig::paper();
                 let net = config.init(0, device)?.valid();
-                let record = WeightsRecord {
-                    network: config,
-                    normalisation: Normalisation {
-                        input: [size.0, size.1],
-                        ..Normalisation::default()
-                    },
-                    notes: BTreeMap::new(),
+                let normalisation = Normalisation {
+                    input: [size.0, size.1],
+                    ..Normalisation::default()
                 };
                 let (parameters, adds) = (parameter_count(&net), net.multiply_adds(size));
-                let completer = Completer::with_weights(&Weights::of(&net, record), device)?;
+                let weights = weights_of(&net, config, normalisation);
+                let completer = predict::completer(&weights, device)?;
                 Ok(Kept {
                     of: self.of(),
                     times: time(&completer, &frame, &points, RUNS)?,

@@ -1,17 +1,18 @@
-//! What base functions look like, and which pixels they take for alike.
+//! What basis functions look like, and which pixels they take for alike.
 
 use super::cell::Cell;
 use super::{Lab, Study};
 use crate::error::Result;
-use crate::predict::Completer;
+use crate::predict::scene;
 use crate::report::{Drawing, Panel, Panels, Scale, Section, signed};
 use image::{Rgb, RgbImage};
+use lsdc_core::Completer;
 
 /// Frames that are shown.
 const FRAMES: usize = 3;
 /// Pixels of which the kernel is shown, as shares of width and height.
 const PLACES: [(f64, f64); 4] = [(0.2, 0.3), (0.75, 0.25), (0.3, 0.75), (0.7, 0.7)];
-/// Base functions on the contact sheet.
+/// Basis functions on the contact sheet.
 const SHEET: usize = 30;
 const ACROSS: usize = 5;
 
@@ -31,7 +32,7 @@ impl Study for Kernels<'_> {
     }
 
     fn section(&self) -> Result<Section> {
-        let mut section = Section::new("kernels", "Base functions, and what they take for alike");
+        let mut section = Section::new("kernels", "Basis functions, and what they take for alike");
         section.about.push(format!(
             "{}. The kernel of a pixel is the cosine of the angle between its base vector and those \
              of all pixels, less the mean over the image: a fit moves pixels of a high value together.",
@@ -47,7 +48,7 @@ impl Study for Kernels<'_> {
             if number == 0 {
                 section.show(
                     "functions",
-                    "The base functions that change most over the first frame.",
+                    "The basis functions that change most over the first frame.",
                     contact_sheet(&self.lab.completer, &rgb)?,
                 );
             }
@@ -73,12 +74,13 @@ fn scale(name: &str, most: f32) -> Scale {
     }
 }
 
-/// The learned base functions of an image, less their means: values `[pixels, N]`, and N.
+/// The learned basis functions of an image, less their means: values `[pixels, N]`, and N.
 fn functions(completer: &Completer, rgb: &RgbImage) -> Result<(Vec<f32>, usize)> {
     let (width, height) = rgb.dimensions();
-    let pixels: Vec<u32> = (0..width * height).collect();
-    let size = (height as usize, width as usize);
-    let rows = completer.bases(rgb)?.network_at(size, &pixels);
+    let pixels = 0..width * height;
+    let place = |pixel: u32| [f64::from(pixel % width), f64::from(pixel / width)];
+    let places: Vec<_> = pixels.clone().map(place).collect();
+    let rows = scene(completer, rgb)?.basis_functions(&places);
     // The first is constant.
     let stride = rows.len() / pixels.len();
     let learned = rows.chunks_exact(stride).flat_map(|row| &row[1..]);
@@ -125,7 +127,7 @@ fn kernels(completer: &Completer, rgb: RgbImage) -> Result<Vec<Panel>> {
     Ok(panels)
 }
 
-/// The base functions of greatest standard deviation over an image, as a picture.
+/// The basis functions of greatest standard deviation over an image, as a picture.
 ///
 /// # Errors
 /// An image without pixels.
@@ -162,7 +164,7 @@ pub fn contact_sheet(completer: &Completer, rgb: &RgbImage) -> Result<Drawing> {
     }]];
     rows.extend(panels.chunks(ACROSS).map(<[Panel]>::to_vec));
     let panels = Panels {
-        title: "Base functions less their means, and their standard deviations".into(),
+        title: "Basis functions less their means, and their standard deviations".into(),
         scales: vec![scale("standard deviations", 2.5)],
         rows,
     };

@@ -20,15 +20,15 @@ pub use kernels::contact_sheet;
 
 use crate::data::Dataset;
 use crate::error::{Error, Result};
-use crate::fit::FitConfig;
 use crate::metrics::Rules;
-use crate::model::BasisNetConfig;
-use crate::predict::Completer;
+use crate::model::NetworkConfig;
 use crate::report::Section;
 use crate::sample::Preset;
 use crate::train::TrainConfig;
 use burn::tensor::Device;
 use cell::Cell;
+use lsdc_core::Completer;
+use lsdc_core::fit::FitConfig;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -39,7 +39,7 @@ use std::time::{Duration, Instant};
 pub enum Experiment {
     /// Table 1: errors at 500 points beside other methods.
     Benchmark,
-    /// How many base functions, and how the position is encoded: trains each on an equal budget.
+    /// How many basis functions, and how the position is encoded: trains each on an equal budget.
     Ablation,
     /// Errors against the number of points.
     Points,
@@ -47,7 +47,7 @@ pub enum Experiment {
     Scale,
     /// Wrong points, with and without robust losses.
     Noise,
-    /// What base functions look like, and which pixels they take for alike.
+    /// What basis functions look like, and which pixels they take for alike.
     Kernels,
     /// Depth at three times the resolution of the image.
     Resolution,
@@ -123,7 +123,7 @@ pub struct Lab {
     /// Its weights in words.
     pub weights: String,
     /// The shape of the network.
-    pub network: BasisNetConfig,
+    pub network: NetworkConfig,
     /// Depth maps of other programs for the benchmark, by name.
     pub predictions: Vec<(String, PathBuf)>,
     /// DIODE, and where it lies in words, if there is one.
@@ -139,7 +139,7 @@ pub struct Lab {
 /// How networks are trained, and on what.
 pub struct Recipe {
     /// The network that is changed in one way or another.
-    pub network: BasisNetConfig,
+    pub network: NetworkConfig,
     /// The fit to train through.
     pub fit: FitConfig,
     /// The settings of all trainings.

@@ -4,10 +4,10 @@ use super::benchmark::{RIVALS, all};
 use super::cell::{Cell, Measured};
 use super::{Lab, Study, published};
 use crate::error::Result;
-use crate::fit::{Loss, Robust};
 use crate::metrics::{Metric, Scores};
 use crate::report::{Column, Contest, Panels, Row, Section, Table};
 use crate::sample::{Noise, Pattern};
+use lsdc_core::fit::{Loss, Robust};
 
 const POINTS: usize = 1000;
 const NOISE: Noise = Noise::Added {

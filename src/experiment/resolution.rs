@@ -83,7 +83,7 @@ impl Study for Resolution<'_> {
         let title = "Depth at three times the resolution of the image (table 3)";
         let mut section = Section::new("resolution", title);
         section.about.push(format!(
-            "{} Image and {POINTS} points at {SMALL}, depth at {LARGE}: base functions read there, or \
+            "{} Image and {POINTS} points at {SMALL}, depth at {LARGE}: basis functions read there, or \
              depths enlarged bilinearly. Averaged {}.",
             self.lab.about(),
             self.lab.rules

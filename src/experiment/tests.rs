@@ -31,10 +31,10 @@ fn lab(folder: &Path) -> Lab {
         },
         ..TrainConfig::default()
     };
-    let network = BasisNetConfig {
+    let network = NetworkConfig {
         extractor: ExtractorConfig::slim(),
         edges: 0,
-        ..BasisNetConfig::sharp()
+        ..NetworkConfig::sharp()
     };
     let fit = FitConfig {
         ridge: 1e-4,
@@ -50,7 +50,7 @@ fn lab(folder: &Path) -> Lab {
         seeds: vec![0],
         completer,
         weights: "of the program".into(),
-        network: BasisNetConfig::sharp(),
+        network: NetworkConfig::sharp(),
         predictions: Vec::new(),
         diode: None,
         recipe: Recipe {

@@ -141,7 +141,7 @@ fn rmse(slices: &[Slice]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use lsdc_rng::Rng;
 
     /// Errors drawn from the standard deviations that are predicted, times `factor`.
     fn drawn(factor: f32, known: bool) -> Certainty {

@@ -1,11 +1,11 @@
-//! The per-pixel MLP, and base functions that can be read at any pixel of any output size.
+//! The per-pixel MLP, and basis functions that can be read at any pixel of any output size.
 
 use super::layers::{Hidden, Init, Linear};
-use super::{BasisNetConfig, encoding, grid};
+use super::{NetworkConfig, encoding, grid};
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
 
-/// The MLP from features and position to N base functions (paper section 3.2).
+/// The MLP from features and position to N basis functions (paper section 3.2).
 #[derive(Module, Debug)]
 pub struct BasisHead {
     pub(super) hidden: Vec<Hidden>,
@@ -15,7 +15,7 @@ pub struct BasisHead {
 }
 
 impl BasisHead {
-    pub(super) fn init(config: &BasisNetConfig, init: &mut Init) -> Self {
+    pub(super) fn init(config: &NetworkConfig, init: &mut Init) -> Self {
         let mut width = config.extractor.features + encoding::channels(config.octaves);
         let mut hidden = Vec::new();
         for &next in &config.hidden {
@@ -36,7 +36,7 @@ impl BasisHead {
     }
 }
 
-/// The base functions of a batch of images: features `[batch, height / 4, width / 4, channels]`,
+/// The basis functions of a batch of images: features `[batch, height / 4, width / 4, channels]`,
 /// and the MLP that turns them into values at any pixel of any output size (paper section 4.5).
 #[derive(Clone, Debug)]
 pub struct Bases {
@@ -67,6 +67,26 @@ impl Bases {
             let codes = TensorData::new(codes, [batch * count, width]);
             input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
         }
+        self.evaluate(input, [batch, count])
+    }
+
+    /// Values at places (u, v) of an output of `size` (height, width) of a single image: `[1, places,
+    /// N + 1]`. Places count in pixels from the centre of the first.
+    pub fn at_places(&self, size: (usize, usize), places: &[[f64; 2]]) -> Tensor<3> {
+        let device = self.features.device();
+        let mut input = grid::sample_places(self.features.clone(), size, places);
+        let width = encoding::channels(self.head.octaves);
+        if width > 0 {
+            let codes = encoding::encode_places(size, places, self.head.octaves);
+            let codes = TensorData::new(codes, [places.len(), width]);
+            input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
+        }
+        self.evaluate(input, [1, places.len()])
+    }
+
+    /// The MLP on rows of features and position, behind the constant.
+    fn evaluate(&self, input: Tensor<2>, [batch, count]: [usize; 2]) -> Tensor<3> {
+        let device = input.device();
         let learned = self.head.forward(input);
         let functions = learned.dims()[1];
         let one = Tensor::ones([batch, count, 1], &device);

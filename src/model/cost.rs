@@ -6,7 +6,7 @@ use burn::module::Module;
 
 impl BasisNet {
     /// Multiplications with weights, each with an addition, for an image of `size` (height, width)
-    /// whose base functions are read at every pixel. Normalisation, pooling and resizing are not
+    /// whose basis functions are read at every pixel. Normalisation, pooling and resizing are not
     /// counted.
     pub fn multiply_adds(&self, (height, width): (usize, usize)) -> u64 {
         let pixels = |step: usize| (height.div_ceil(step) * width.div_ceil(step)) as u64;
@@ -49,12 +49,12 @@ fn weights<M: Module>(module: &M) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::model::BasisNetConfig;
+    use crate::model::{InitNetwork as _, NetworkConfig};
     use burn::tensor::Device;
 
     #[test]
     fn a_network_of_the_paper_is_counted_layer_by_layer() {
-        let config = BasisNetConfig::paper();
+        let config = NetworkConfig::paper();
         let net = config.init(0, &Device::flex()).unwrap();
         // By hand, at 64x64: 32x32 pixels at half, 16x16 at a quarter; pools of 32, 16, 8 and 4 leave
         // 1, 1, 4 and 16 pixels.

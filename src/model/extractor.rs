@@ -7,154 +7,59 @@
 
 use super::layers::{Conv, ConvNorm, Init};
 use super::resample::{enlarging, pooling};
-use crate::conv::ConvSpec;
-use crate::error::{Error, Result};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use serde::{Deserialize, Serialize};
+use lsdc_core::network::{ExtractorConfig, StageConfig};
+use lsdc_kernels::conv::ConvSpec;
 
-/// A run of residual blocks of equal width.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StageConfig {
-    /// Channels.
-    pub width: usize,
-    /// Residual blocks of two 3x3 convolutions.
-    pub blocks: usize,
-}
-
-/// Widths and depths of the extractor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ExtractorConfig {
-    /// Channels of the three convolutions at half resolution.
-    pub stem: usize,
-    /// Four stages: at half resolution, at a quarter, wider, and with dilation 2.
-    pub stages: [StageConfig; 4],
-    /// Pool sizes in pixels at a quarter of the resolution, one branch each.
-    pub pools: Vec<usize>,
-    /// Channels of each pooling branch.
-    pub branch: usize,
-    /// Channels of the convolution that merges all branches.
-    pub merge: usize,
-    /// Channels of the result.
-    pub features: usize,
-    /// Convolutions that sharpen the result at half the image's resolution, with what the first
-    /// stage saw there; 0: features stay at a quarter, as PSMNet's.
-    pub sharpening: usize,
-}
-
-impl Default for ExtractorConfig {
-    fn default() -> Self {
-        Self::psmnet()
-    }
-}
-
-impl ExtractorConfig {
-    /// PSMNet's sizes: 3,339,552 parameters.
-    pub fn psmnet() -> Self {
-        let stage = |width, blocks| StageConfig { width, blocks };
-        Self {
-            stem: 32,
-            stages: [stage(32, 3), stage(64, 16), stage(128, 3), stage(128, 3)],
-            pools: vec![32, 16, 8, 4],
-            branch: 32,
-            merge: 128,
-            features: 32,
-            sharpening: 0,
-        }
-    }
-
-    /// PSMNet's with 4 instead of 16 blocks in the second stage.
-    pub fn medium() -> Self {
-        let mut config = Self::psmnet();
-        config.stages[1].blocks = 4;
-        config
-    }
-
-    /// Half the widths and two fifths of the blocks, features twice as wide and sharpened.
-    pub fn slim() -> Self {
-        let stage = |width, blocks| StageConfig { width, blocks };
-        Self {
-            stem: 16,
-            stages: [stage(16, 2), stage(32, 6), stage(64, 2), stage(64, 1)],
-            pools: vec![32, 16, 8, 4],
-            branch: 16,
-            merge: 64,
-            features: 64,
-            sharpening: 2,
-        }
-    }
-
-    /// Half the widths of the slim one.
-    pub fn slimmer() -> Self {
-        let stage = |width, blocks| StageConfig { width, blocks };
-        Self {
-            stem: 8,
-            stages: [stage(8, 2), stage(16, 6), stage(32, 2), stage(32, 1)],
-            branch: 8,
-            merge: 32,
-            features: 32,
-            ..Self::slim()
-        }
-    }
-
-    pub(super) fn check(&self) -> Result<()> {
-        let blocks = self.stages.iter().map(|s| s.blocks);
-        if self.widths().contains(&0) || self.pools.contains(&0) || blocks.min() == Some(0) {
-            return Err(Error::config(
-                "every width, pool and number of blocks of the extractor must be above 0",
-            ));
-        }
-        Ok(())
-    }
-
-    /// All widths that a normalisation sees.
-    pub(super) fn widths(&self) -> Vec<usize> {
-        let mut widths: Vec<usize> = self.stages.iter().map(|s| s.width).collect();
-        widths.extend([self.stem, self.branch, self.merge]);
-        if self.sharpening > 0 {
-            widths.push(self.features);
-        }
-        widths
-    }
-
-    pub(super) fn init(&self, init: &mut Init) -> Extractor {
-        let plain = ConvSpec::same(1);
-        let [first, second, third, fourth] = self.stages;
-        let merged = second.width + fourth.width + self.pools.len() * self.branch;
-        Extractor {
-            stem: vec![
-                ConvNorm::init(3, self.stem, 3, ConvSpec::halving(), init),
-                ConvNorm::init(self.stem, self.stem, 3, plain, init),
-                ConvNorm::init(self.stem, self.stem, 3, plain, init),
-            ],
-            half: stage(self.stem, first, plain, plain, init),
-            quarter: stage(first.width, second, ConvSpec::halving(), plain, init),
-            wide: stage(second.width, third, plain, plain, init),
-            dilated: stage(
-                third.width,
-                fourth,
-                ConvSpec::same(2),
-                ConvSpec::same(2),
+/// Builds the extractor with its weights.
+pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
+    let plain = ConvSpec::same(1);
+    let [first, second, third, fourth] = config.stages;
+    let merged = second.width + fourth.width + config.pools.len() * config.branch;
+    Extractor {
+        stem: vec![
+            ConvNorm::init(3, config.stem, 3, ConvSpec::halving(), init),
+            ConvNorm::init(config.stem, config.stem, 3, plain, init),
+            ConvNorm::init(config.stem, config.stem, 3, plain, init),
+        ],
+        half: stage(config.stem, first, plain, plain, init),
+        quarter: stage(first.width, second, ConvSpec::halving(), plain, init),
+        wide: stage(second.width, third, plain, plain, init),
+        dilated: stage(
+            third.width,
+            fourth,
+            ConvSpec::same(2),
+            ConvSpec::same(2),
+            init,
+        ),
+        branches: config
+            .pools
+            .iter()
+            .map(|_| ConvNorm::init(fourth.width, config.branch, 1, ConvSpec::pointwise(), init))
+            .collect(),
+        merge: ConvNorm::init(merged, config.merge, 3, plain, init),
+        project: Conv::init(
+            config.merge,
+            config.features,
+            1,
+            ConvSpec::pointwise(),
+            init,
+        ),
+        sharpen: (config.sharpening > 0).then(|| Sharpen {
+            lateral: Conv::init(first.width, config.features, 1, ConvSpec::pointwise(), init),
+            mix: (0..config.sharpening)
+                .map(|_| ConvNorm::init(config.features, config.features, 3, plain, init))
+                .collect(),
+            last: Conv::zero(
+                config.features,
+                config.features,
+                1,
+                ConvSpec::pointwise(),
                 init,
             ),
-            branches: self
-                .pools
-                .iter()
-                .map(|_| ConvNorm::init(fourth.width, self.branch, 1, ConvSpec::pointwise(), init))
-                .collect(),
-            merge: ConvNorm::init(merged, self.merge, 3, plain, init),
-            project: Conv::init(self.merge, self.features, 1, ConvSpec::pointwise(), init),
-            sharpen: (self.sharpening > 0).then(|| Sharpen {
-                lateral: Conv::init(first.width, self.features, 1, ConvSpec::pointwise(), init),
-                mix: (0..self.sharpening)
-                    .map(|_| ConvNorm::init(self.features, self.features, 3, plain, init))
-                    .collect(),
-                last: Conv::zero(self.features, self.features, 1, ConvSpec::pointwise(), init),
-            }),
-            pools: self.pools.clone(),
-        }
+        }),
+        pools: config.pools.clone(),
     }
 }
 

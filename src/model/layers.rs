@@ -1,44 +1,15 @@
 //! The building blocks: convolution or linear map without bias, normalisation, ReLU.
 
-use crate::conv::{ConvSpec, Layer, conv2d, linear};
-use crate::error::{Error, Result};
-use crate::norm::{NormSpec, moments, normalise};
-use crate::rng::Rng;
-use crate::simd::Level;
+use crate::ops::conv::{ConvSpec, conv2d, linear};
+use crate::ops::norm::{NormSpec, moments, normalise};
 use burn::module::{Flag, Module, ModuleMapper, Param, RunningState};
 use burn::nn::{GroupNorm, GroupNormConfig};
 use burn::tensor::{Device, Tensor, TensorData};
-use serde::{Deserialize, Serialize};
+use lsdc_core::network::{CHANNELS_PER_GROUP, EPSILON, NormKind};
+use lsdc_rng::Rng;
 
-/// Which normalisation follows every layer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum NormKind {
-    /// Batch normalisation (Ioffe and Szegedy 2015), as PSMNet; can be folded for inference.
-    #[default]
-    Batch,
-    /// Group normalisation (Wu and He 2018), 8 channels a group; per pixel in the MLP.
-    Group,
-}
-
-const CHANNELS_PER_GROUP: usize = 8;
-const EPSILON: f64 = 1e-5;
 /// Slow, because batches are small.
 const MOMENTUM: f64 = 0.01;
-
-impl NormKind {
-    pub(super) fn check(self, mut widths: impl Iterator<Item = usize>) -> Result<()> {
-        match self {
-            Self::Group => match widths.find(|w| w % CHANNELS_PER_GROUP != 0) {
-                Some(width) => Err(Error::config(format!(
-                    "`norm = \"group\"` needs widths divisible by {CHANNELS_PER_GROUP}, got {width}"
-                ))),
-                None => Ok(()),
-            },
-            Self::Batch => Ok(()),
-        }
-    }
-}
 
 /// What every layer needs to be built.
 pub(super) struct Init {
@@ -103,21 +74,6 @@ impl BatchNorm {
         };
         normalise(x, self.gain.val(), self.shift.val(), mean, variance, spec)
     }
-
-    /// Slope and offset of every channel with the running statistics.
-    fn line(&self) -> Vec<(f32, f32)> {
-        let read = |t: Tensor<1>| t.into_data().iter::<f32>().collect::<Vec<f32>>();
-        let (gain, shift) = (read(self.gain.val()), read(self.shift.val()));
-        let mean = read(self.running_mean.value());
-        let variance = read(self.running_variance.value());
-        (0..gain.len())
-            .map(|c| {
-                let slope = f64::from(gain[c]) / (f64::from(variance[c]) + EPSILON).sqrt();
-                let offset = f64::from(shift[c]) - f64::from(mean[c]) * slope;
-                (slope as f32, offset as f32)
-            })
-            .collect()
-    }
 }
 
 fn follow(running: &RunningState<Tensor<1>>, now: Tensor<1>) {
@@ -168,16 +124,6 @@ impl Norm {
     }
 }
 
-impl Norm {
-    /// Slope and offset of every channel, if they do not depend on the input.
-    fn line(&self) -> Option<Vec<(f32, f32)>> {
-        match self {
-            Self::Batch(norm) => Some(norm.line()),
-            Self::Group(_) => None,
-        }
-    }
-}
-
 /// Convolution without bias.
 #[derive(Module, Debug)]
 pub(super) struct Conv {
@@ -219,29 +165,6 @@ impl Conv {
     pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         conv2d(x, self.weight.val(), self.spec)
     }
-
-    /// The convolution for the CPU alone.
-    pub(super) fn prepared(&self, level: Level) -> Layer {
-        self.scaled(level, None)
-    }
-
-    /// The convolution with outputs times slopes plus offsets.
-    fn scaled(&self, level: Level, line: Option<&[(f32, f32)]>) -> Layer {
-        let weight = self.weight.val();
-        let [outputs, channels, taps, _] = weight.dims();
-        let mut values: Vec<f32> = weight.into_data().iter::<f32>().collect();
-        let mut bias = Vec::new();
-        if let Some(line) = line {
-            let rows = values.chunks_exact_mut(channels * taps * taps);
-            for (row, (slope, _)) in rows.zip(line) {
-                for value in row {
-                    *value *= slope;
-                }
-            }
-            bias.extend(line.iter().map(|(_, offset)| offset));
-        }
-        Layer::new(level, &values, [outputs, channels, taps], &bias, self.spec)
-    }
 }
 
 /// Convolution and normalisation, with or without ReLU.
@@ -272,11 +195,6 @@ impl ConvNorm {
     pub(super) fn forward_relu(&self, x: Tensor<4>) -> Tensor<4> {
         self.norm.forward(self.conv.forward(x), true)
     }
-
-    /// Both as one convolution with bias for the CPU, if the statistics are fixed.
-    pub(super) fn folded(&self, level: Level) -> Option<Layer> {
-        Some(self.conv.scaled(level, Some(&self.norm.line()?)))
-    }
 }
 
 /// Linear map of rows without bias.
@@ -297,27 +215,6 @@ impl Linear {
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         linear(x, self.weight.val())
     }
-
-    /// The matrix, row by row, and its sizes.
-    pub(super) fn values(&self) -> (Vec<f32>, [usize; 2]) {
-        let weight = self.weight.val();
-        let dims = weight.dims();
-        (weight.into_data().iter::<f32>().collect(), dims)
-    }
-}
-
-/// A linear map of rows with bias.
-pub(super) struct Folded {
-    pub(super) depth: usize,
-    pub(super) columns: usize,
-    values: Vec<f32>,
-    pub(super) bias: Vec<f32>,
-}
-
-impl Folded {
-    pub(super) fn at(&self, row: usize, column: usize) -> f32 {
-        self.values[row * self.columns + column]
-    }
 }
 
 /// Linear map, normalisation, ReLU.
@@ -337,22 +234,5 @@ impl Hidden {
 
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         self.norm.forward(self.linear.forward(x), true)
-    }
-
-    /// Linear map and normalisation as one, if the statistics are fixed.
-    pub(super) fn folded(&self) -> Option<Folded> {
-        let line = self.norm.line()?;
-        let (mut values, [depth, columns]) = self.linear.values();
-        for row in values.chunks_exact_mut(columns) {
-            row.iter_mut()
-                .zip(&line)
-                .for_each(|(v, (slope, _))| *v *= slope);
-        }
-        Some(Folded {
-            depth,
-            columns,
-            values,
-            bias: line.into_iter().map(|(_, offset)| offset).collect(),
-        })
     }
 }

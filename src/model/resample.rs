@@ -1,7 +1,7 @@
 //! Pooling and enlargement of whole maps `[batch, height, width, channels]`.
 
-use crate::bilinear::neighbours;
 use burn::tensor::{Device, Tensor, TensorData};
+use lsdc_core::bilinear::neighbours;
 
 /// A linear map along rows and one along columns: pooling or bilinear enlargement of a whole map.
 struct Separable {
@@ -63,7 +63,8 @@ fn averages(length: usize, pool: usize) -> Vec<f32> {
 fn enlargement(from: usize, to: usize) -> Vec<f32> {
     let mut matrix = vec![0.0; to * from];
     for i in 0..to {
-        let (low, high, t) = neighbours(i, to, from);
+        let (low, high, t) = neighbours(i as f64, to, from);
+        let t = t as f32;
         matrix[i * from + low] += 1.0 - t;
         matrix[i * from + high] += t;
     }

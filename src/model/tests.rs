@@ -1,8 +1,8 @@
 //! The network as a whole.
 
-use super::{BasisNetConfig, ExtractorConfig, NormKind, parameter_count};
-use crate::rng::Rng;
+use super::{ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind, parameter_count};
 use burn::tensor::{Device, Tensor, TensorData};
+use lsdc_rng::Rng;
 
 fn image(height: usize, width: usize) -> Tensor<4> {
     let mut rng = Rng::stream(0, &["image"]);
@@ -14,15 +14,15 @@ fn image(height: usize, width: usize) -> Tensor<4> {
 }
 
 /// Few blocks, so that tests are quick.
-fn tiny() -> BasisNetConfig {
+fn tiny() -> NetworkConfig {
     let mut extractor = ExtractorConfig::slim();
     extractor.stages.iter_mut().for_each(|s| s.blocks = 1);
-    BasisNetConfig {
+    NetworkConfig {
         extractor,
         hidden: vec![16],
         bases: 12,
-        edges: 0,
-        ..BasisNetConfig::sharp()
+        affinities: 0,
+        ..NetworkConfig::sharp()
     }
 }
 
@@ -30,9 +30,9 @@ fn tiny() -> BasisNetConfig {
 fn the_paper_preset_has_the_papers_parameters() {
     // Fang et al. report 3.466 M; PSMNet's layers, counted one by one, give 3,339,552.
     for norm in [NormKind::Batch, NormKind::Group] {
-        let config = BasisNetConfig {
+        let config = NetworkConfig {
             norm,
-            ..BasisNetConfig::paper()
+            ..NetworkConfig::paper()
         };
         let net = config.init(0, &Device::flex()).unwrap();
         assert_eq!(parameter_count(&net), 3_466_016);
@@ -43,7 +43,7 @@ fn the_paper_preset_has_the_papers_parameters() {
 #[test]
 fn every_input_size_works() {
     for norm in [NormKind::Batch, NormKind::Group] {
-        let net = BasisNetConfig { norm, ..tiny() }
+        let net = NetworkConfig { norm, ..tiny() }
             .init(0, &Device::flex())
             .unwrap();
         for (height, width) in [(1, 1), (3, 5), (32, 32), (37, 61), (57, 130)] {
@@ -93,9 +93,9 @@ fn a_seed_names_the_weights() {
 
 #[test]
 fn dependent_bases_are_refused() {
-    let config = BasisNetConfig {
+    let config = NetworkConfig {
         hidden: vec![64, 64],
-        ..BasisNetConfig::paper()
+        ..NetworkConfig::paper()
     };
     assert!(
         config

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Method {
-    /// Base functions fitted to the points.
+    /// Basis functions fitted to the points.
     Lsdc,
     /// A method without training.
     Classic(Classic),

@@ -1,11 +1,12 @@
-//! What becomes of the given depths themselves.
+//! How to preserve the input depths.
 
-use super::places;
 use crate::data::DepthMap;
 use crate::error::Result;
-use crate::nearest::Cells;
+use lsdc_core::Observations;
+use lsdc_core::nearest::Cells;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Whether the dense depth meets the points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,35 +35,56 @@ impl Preserve {
         }
     }
 
-    /// `depth` with the points of `sparse` in it; a point at (x, y) belongs to the pixel that its
-    /// centre falls into where sizes differ.
+    /// `depth` with the observations of an image of `size` (width, height) in it: each belongs to the
+    /// pixel that it falls into; of several in one pixel the one nearest to its centre counts.
     ///
     /// # Errors
     /// None for maps that are sound.
-    pub fn apply(self, depth: DepthMap, sparse: &DepthMap) -> Result<DepthMap> {
-        let (width, height) = (depth.width(), depth.height());
-        let scaled = |v: usize, from: usize, to: usize| ((2 * v + 1) * to / (2 * from)).min(to - 1);
-        let (places, depths) = places(sparse);
-        let places: Vec<[usize; 2]> = places
-            .iter()
-            .map(|&[x, y]| {
-                [
-                    scaled(x, sparse.width(), width),
-                    scaled(y, sparse.height(), height),
-                ]
-            })
-            .collect();
-        let mut values = depth.into_values();
-        match self {
-            Self::None => {}
-            Self::Exact => {
-                for (&[x, y], d) in places.iter().zip(depths) {
-                    values[y * width + x] = d;
-                }
-            }
-            Self::Blend => blend(&mut values, width, &places, &depths),
+    pub fn apply(
+        self,
+        depth: DepthMap,
+        observations: &Observations,
+        size: (usize, usize),
+    ) -> Result<DepthMap> {
+        if self == Self::None {
+            return Ok(depth);
         }
-        DepthMap::new(width, height, values)
+        let (width, height) = (depth.width(), depth.height());
+        let mut nearest: BTreeMap<[usize; 2], (f64, f32)> = BTreeMap::new();
+        for point in observations
+            .iter()
+            .filter(|p| p.depth > 0.0 && p.depth.is_finite())
+        {
+            let [u, v] = [
+                (point.u + 0.5) * width as f64 / size.0 as f64 - 0.5,
+                (point.v + 0.5) * height as f64 / size.1 as f64 - 0.5,
+            ];
+            let (x, y) = ((u + 0.5).floor(), (v + 0.5).floor());
+            if !(x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64) {
+                continue;
+            }
+            let off = ((u - x).powi(2) + (v - y).powi(2), point.depth);
+            let place = nearest.entry([y as usize, x as usize]).or_insert(off);
+            if off
+                .0
+                .total_cmp(&place.0)
+                .then(off.1.total_cmp(&place.1))
+                .is_lt()
+            {
+                *place = off;
+            }
+        }
+        let mut values = depth.into_values();
+        if self == Self::Exact {
+            for ([y, x], (_, depth)) in nearest {
+                values[y * width + x] = depth;
+            }
+        } else {
+            let places: Vec<[usize; 2]> = nearest.keys().map(|&[y, x]| [x, y]).collect();
+            let depths: Vec<f32> = nearest.values().map(|(_, depth)| *depth).collect();
+            blend(&mut values, width, &places, &depths);
+        }
+        Ok(DepthMap::new(width, height, values)?)
     }
 }
 
@@ -78,21 +100,22 @@ fn blend(values: &mut [f32], width: usize, places: &[[usize; 2]], depths: &[f32]
     let residuals: Vec<f64> = pairs
         .map(|(&[x, y], d)| f64::from(d - values[y * width + x]))
         .collect();
-    let cells = Cells::new(places);
+    let centres: Vec<_> = places.iter().map(|place| place.map(|v| v as f64)).collect();
+    let cells = Cells::new(&centres);
     values
         .par_chunks_mut(width)
         .enumerate()
         .for_each(|(y, row)| {
             for (x, value) in row.iter_mut().enumerate() {
-                let near = cells.nearest([x, y], COUNT);
-                let distance = (near[0].0 as f64).sqrt();
+                let near = cells.nearest([x as f64, y as f64], COUNT);
+                let distance = near[0].0.sqrt();
                 if distance >= reach {
                     continue;
                 }
                 let (mut sum, mut total) = (0.0, 0.0);
                 for &(square, i) in &near {
                     // At a point nothing else counts.
-                    let weight = 1.0 / (square as f64).max(1e-9);
+                    let weight = 1.0 / square.max(1e-9);
                     sum += weight * residuals[i];
                     total += weight;
                 }
@@ -116,11 +139,22 @@ mod tests {
         DepthMap::from_points(40, 30, &[at(5, 5, 3.0), at(30, 20, 1.5), at(39, 29, 2.0)])
     }
 
+    fn given(points: &DepthMap) -> Observations {
+        Observations::from_map(points)
+    }
+
     #[test]
     fn exact_changes_the_points_and_nothing_else() {
         let (flat, points) = (flat(), points());
-        assert_eq!(Preserve::None.apply(flat.clone(), &points).unwrap(), flat);
-        let exact = Preserve::Exact.apply(flat.clone(), &points).unwrap();
+        assert_eq!(
+            Preserve::None
+                .apply(flat.clone(), &given(&points), (40, 30))
+                .unwrap(),
+            flat
+        );
+        let exact = Preserve::Exact
+            .apply(flat.clone(), &given(&points), (40, 30))
+            .unwrap();
         for (i, (value, point)) in exact.values().iter().zip(points.values()).enumerate() {
             let expected = if *point > 0.0 { *point } else { 2.0 };
             assert_eq!(*value, expected, "pixel {i}");
@@ -130,7 +164,9 @@ mod tests {
     #[test]
     fn blend_meets_the_points_and_has_no_jump() {
         let (flat, points) = (flat(), points());
-        let blended = Preserve::Blend.apply(flat.clone(), &points).unwrap();
+        let blended = Preserve::Blend
+            .apply(flat.clone(), &given(&points), (40, 30))
+            .unwrap();
         for p in points.points() {
             let value = blended.values()[p.y * 40 + p.x];
             assert!((value - p.depth).abs() < 1e-6, "{value}");
@@ -144,7 +180,9 @@ mod tests {
     #[test]
     fn points_find_their_pixel_at_another_size() {
         let large = DepthMap::new(80, 60, vec![2.0; 4800]).unwrap();
-        let exact = Preserve::Exact.apply(large, &points()).unwrap();
+        let exact = Preserve::Exact
+            .apply(large, &given(&points()), (40, 30))
+            .unwrap();
         assert_eq!(exact.values()[11 * 80 + 11], 3.0);
         assert_eq!(exact.values()[59 * 80 + 79], 2.0);
     }

@@ -1,7 +1,7 @@
 use super::*;
 use crate::data::DepthMap;
-use crate::rng::Rng;
 use image::RgbImage;
+use lsdc_rng::Rng;
 
 fn heading() -> Heading {
     Heading {

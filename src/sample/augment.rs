@@ -5,8 +5,8 @@ use super::Protocol;
 use super::protocol::Size;
 use crate::data::{DepthMap, Frame};
 use crate::error::{Error, Result};
-use crate::rng::Rng;
 use image::{Rgb, RgbImage};
+use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
 /// How far frames are changed in training.

@@ -12,7 +12,7 @@ pub struct Batch {
     pub images: Tensor<4>,
     /// Rows and columns of the images.
     pub size: (usize, usize),
-    /// Pixels at which base functions are needed, for each image.
+    /// Pixels at which basis functions are needed, for each image.
     pub pixels: Vec<Vec<u32>>,
     /// Depths at those pixels `[batch, pixels]` in metres; 0 = none.
     pub depths: Tensor<2>,

@@ -4,7 +4,7 @@ use super::patches::Sample;
 use super::{AugmentConfig, Protocol, SupervisionConfig};
 use crate::data::{Dataset, Frame};
 use crate::error::{Cause, Error, Result};
-use crate::rng::Rng;
+use lsdc_rng::Rng;
 use std::collections::HashMap;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex};

@@ -3,7 +3,7 @@
 use super::protocol::per_cent;
 use crate::data::{DepthMap, Point};
 use crate::error::{Error, Result};
-use crate::rng::Rng;
+use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;

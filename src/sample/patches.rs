@@ -2,8 +2,8 @@
 
 use crate::data::{DepthMap, Frame};
 use crate::error::{Error, Result};
-use crate::rng::Rng;
 use image::RgbImage;
+use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
 /// Where the fit reads and where the loss is taken.

@@ -3,7 +3,7 @@
 use super::corners::strongest;
 use crate::data::{DepthMap, Frame, Point, read_depth};
 use crate::error::{Error, Result};
-use crate::rng::Rng;
+use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use std::path::PathBuf;

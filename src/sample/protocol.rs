@@ -173,7 +173,7 @@ fn without_jumps(depth: &DepthMap, most: f32) -> Result<DepthMap> {
         .map(|i| (i % width, i / width))
         .map(|(x, y)| f32::from(smooth(x, y)) * depth.at(x, y))
         .collect();
-    DepthMap::new(width, height, values)
+    Ok(DepthMap::new(width, height, values)?)
 }
 
 /// The upper left pixel of a crop.

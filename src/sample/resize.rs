@@ -133,7 +133,7 @@ pub fn resize_depth(depth: &DepthMap, size: Size, law: Interpolation) -> Result<
                 .collect()
         }
     };
-    DepthMap::new(size.width, size.height, values)
+    Ok(DepthMap::new(size.width, size.height, values)?)
 }
 
 fn weigh(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) -> Result<Vec<f32>> {
@@ -187,7 +187,7 @@ pub fn move_points(sparse: &DepthMap, size: Size) -> Result<DepthMap> {
             *value = point.depth;
         }
     }
-    DepthMap::new(size.width, size.height, values)
+    Ok(DepthMap::new(size.width, size.height, values)?)
 }
 
 fn check(from: Size, to: Size) -> Result<()> {

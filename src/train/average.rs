@@ -52,7 +52,7 @@ impl ModuleMapper for Mix {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::BasisNetConfig;
+    use crate::model::{InitNetwork as _, NetworkConfig};
     use burn::tensor::Device;
 
     fn numbers(net: &BasisNet) -> Vec<f32> {
@@ -67,8 +67,8 @@ mod tests {
     #[test]
     fn an_average_comes_nearer_with_every_step() {
         let device = Device::flex();
-        let start = BasisNetConfig::small().init(0, &device).unwrap();
-        let net = BasisNetConfig::small().init(1, &device).unwrap();
+        let start = NetworkConfig::small().init(0, &device).unwrap();
+        let net = NetworkConfig::small().init(1, &device).unwrap();
         let first = |net: &BasisNet| f64::from(numbers(net)[0]);
         let (from, to) = (first(&start), first(&net));
         // Late steps keep the decay, the first ones less.

@@ -1,18 +1,18 @@
-//! What is learned about base functions once they are trained: which weights are likely, and how
+//! What is learned about basis functions once they are trained: which weights are likely, and how
 //! far predictions are off.
 
 use super::TrainConfig;
 use crate::data::{Dataset, Frame};
 use crate::error::{Error, Result};
-use crate::fit::{
-    COUNTS, FitConfig, FitMethod, ImageMoments, Lambda, NoisePrior, Prior, PriorKind,
-};
 use crate::metrics::{Metric, Rules, Scores};
-use crate::model::Weights;
-use crate::predict::{Completer, record_fit, record_prior};
-use crate::rng;
+use crate::predict::{self, scene};
 use crate::sample::{Pattern, Protocol};
 use burn::tensor::Device;
+use lsdc_core::fit::{
+    COUNTS, FitConfig, FitMethod, ImageMoments, Lambda, NoisePrior, Prior, PriorKind,
+};
+use lsdc_core::{Completer, Observations, Weights};
+use lsdc_rng as rng;
 use rayon::prelude::*;
 
 /// Training images that a prior is learned from at most.
@@ -62,7 +62,7 @@ pub fn calibrate(
     }
     training.sort_by_key(|&i| rng::hash(&["prior", &frames.id(i)]));
     training.truncate(IMAGES);
-    let completer = Completer::with_weights(weights, device)?;
+    let completer = predict::completer(weights, device)?;
     let fit = FitConfig {
         prior: PriorKind::Learned,
         ..*completer.fit_config()
@@ -72,7 +72,7 @@ pub fn calibrate(
         robust: None,
         ..FitConfig::default()
     };
-    let completer = completer.with_fit(plain);
+    let completer = completer.with_fit(plain)?;
     let total = training.len() + held_out.len();
     let load = |index: usize| frame(frames, index, &config.protocol);
 
@@ -83,7 +83,8 @@ pub fn calibrate(
             .map(|&index| {
                 let frame = load(index)?;
                 let sparse = Pattern::Exactly(POINTS).draw(&frame, config.seed)?;
-                completer.moments(&completer.bases(&frame.rgb)?, &sparse)
+                let scene = scene(&completer, &frame.rgb)?;
+                Ok(scene.moments(&Observations::from_map(&sparse))?)
             })
             .collect::<Result<_>>()?;
         images.extend(found);
@@ -103,7 +104,7 @@ pub fn calibrate(
         let joint = |lambda: Lambda| FitConfig { lambda, ..fit };
         let mut best = [(f64::INFINITY, 0.0); COUNTS];
         for lambda in SHARES.map(|share| share * scale) {
-            let completer = completer.clone().with_fit(joint(Lambda::Fixed(lambda)));
+            let completer = completer.with_fit(joint(Lambda::Fixed(lambda)))?;
             let errors = errors(&completer, &held_out, &load, config.seed)?;
             for (best, error) in best.iter_mut().zip(errors) {
                 if error < best.0 {
@@ -126,19 +127,18 @@ pub fn calibrate(
     } else {
         (fit, plain)
     };
-    let plain = completer.clone().with_fit(plain);
-    let completer = completer.with_fit(measured);
+    let plain = completer.with_fit(plain)?;
+    let completer = completer.with_fit(measured)?;
     let mut lambdas = Vec::new();
     let mut ratios: Vec<f64> = Vec::new();
     for (done, &index) in held_out.iter().enumerate() {
         let frame = load(index)?;
-        let bases = completer.bases(&frame.rgb)?;
-        let sparse = Pattern::Exactly(500).draw(&frame, config.seed)?;
-        let completion = completer.complete_with(&bases, &sparse)?;
-        let few = plain.bases(&frame.rgb)?;
-        lambdas.extend(plain.fit(&few, &sparse, None)?.lambda.map(f64::ln));
-        let depth = &completion.depth;
-        let deviations = completer.deviation(&bases, &sparse, &completion.fit, depth)?;
+        let points = Observations::from_map(&Pattern::Exactly(500).draw(&frame, config.seed)?);
+        let completion = scene(&completer, &frame.rgb)?.complete(&points)?;
+        let few = scene(&plain, &frame.rgb)?.complete(&points)?;
+        lambdas.extend(few.report().lambda.map(f64::ln));
+        let depth = completion.depth()?;
+        let deviations = completion.standard_deviation()?;
         let pixels = depth.values().iter().zip(deviations.values());
         for ((depth, deviation), truth) in pixels.zip(frame.depth.values()) {
             if *truth > 0.0 && *deviation > 0.0 {
@@ -152,12 +152,9 @@ pub fn calibrate(
         mean: mean(&lambdas),
         trust: TRUST,
     };
-    record_prior(
-        weights,
-        &prior.with_noise(noise),
-        quantile(ratios, ONE_DEVIATION),
-    )?;
-    record_fit(weights, &fit)
+    weights.record_prior(&prior.with_noise(noise), quantile(ratios, ONE_DEVIATION));
+    weights.record_fit(&fit);
+    Ok(())
 }
 
 /// The mean of the logarithms of errors over frames and draws, for each number of points: of the
@@ -172,12 +169,12 @@ fn errors(
         .par_iter()
         .map(|&index| {
             let frame = load(index)?;
-            let bases = completer.bases(&frame.rgb)?;
+            let scene = scene(completer, &frame.rgb)?;
             let mut means = [0.0; COUNTS];
             for (mean, (points, draws)) in means.iter_mut().zip(NUMBERS) {
                 for draw in 0..draws {
                     let sparse = Pattern::Exactly(points).draw(&frame, seed + draw)?;
-                    let found = completer.complete_with(&bases, &sparse)?.depth;
+                    let found = scene.complete(&Observations::from_map(&sparse))?.depth()?;
                     let scores = Scores::of(&found, &frame.depth, &Rules::default())?;
                     for metric in [Metric::Rmse, Metric::Rel] {
                         *mean += scores[metric].max(f64::MIN_POSITIVE).ln() / draws as f64;

@@ -2,7 +2,7 @@
 
 use super::{LossConfig, Schedule};
 use crate::error::{Error, Result};
-use crate::fit::Reweighting;
+use crate::ops::Reweighting;
 use crate::sample::{AugmentConfig, Protocol, SupervisionConfig};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ pub enum Part {
     /// Everything, through the fit.
     #[default]
     All,
-    /// What judges edges, through a field without base functions; the others stay as they are.
+    /// What judges edges, through a field without basis functions; the others stay as they are.
     Edges,
 }
 

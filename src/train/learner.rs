@@ -7,14 +7,15 @@ use super::muon::Flattened;
 use super::parallel::gradients;
 use super::{LossConfig, Losses, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
-use crate::fit::{FitConfig, Reweighting};
 use crate::model::BasisNet;
+use crate::ops::Reweighting;
 use crate::sample::Batch;
 use burn::grad_clipping::GradientClippingConfig;
 use burn::module::ParamGroup;
 use burn::optim::decay::WeightDecayConfig;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Tensor;
+use lsdc_core::fit::FitConfig;
 
 /// A network with its optimiser.
 pub struct Learner {

@@ -1,10 +1,11 @@
 //! The three losses of the paper (section 3.4), on the pixels of a batch.
 
 use crate::error::{Error, Result};
-use crate::fit::{FitConfig, FitMethod, Reweighting, joint, lstsq, reweighted};
 use crate::model::BasisNet;
+use crate::ops::{Reweighting, joint, lstsq, reweighted};
 use crate::sample::Batch;
 use burn::tensor::{Int, Tensor, TensorData};
+use lsdc_core::fit::{FitConfig, FitMethod};
 use serde::{Deserialize, Serialize};
 
 /// Weights of the losses.
@@ -20,7 +21,7 @@ pub struct LossConfig {
     pub rmse: f64,
     /// Mean absolute error of the differences between neighbouring pixels, in metres.
     pub gradient: f64,
-    /// Mean absolute weight of a base function, in metres.
+    /// Mean absolute weight of a basis function, in metres.
     pub regularisation: f64,
     /// How unlikely the steps of the true depth are, if edges say how far neighbours may differ;
     /// for fits with a field.
@@ -82,7 +83,7 @@ pub fn losses(
     robust: Option<Reweighting>,
     config: &LossConfig,
 ) -> Losses {
-    if fit.method == FitMethod::Wls {
+    if fit.method == FitMethod::Field {
         return field_losses(net, batch, fit, config);
     }
     let [images, _] = batch.depths.dims();
@@ -101,7 +102,7 @@ pub fn losses(
     let solver = fit.solver();
     let (weights, field) = match (fit.method, robust) {
         (FitMethod::Joint, _) => {
-            let edges = net.edges(batch.images.clone());
+            let edges = net.affinities(batch.images.clone());
             let places = candidates(batch);
             let found = joint(at_points, depths, draw, edges.clone(), places, fit.joint);
             let field = at_pixels(found.field, &batch.pixels);
@@ -133,7 +134,7 @@ pub fn losses(
     losses
 }
 
-/// The same for a field alone, at every pixel: base functions are not computed.
+/// The same for a field alone, at every pixel: basis functions are not computed.
 pub(super) fn field_losses(
     net: &BasisNet,
     batch: &Batch,
@@ -143,7 +144,7 @@ pub(super) fn field_losses(
     let [images, height, width] = batch.maps.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
-    let edges = net.edges(batch.images.clone());
+    let edges = net.affinities(batch.images.clone());
     let device = edges.device();
     let mut losses = if config.l1 + config.l2 + config.rmse + config.gradient > 0.0 {
         let depths = batch.depths.clone().slice([0..images, 0..points]);

@@ -41,9 +41,9 @@ impl Optimizer for Flattened {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
     use burn::tensor::TensorData;
     use faer::Mat;
+    use lsdc_rng::Rng;
 
     #[test]
     fn steps_go_along_the_nearest_orthogonal_matrix() {

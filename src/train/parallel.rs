@@ -63,12 +63,12 @@ fn replica(net: &BasisNet, device: &Device) -> BasisNet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::FitConfig;
-    use crate::model::{BasisNetConfig, ExtractorConfig};
-    use crate::rng::Rng;
+    use crate::model::{ExtractorConfig, InitNetwork as _, NetworkConfig};
     use crate::train::{LossConfig, losses};
     use burn::module::{ModuleVisitor, Param};
     use burn::tensor::{Tensor, TensorData};
+    use lsdc_core::fit::FitConfig;
+    use lsdc_rng::Rng;
     use std::ops::Range;
 
     const SIZE: (usize, usize) = (12, 16);
@@ -118,15 +118,15 @@ mod tests {
     }
 
     fn net(device: &Device) -> BasisNet {
-        let config = BasisNetConfig {
+        let config = NetworkConfig {
             extractor: ExtractorConfig {
                 sharpening: 1,
                 ..ExtractorConfig::slim()
             },
             hidden: vec![24],
             bases: 16,
-            edges: 0,
-            ..BasisNetConfig::sharp()
+            affinities: 0,
+            ..NetworkConfig::sharp()
         };
         config.init(0, device).unwrap()
     }

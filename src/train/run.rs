@@ -5,13 +5,17 @@ use super::log::Log;
 use super::{Learner, Part, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, write_atomically};
 use crate::error::{Cause, Error, Result};
-use crate::fit::FitConfig;
 use crate::metrics::{Rules, Scores, Tally};
-use crate::model::{BasisNet, BasisNetConfig, Normalisation, Weights, WeightsRecord};
-use crate::predict::{Completer, open_weights, record_fit};
+use crate::model::{
+    BasisNet, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision, to_bytes,
+    transfer, weights_of,
+};
+use crate::predict::{complete, completer, open_weights};
 use crate::sample::{Batch, Loader, Pattern, Protocol, Sample, Sampler, SamplerConfig};
 use burn::module::Module as _;
 use burn::tensor::Device;
+use lsdc_core::fit::FitConfig;
+use lsdc_core::{Completer, Weights};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -66,7 +70,7 @@ pub enum Outcome {
 /// Trains a network in a run folder.
 pub struct Trainer {
     folder: PathBuf,
-    network: BasisNetConfig,
+    network: NetworkConfig,
     fit: FitConfig,
     config: TrainConfig,
     frames: Arc<dyn Dataset>,
@@ -84,16 +88,16 @@ impl Trainer {
     /// read.
     pub fn new(
         folder: &Path,
-        network: BasisNetConfig,
+        network: NetworkConfig,
         fit: FitConfig,
         config: TrainConfig,
         frames: Arc<dyn Dataset>,
         devices: &[Device],
     ) -> Result<Self> {
         network.check()?;
-        if config.part == Part::Edges && network.edges == 0 {
+        if config.part == Part::Edges && network.affinities == 0 {
             return Err(Error::config(
-                "`train.part = \"edges\"` needs a network with `edges` above 0",
+                "`train.part = \"edges\"` needs a network with `affinities` above 0",
             ));
         }
         fit.check()?;
@@ -160,7 +164,7 @@ impl Trainer {
             })?;
             let last = step == self.config.steps;
             if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
-                let held_out = self.measure(&self.completer(learner.net()), &held_out)?;
+                let held_out = self.measure(&self.completer(learner.net())?, &held_out)?;
                 tell(Event::Measured { step, held_out })?;
             }
             let stopping = stop.load(Ordering::Relaxed);
@@ -201,7 +205,7 @@ impl Trainer {
         let Some(path) = &self.config.start else {
             return Ok(net);
         };
-        let (net, new) = open_weights(Some(path))?.transfer(net)?;
+        let (net, new) = transfer(&open_weights(Some(path))?, net)?;
         tracing::info!("{new} tensors do not fit the start weights and begin at random");
         Ok(net)
     }
@@ -221,8 +225,11 @@ impl Trainer {
         self.config.learning_rate * self.config.schedule.factor(progress)
     }
 
-    fn completer(&self, net: &BasisNet) -> Completer {
-        Completer::new(net.valid(), self.normalisation, self.fit, self.device())
+    fn completer(&self, net: &BasisNet) -> Result<Completer> {
+        let weights = Weights::new(self.network.clone(), self.normalisation, BTreeMap::new());
+        let network = OnDevice::new(net.valid(), self.device());
+        let completer = Completer::builder(&weights).network(Arc::new(network));
+        Ok(completer.fit(self.fit).build()?)
     }
 
     fn measure(&self, completer: &Completer, frames: &[usize]) -> Result<Scores> {
@@ -230,12 +237,8 @@ impl Trainer {
         for &index in frames {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
             let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
-            let completion = completer.complete(&frame.rgb, &sparse)?;
-            tally.add(&Scores::of(
-                &completion.depth,
-                &frame.depth,
-                &Rules::default(),
-            )?);
+            let depth = complete(completer, &frame.rgb, &sparse)?.depth()?;
+            tally.add(&Scores::of(&depth, &frame.depth, &Rules::default())?);
         }
         Ok(tally.mean().unwrap_or_default())
     }
@@ -244,16 +247,12 @@ impl Trainer {
     fn publish(&self, net: &BasisNet, held_out: &[usize]) -> Result<()> {
         let training = serde_json::to_string(&self.config)
             .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))?;
-        let record = WeightsRecord {
-            network: self.network.clone(),
-            normalisation: self.normalisation,
-            notes: BTreeMap::from([(TRAINING_NOTE.to_owned(), training)]),
-        };
-        let mut weights = Weights::of(&net.valid(), record);
-        record_fit(&mut weights, &self.fit)?;
+        let mut weights = weights_of(&net.valid(), self.network.clone(), self.normalisation);
+        weights.notes.insert(TRAINING_NOTE.to_owned(), training);
+        weights.record_fit(&self.fit);
         let path = self.folder.join("weights.safetensors");
         let write = |weights: &Weights| {
-            let bytes = weights.to_bytes()?;
+            let bytes = to_bytes(weights, Precision::Half)?;
             write_atomically(&path, |out| out.write_all(&bytes))
         };
         // What was trained is not lost if its calibration fails.
@@ -263,10 +262,10 @@ impl Trainer {
             calibrate(&mut weights, frames, config, self.device(), |_, _| {})?;
         }
         if !held_out.is_empty() {
-            let completer = Completer::with_weights(&weights, self.device())?;
+            let completer = completer(&weights, self.device())?;
             let scores = serde_json::to_string(&self.measure(&completer, held_out)?)
                 .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))?;
-            weights.record.notes.insert(SCORES_NOTE.to_owned(), scores);
+            weights.notes.insert(SCORES_NOTE.to_owned(), scores);
         }
         write(&weights)?;
         Ok(())

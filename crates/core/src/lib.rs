@@ -1,5 +1,99 @@
-//! Depth completion by least squares: an RGB image and a few sparse depths in, dense depth out.
+//! Depth completion by least squares: an RGB image and a few sparse depths in, a dense depth map out.
+//!
+//! A network turns the image *alone* into basis functions and affinities; a least-squares fit finds the
+//! weights, and a field that is smooth but for edges, that match the sparse depths (Fang et al.,
+//! "Depth-Independent Depth Completion via Least Square Estimation"). Because no network ever sees a
+//! depth, scaling the depths scales the result exactly, number and pattern of the points are free, the
+//! result can be read at any size, and its errors follow in closed form.
+//!
+//! The way through this crate:
+//!
+//! 1. [`Weights`], which come with the crate (feature `weights`, on by default) or from a file;
+//! 2. a [`Completer`], shared by all threads;
+//! 3. a [`Scene`] for each [`Image`]: the network runs here, once;
+//! 4. a [`Completion`] for each set of [`Observations`]: a fit, from which depth, standard deviations,
+//!    residuals, leave-one-out errors and outliers are read when they are asked for.
+//!
+//! ```
+//! # #[cfg(feature = "weights")]
+//! # fn main() -> lsdc_core::Result<()> {
+//! use lsdc_core::{Channels, Completer, Image, Observations, Weights};
+//!
+//! # let (width, height) = (64, 48);
+//! # let rgb: Vec<u8> = (0..3 * width * height).map(|i| (i / 7 % 251) as u8).collect();
+//! let completer = Completer::new(&Weights::builtin_small())?;
+//! let scene = completer.scene(&Image::new(width, height, Channels::Rgb, &rgb)?)?;
+//!
+//! let mut points = Observations::new();
+//! for (u, v, metres) in [(5.0, 7.5, 2.0), (40.2, 30.0, 2.2), (60.0, 12.0, 1.8), (20.0, 40.0, 2.1)] {
+//!     points.add(u, v, metres);
+//! }
+//! let completion = scene.complete(&points)?;
+//! let depth = completion.depth()?;
+//! let deviation = completion.standard_deviation()?;
+//! assert_eq!(depth.values().len(), deviation.values().len());
+//!
+//! // Twice as far is exactly twice as far.
+//! let far = points.iter().map(|p| lsdc_core::Observation { depth: 2.0 * p.depth, ..*p });
+//! let twice = scene.complete(&far.collect())?.depth()?;
+//! assert!((twice.at(30, 20) / depth.at(30, 20) - 2.0).abs() < 1e-5);
+//! # Ok(())
+//! # }
+//! # #[cfg(not(feature = "weights"))]
+//! # fn main() {}
+//! ```
+//!
+//! Nothing here prints, panics on input, or starts threads unasked: work runs on `rayon`'s pool of the
+//! caller, or on one of the completer's own. The same input gives the same bits for any number of
+//! threads on one instruction set; instruction sets differ in rounding.
+//!
+//! The modules that are hidden from this page are the parts that the `lsdc` program trains with; they
+//! may change at any time.
 
+#[doc(hidden)]
+pub mod bilinear;
+mod completer;
+mod completion;
+mod error;
+#[doc(hidden)]
+pub mod field;
+#[doc(hidden)]
+pub mod fit;
+mod image;
+mod map;
+#[doc(hidden)]
+pub mod nearest;
+#[doc(hidden)]
+pub mod network;
 mod observations;
+mod resize;
+mod scene;
+mod usable;
+#[doc(hidden)]
+pub mod weights;
 
+pub use completer::{Completer, CompleterBuilder};
+pub use completion::{Completion, OUTLYING, Outlier, RANGE, Report};
+pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError};
+pub use image::{Channels, Image, MAX_PIXELS};
+pub use map::{DepthMap, Point};
 pub use observations::{Observation, Observations};
+pub use scene::Scene;
+pub use weights::Weights;
+
+/// Settings of the fit.
+pub mod settings {
+    pub use crate::fit::{
+        FitConfig, FitMethod, JointConfig, Lambda, Loss, PriorKind, Robust, Space,
+    };
+}
+
+/// Handles are shared between threads as they are.
+const _: () = {
+    const fn shared<T: Send + Sync + Clone>() {}
+    shared::<Completer>();
+    shared::<Scene>();
+    shared::<Completion>();
+    shared::<Weights>();
+    shared::<Observations>();
+};

@@ -1,5 +1,7 @@
 //! Depths that are known at some places of an image.
 
+use crate::map::{DepthMap, Point};
+
 /// One known depth.
 ///
 /// `u` counts to the right and `v` down, in pixels, from the centre of the first pixel (as in
@@ -26,6 +28,27 @@ impl Observations {
     /// None yet.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// The measurements of a map, each at the centre of its pixel.
+    pub fn from_map(map: &DepthMap) -> Self {
+        let observation = |point: Point| Observation {
+            u: point.x as f64,
+            v: point.y as f64,
+            depth: point.depth,
+            sigma: None,
+        };
+        map.points().map(observation).collect()
+    }
+
+    /// Adds a depth at (u, v) whose standard deviation is not known.
+    pub fn add(&mut self, u: f64, v: f64, depth: f32) {
+        self.push(Observation {
+            u,
+            v,
+            depth,
+            sigma: None,
+        });
     }
 
     /// Adds one.

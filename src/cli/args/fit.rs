@@ -1,25 +1,25 @@
 //! What is typed to fit otherwise than the weights say.
 
-use super::values::Robustness;
-use crate::fit::{FitConfig, FitMethod, Lambda, PriorKind, Space};
+use super::values::{Robustness, fit_method, prior_kind, space};
 use clap::Args as ClapArgs;
+use lsdc_core::fit::{FitConfig, FitMethod, Lambda, PriorKind, Space};
 
 /// Settings of the fit, laid over those of the weights.
 #[derive(Clone, Debug, ClapArgs)]
 pub(in crate::cli) struct FitFlags {
     /// What depth is made of: lse (the paper's base functions), wls (a field that is smooth but for
     /// the image's edges), joint (both) [default: as the weights say].
-    #[arg(long = "fit", value_enum, value_name = "METHOD")]
+    #[arg(long = "fit", value_parser = fit_method(), value_name = "METHOD")]
     fit_method: Option<FitMethod>,
     /// Fit without following outliers [default: as the weights say].
     #[arg(long, value_enum, value_name = "LOSS")]
     robust: Option<Robustness>,
     /// What is assumed before any depth is seen: none (the paper's fit), flat, learned [default: as
     /// the weights say].
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = prior_kind())]
     prior: Option<PriorKind>,
     /// What base functions add up to: depth, log, inverse [default: as the weights say].
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = space())]
     space: Option<Space>,
 }
 

@@ -1,9 +1,9 @@
 //! What is typed to train, and to handle weights.
 
 use super::{Model, Settings, Source};
-use crate::fit::FitMethod;
 use crate::model::Precision;
 use clap::{Args as ClapArgs, Subcommand};
+use lsdc_core::fit::FitMethod;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]

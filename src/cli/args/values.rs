@@ -3,11 +3,12 @@
 use crate::data::{DatasetKind, Split};
 use crate::error::{Error, Result};
 use crate::experiment::Experiment;
-use crate::fit::{FitMethod, Loss, PriorKind, Robust, Space};
 use crate::model::Precision;
 use crate::predict::Preserve;
 use crate::sample::{Interpolation, Size};
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use lsdc_core::fit::{FitMethod, Loss, PriorKind, Robust, Space};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -210,13 +211,36 @@ by_name!(
         Self(Some(Loss::Tukey)),
     ]
 );
-by_name!(FitMethod, Self::ALL);
-by_name!(PriorKind, Self::ALL);
-by_name!(Space, Self::ALL);
 by_name!(Precision, [Self::Half, Self::Single]);
 by_name!(Preserve, Self::ALL);
 by_name!(Split, [Self::Train, Self::Val]);
 by_name!(DatasetKind, Self::ALL);
+
+/// One of some values, by their names.
+fn one_of<T: Copy + Send + Sync + 'static>(
+    values: &'static [T],
+    name: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(values.iter().map(|&value| name(value))).try_map(move |text| {
+        let found = values.iter().find(|&&value| name(value) == text);
+        found.copied().ok_or("no such value")
+    })
+}
+
+/// A method of the fit, by its name.
+pub(super) fn fit_method() -> impl TypedValueParser<Value = FitMethod> {
+    one_of(&FitMethod::ALL, FitMethod::name)
+}
+
+/// A prior, by its name.
+pub(super) fn prior_kind() -> impl TypedValueParser<Value = PriorKind> {
+    one_of(&PriorKind::ALL, PriorKind::name)
+}
+
+/// A space of depths, by its name.
+pub(super) fn space() -> impl TypedValueParser<Value = Space> {
+    one_of(&Space::ALL, Space::name)
+}
 
 impl ValueEnum for Interpolation {
     fn value_variants<'a>() -> &'a [Self] {

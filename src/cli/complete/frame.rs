@@ -5,75 +5,75 @@ use super::outputs::Format;
 use crate::data::{DepthMap, Sparse};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::fit::{Fit, FitMethod};
-use crate::predict::{Classic, Completer, ImageBases, Method, check_sizes, complete_classic};
+use crate::predict::{self, Classic, Method, complete_classic, open_completer};
 use image::RgbImage;
-use std::borrow::Cow;
+use lsdc_core::{Completer, Completion, Outlier, Scene};
+use std::fmt::Write as _;
 use std::time::{Duration, Instant};
-
-/// The score above which a point is listed (Iglewicz and Hoaglin 1993).
-const OUTLYING: f64 = 3.5;
 
 /// What completes one frame after the other.
 pub(super) struct Engine<'a> {
     args: &'a Complete,
-    way: Way,
-    /// Whether anybody hears how well the points agree.
+    method: Loaded,
+    /// Whether diagnostics are reported.
     explains: bool,
 }
 
-enum Way {
+enum Loaded {
     Trained(Box<Completer>),
     Untrained(Classic),
 }
 
-/// What the network says of an image.
-pub(super) struct View<'a> {
-    completer: Cow<'a, Completer>,
-    bases: ImageBases,
-    network: Duration,
-}
-
-/// A frame of which the network has seen the image.
-pub(super) enum Seen<'a> {
-    Trained(Box<View<'a>>),
+/// A frame whose image the network has seen.
+pub(super) enum Prepared {
+    Trained(Scene),
     /// An untrained method looks at image and points together.
     Untrained(Classic),
 }
 
-/// A frame whose weights are found.
-pub(super) enum Weighed<'a> {
-    Trained {
-        view: Box<View<'a>>,
-        fit: Box<Fit>,
-        fitting: Duration,
-    },
+/// A frame that is fitted to its points.
+pub(super) enum Fitted {
+    Trained(Completion),
     Untrained(Classic),
 }
 
 /// A completed frame.
 pub(super) struct Completed {
     pub(super) depth: DepthMap,
-    pub(super) fitted: Option<Fitted>,
+    /// How many of its pixels are clamped to ten times the range of the points.
+    pub(super) clamped: usize,
+    pub(super) diagnostics: Option<Diagnostics>,
+}
+
+/// What a fit says of itself.
+pub(super) struct Diagnostics {
+    pub(super) completion: Completion,
+    /// Root mean square of the leave-one-out errors.
+    pub(super) leave_one_out: Option<f64>,
+    /// The points that do not agree with the others, the worst first.
+    pub(super) outliers: Option<Vec<Outlier>>,
+    pub(super) deviations: Option<DepthMap>,
+    /// The time of reading out the dense depth.
+    pub(super) dense: Duration,
 }
 
 impl<'a> Engine<'a> {
-    /// Ready to work; `told` says whether what is said of each frame is printed.
+    /// Ready to work; `told` says whether diagnostics are printed.
     pub(super) fn new(args: &'a Complete, told: bool) -> Result<Self> {
-        let way = match args.method {
+        let method = match args.method {
             Method::Classic(_) if args.needs_fit() => {
                 return Err(Error::config(
                     "`--size`, `--sigma`, `--uncertainty`, `--max-sigma`, `--outliers` and `--temporal` \
                      need method `lsdc`",
                 ));
             }
-            Method::Classic(method) => Way::Untrained(method),
+            Method::Classic(method) => Loaded::Untrained(method),
             Method::Lsdc => {
                 let device = device(&args.model.device)?;
-                let completer = Completer::open(args.model.weights.as_deref(), &device)?;
+                let completer = open_completer(args.model.weights.as_deref(), &device)?;
                 let mut settings = *completer.fit_config();
                 args.fit.apply(&mut settings);
-                Way::Trained(Box::new(completer.with_fit(settings)))
+                Loaded::Trained(Box::new(completer.with_fit(settings)?))
             }
         };
         let in_files = args
@@ -83,115 +83,98 @@ impl<'a> Engine<'a> {
             .any(|format| *format == Format::Json);
         Ok(Self {
             args,
-            way,
+            method,
             explains: told || in_files || args.outliers,
         })
     }
 
     /// Completes a frame.
     pub(super) fn complete(&self, rgb: &RgbImage, points: &Sparse) -> Result<Completed> {
-        let weighed = self.see(rgb, points)?.weigh(points, None)?;
-        self.dense(rgb, points, weighed)
+        let fitted = self.prepare(rgb)?.fit(points, None)?;
+        self.finish(rgb, points, fitted)
     }
 
     /// The first part of completing a frame, which depends on its image alone.
-    pub(super) fn see(&self, rgb: &RgbImage, points: &Sparse) -> Result<Seen<'_>> {
-        check_sizes(rgb, &points.depth)?;
-        let mut completer = match &self.way {
-            Way::Trained(completer) => Cow::Borrowed(completer.as_ref()),
-            Way::Untrained(method) => return Ok(Seen::Untrained(*method)),
+    pub(super) fn prepare(&self, rgb: &RgbImage) -> Result<Prepared> {
+        let completer = match &self.method {
+            Loaded::Trained(completer) => completer,
+            Loaded::Untrained(method) => return Ok(Prepared::Untrained(*method)),
         };
-        if self.args.full {
-            let input = [points.depth.height(), points.depth.width()];
-            completer = Cow::Owned(completer.into_owned().with_input(input));
-        }
-        let started = Instant::now();
-        let bases = completer.bases(rgb)?;
-        Ok(Seen::Trained(Box::new(View {
-            completer,
-            bases,
-            network: started.elapsed(),
-        })))
+        let scene = if self.args.full {
+            let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+            predict::scene(&completer.with_working_size(height, width)?, rgb)
+        } else {
+            predict::scene(completer, rgb)
+        };
+        scene.map(Prepared::Trained)
     }
 
     /// The last part, for which no other frame waits.
-    pub(super) fn dense(
+    pub(super) fn finish(
         &self,
         rgb: &RgbImage,
         points: &Sparse,
-        weighed: Weighed<'_>,
+        fitted: Fitted,
     ) -> Result<Completed> {
-        let sparse = &points.depth;
-        let (depth, fitted) = match weighed {
-            Weighed::Trained { view, fit, fitting } => {
-                let (depth, fitted) = self.fitted(&view, *fit, fitting, sparse)?;
-                (depth, Some(fitted))
-            }
-            Weighed::Untrained(method) => (complete_classic(method, rgb, sparse)?, None),
+        let (depth, clamped, diagnostics) = match fitted {
+            Fitted::Trained(completion) => self.read_out(completion)?,
+            Fitted::Untrained(method) => (complete_classic(method, rgb, &points.map()?)?, 0, None),
         };
+        let size = (rgb.width() as usize, rgb.height() as usize);
         Ok(Completed {
-            depth: self.args.preserve_input.apply(depth, sparse)?,
-            fitted,
+            depth: self
+                .args
+                .preserve_input
+                .apply(depth, &points.points, size)?,
+            clamped,
+            diagnostics,
         })
     }
 
-    fn fitted(
-        &self,
-        view: &View<'_>,
-        fit: Fit,
-        fitting: Duration,
-        sparse: &DepthMap,
-    ) -> Result<(DepthMap, Fitted)> {
-        let View {
-            completer,
-            bases,
-            network,
-        } = view;
+    fn read_out(&self, completion: Completion) -> Result<(DepthMap, usize, Option<Diagnostics>)> {
         let started = Instant::now();
-        let depth = completer.dense(bases, &fit, sparse, self.args.size)?;
+        let depth = match self.args.size {
+            None => completion.depth()?,
+            Some(size) => completion.depth_at(size.width, size.height)?,
+        };
         let dense = started.elapsed();
+        let (low, high) = completion.limits();
+        let clamped = depth
+            .values()
+            .iter()
+            .filter(|&&d| d <= low || d >= high)
+            .count();
         let wanted = self.args.uncertainty || self.args.max_sigma.is_some();
-        let deviations = wanted.then(|| completer.deviation(bases, sparse, &fit, &depth));
-        let fitted = Fitted {
-            method: completer.fit_config().method,
-            leverages: self
-                .explains
-                .then(|| completer.leverages(bases, sparse, &fit)),
+        let (width, height) = (depth.width(), depth.height());
+        let deviations = wanted.then(|| completion.standard_deviation_at(width, height));
+        let diagnostics = Diagnostics {
+            leave_one_out: self.explains.then(|| completion.leave_one_out_error()),
+            outliers: self.explains.then(|| completion.outliers()),
             deviations: deviations.transpose()?,
-            fit,
-            network: *network,
-            fitting,
+            completion,
             dense,
         };
-        Ok((depth, fitted))
+        Ok((depth, clamped, Some(diagnostics)))
     }
 }
 
-impl<'a> Seen<'a> {
+impl Prepared {
     /// The middle part: the weights, near those of the frame before, if they are given.
-    pub(super) fn weigh(self, points: &Sparse, before: Option<&[f64]>) -> Result<Weighed<'a>> {
-        let mut view = match self {
-            Self::Trained(view) => view,
-            Self::Untrained(method) => return Ok(Weighed::Untrained(method)),
-        };
-        if let Some(weights) = before {
-            view.completer = Cow::Owned(view.completer.after(weights)?);
-        }
-        let started = Instant::now();
-        let sigma = points.sigma.as_ref();
-        let fit = view.completer.fit(&view.bases, &points.depth, sigma)?;
-        Ok(Weighed::Trained {
-            view,
-            fit: Box::new(fit),
-            fitting: started.elapsed(),
+    pub(super) fn fit(self, points: &Sparse, near: Option<&[f64]>) -> Result<Fitted> {
+        Ok(match (self, near) {
+            (Self::Trained(scene), None) => Fitted::Trained(scene.complete(&points.points)?),
+            (Self::Trained(scene), Some(weights)) => {
+                Fitted::Trained(scene.complete_near(&points.points, weights)?)
+            }
+            (Self::Untrained(method), _) => Fitted::Untrained(method),
         })
     }
 }
 
-impl Weighed<'_> {
+impl Fitted {
     pub(super) fn weights(&self) -> Option<&[f64]> {
         match self {
-            Self::Trained { fit, .. } => Some(&fit.weights),
+            Self::Trained(completion) => Some(completion.weights()),
             Self::Untrained(_) => None,
         }
     }
@@ -209,43 +192,23 @@ impl Complete {
     }
 }
 
-/// A fit with what is said and written of it.
-pub(super) struct Fitted {
-    pub(super) method: FitMethod,
-    pub(super) fit: Fit,
-    leverages: Option<Vec<f64>>,
-    pub(super) deviations: Option<DepthMap>,
-    pub(super) network: Duration,
-    pub(super) fitting: Duration,
-    pub(super) dense: Duration,
-}
-
-impl Fitted {
-    /// What is left of each depth if the others alone are asked.
-    pub(super) fn left_out(&self) -> Option<Vec<f64>> {
-        Some(self.fit.left_out(self.leverages.as_ref()?))
-    }
-
-    /// The numbers and scores of the points that do not agree with the others.
-    pub(super) fn outlying(&self) -> Option<Vec<(usize, f64)>> {
-        let scores = self.fit.scores(self.leverages.as_ref()?);
-        let scores = scores.into_iter().enumerate();
-        Some(scores.filter(|(_, score)| score.abs() > OUTLYING).collect())
-    }
-
-    /// These points as CSV, the worst first.
-    pub(super) fn outliers(&self, sparse: &DepthMap) -> String {
-        let left_out = self.left_out().unwrap_or_default();
-        let points: Vec<_> = sparse.points().collect();
-        let mut outlying = self.outlying().unwrap_or_default();
-        outlying.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        let lines = outlying.into_iter().map(|(i, score)| {
-            let others = f64::from(points[i].depth) - left_out[i];
-            let (x, y, depth) = (points[i].x, points[i].y, points[i].depth);
-            let weight = self.fit.point_weights[i];
-            format!("{x},{y},{depth},{others:.4},{score:.2},{weight:.4}\n")
-        });
-        let header = "x,y,depth,depth_by_the_others,score,weight\n";
-        lines.fold(header.to_owned(), |text, line| text + &line)
+impl Diagnostics {
+    /// The outliers as CSV, the worst first.
+    pub(super) fn outliers_csv(&self, points: &Sparse) -> String {
+        let mut text = "x,y,depth,depth_by_the_others,score,weight\n".to_owned();
+        for outlier in self.outliers.iter().flatten() {
+            let Some(point) = points.points.as_slice().get(outlier.index) else {
+                continue;
+            };
+            let others = f64::from(point.depth) - outlier.error;
+            let (score, weight) = (outlier.score, outlier.weight);
+            // Writing to a string does not fail.
+            let _ = writeln!(
+                text,
+                "{},{},{},{others:.4},{score:.2},{weight:.4}",
+                point.u, point.v, point.depth
+            );
+        }
+        text
     }
 }

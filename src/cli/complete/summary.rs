@@ -3,7 +3,7 @@
 use super::frame::Completed;
 use super::inputs::Loaded;
 use crate::cli::ui;
-use crate::fit::root_mean_square;
+use lsdc_core::fit::root_mean_square;
 use serde::Serialize;
 use std::path::Path;
 use std::time::Duration;

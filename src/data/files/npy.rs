@@ -30,7 +30,7 @@ pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
     let array = read_array(path)?;
     let metres = |value: f32| (f64::from(value) * scale) as f32;
     let values = array.values.into_iter().map(metres).collect();
-    DepthMap::new(array.columns, array.rows, values)
+    Ok(DepthMap::new(array.columns, array.rows, values)?)
 }
 
 /// Reads an array of shape `[rows, columns]` or `[rows, columns, 1]`.

@@ -50,7 +50,7 @@ pub(crate) fn read_pfm(path: &Path, scale: f64) -> Result<DepthMap> {
     };
     let rows = words[..width * height].chunks_exact(width).rev();
     let values = rows.flat_map(|row| row.iter().map(|&word| value(word)));
-    DepthMap::new(width, height, values.collect())
+    Ok(DepthMap::new(width, height, values.collect())?)
 }
 
 /// Writes a grey map in metres, little-endian.

@@ -38,7 +38,7 @@ pub fn read_depth_png(path: &Path, scale: f64) -> Result<DepthMap> {
         DynamicImage::ImageLuma8(grey) => grey.iter().map(|&v| metres(u16::from(v))).collect(),
         other => other.into_luma16().iter().map(|&v| metres(v)).collect(),
     };
-    DepthMap::new(width, height, values)
+    Ok(DepthMap::new(width, height, values)?)
 }
 
 /// Writes depths as a 16-bit grey PNG, value = metres / `scale` rounded; what does not fit is 0.

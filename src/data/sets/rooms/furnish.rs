@@ -2,7 +2,7 @@
 
 use super::geometry::{Form, Vec3, vec3};
 use super::paint::Paint;
-use crate::rng::Rng;
+use lsdc_rng::Rng;
 
 /// A body in the room, turned about the vertical axis.
 #[derive(Clone, Copy, Debug)]

@@ -7,7 +7,7 @@ mod render;
 
 use crate::data::{Dataset, Frame, FrameId, Split};
 use crate::error::{Error, Result};
-use crate::rng::Rng;
+use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
 /// How many rooms, and how they are seen.

@@ -1,7 +1,7 @@
 //! Surface colours: plain, wood, tiles, stripes, plaster; all with value noise.
 
 use super::geometry::Vec3;
-use crate::rng::Rng;
+use lsdc_rng::Rng;
 
 /// How a surface is coloured.
 #[derive(Clone, Copy, Debug)]

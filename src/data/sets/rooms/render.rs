@@ -4,8 +4,8 @@ use super::furnish::{Body, Lamp, Scene};
 use super::geometry::{Form, Hit, Vec3, vec3};
 use crate::data::DepthMap;
 use crate::error::Result;
-use crate::rng::Rng;
 use image::{Rgb, RgbImage};
+use lsdc_rng::Rng;
 
 /// Focal length of NYU's camera over its image width (518.86 / 640).
 const FOCAL: f32 = 0.81;

@@ -1,0 +1,105 @@
+//! Bilinear interpolation between pixel centres (`align_corners = false`).
+
+/// The two neighbours, on an axis of `to` pixels, of a place on an axis of `from`, and the weight of
+/// the second. Places count from the centre of the first pixel; beyond the outermost centres these
+/// hold.
+pub fn neighbours(place: f64, from: usize, to: usize) -> (usize, usize, f64) {
+    let last = to.saturating_sub(1);
+    let position = ((place + 0.5) * (to as f64 / from as f64) - 0.5).clamp(0.0, last as f64);
+    let low = position as usize;
+    (low, (low + 1).min(last), position - low as f64)
+}
+
+/// The pixels of a grid between whose centres a place lies, and their weights, which add up to 1.
+/// A place on a pixel's centre has that pixel alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Taps {
+    /// Pixels `y * width + x`, the first `count` of them, none twice.
+    pixels: [u32; 4],
+    shares: [f64; 4],
+    count: usize,
+}
+
+impl Taps {
+    /// Of a place (u, v) in an image of `size` (height, width), on a grid of another size.
+    pub fn new([u, v]: [f64; 2], size: (usize, usize), grid: (usize, usize)) -> Self {
+        let (left, right, across) = neighbours(u, size.1, grid.1);
+        let (top, bottom, down) = neighbours(v, size.0, grid.0);
+        let mut taps = Self {
+            pixels: [0; 4],
+            shares: [0.0; 4],
+            count: 0,
+        };
+        for (row, vertical) in [(top, 1.0 - down), (bottom, down)] {
+            for (column, horizontal) in [(left, 1.0 - across), (right, across)] {
+                let share = vertical * horizontal;
+                if share > 0.0 {
+                    taps.pixels[taps.count] = (row * grid.1 + column) as u32;
+                    taps.shares[taps.count] = share;
+                    taps.count += 1;
+                }
+            }
+        }
+        taps
+    }
+
+    /// One pixel.
+    pub fn pixel(pixel: u32) -> Self {
+        Self {
+            pixels: [pixel, 0, 0, 0],
+            shares: [1.0, 0.0, 0.0, 0.0],
+            count: 1,
+        }
+    }
+
+    /// The pixel, if it is only one.
+    pub fn single(&self) -> Option<u32> {
+        (self.count == 1).then_some(self.pixels[0])
+    }
+
+    /// Pixels and their weights.
+    pub fn iter(&self) -> impl Iterator<Item = (u32, f64)> + '_ {
+        let pixels = self.pixels[..self.count].iter().copied();
+        pixels.zip(self.shares[..self.count].iter().copied())
+    }
+
+    /// The value there of a map on the grid.
+    pub fn read(&self, values: &[f64]) -> f64 {
+        self.iter()
+            .map(|(pixel, share)| share * values[pixel as usize])
+            .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_lie_between_the_centres_of_others() {
+        // Twice as large: pixel 3 has its centre at 3.5 / 2, a quarter of a pixel after centre 1.
+        assert_eq!(neighbours(3.0, 8, 4), (1, 2, 0.25));
+        // Beyond the first and the last centre, these hold.
+        assert_eq!(neighbours(0.0, 8, 4), (0, 1, 0.0));
+        assert_eq!(neighbours(7.0, 8, 4), (3, 3, 0.0));
+        // Half as large: between two centres.
+        assert_eq!(neighbours(1.0, 2, 4), (2, 3, 0.5));
+    }
+
+    #[test]
+    fn a_plane_is_read_exactly_inside() {
+        let grid = (30, 40);
+        let plane = |u: f64, v: f64| 2.0 + 0.3 * u - 0.1 * v;
+        // Centres of the grid in an image of 3/2 its size.
+        let values: Vec<f64> = (0..grid.0 * grid.1)
+            .map(|i| ((i % grid.1) as f64, (i / grid.1) as f64))
+            .map(|(x, y)| plane((x + 0.5) * 1.5 - 0.5, (y + 0.5) * 1.5 - 0.5))
+            .collect();
+        for place in [[7.25, 3.5], [20.0, 31.125], [58.0, 43.0]] {
+            let taps = Taps::new(place, (45, 60), grid);
+            assert!((taps.read(&values) - plane(place[0], place[1])).abs() < 1e-12);
+        }
+        let on_a_centre = Taps::new([12.0, 9.0], grid, grid);
+        assert_eq!(on_a_centre.single(), Some(9 * 40 + 12));
+    }
+}

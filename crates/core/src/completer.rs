@@ -1,0 +1,273 @@
+//! A trained network and the settings of a fit, ready for images.
+
+use crate::error::{Result, SettingsError};
+use crate::fit::{FitConfig, Prior};
+use crate::image::Image;
+use crate::network::{Network, Prepared};
+use crate::scene::Scene;
+use crate::weights::{Normalisation, Weights};
+use lsdc_kernels::simd::Level;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::sync::Arc;
+
+/// A trained network and the settings of a fit: what completes depth.
+///
+/// Cheap to clone, and shared between threads as it is. A completer turns images into [`Scene`]s; a
+/// scene completes any number of sets of points without running the network again.
+///
+/// ```
+/// # #[cfg(feature = "weights")]
+/// # fn main() -> lsdc_core::Result<()> {
+/// use lsdc_core::{Channels, Completer, Image, Observations, Weights};
+///
+/// let completer = Completer::new(&Weights::builtin_small())?;
+/// let (width, height) = (64, 48);
+/// let grey = vec![128_u8; 3 * width * height];
+/// let scene = completer.scene(&Image::new(width, height, Channels::Rgb, &grey)?)?;
+///
+/// // Two pixels whose depths are known, in metres.
+/// let mut points = Observations::new();
+/// points.add(10.0, 20.0, 2.0);
+/// points.add(50.0, 30.5, 2.5);
+/// let completion = scene.complete(&points)?;
+/// let depth = completion.depth()?;
+/// assert_eq!((depth.width(), depth.height()), (width, height));
+/// assert!((depth.at(10, 20) - 2.0).abs() < 0.2);
+/// # Ok(())
+/// # }
+/// # #[cfg(not(feature = "weights"))]
+/// # fn main() {}
+/// ```
+#[derive(Clone, Debug)]
+pub struct Completer {
+    network: Arc<dyn Network>,
+    normalisation: Normalisation,
+    fit: FitConfig,
+    prior: Option<Arc<Prior>>,
+    /// Standard deviations as they come from the fit, times this are those of the errors.
+    deviation: f64,
+    pool: Option<Arc<ThreadPool>>,
+}
+
+/// How a [`Completer`] is put together.
+///
+/// ```
+/// # #[cfg(feature = "weights")]
+/// # fn main() -> lsdc_core::Result<()> {
+/// use lsdc_core::settings::{FitConfig, Loss, Robust};
+/// use lsdc_core::{Completer, Weights};
+///
+/// let weights = Weights::builtin_small();
+/// let recorded = weights.fit()?.unwrap_or_default();
+/// let completer = Completer::builder(&weights)
+///     .fit(FitConfig { robust: Some(Robust::new(Loss::Cauchy)), ..recorded })
+///     .threads(2)
+///     .build()?;
+/// assert_eq!(completer.fit_config().robust.map(|robust| robust.loss), Some(Loss::Cauchy));
+/// # Ok(())
+/// # }
+/// # #[cfg(not(feature = "weights"))]
+/// # fn main() {}
+/// ```
+#[derive(Clone, Debug)]
+#[must_use]
+pub struct CompleterBuilder<'a> {
+    weights: &'a Weights,
+    network: Option<Arc<dyn Network>>,
+    fit: Option<FitConfig>,
+    working_size: Option<(usize, usize)>,
+    pool: Option<Arc<ThreadPool>>,
+    threads: Option<usize>,
+}
+
+impl<'a> CompleterBuilder<'a> {
+    /// Settings of the fit instead of those that the weights were made for.
+    pub fn fit(self, fit: FitConfig) -> Self {
+        Self {
+            fit: Some(fit),
+            ..self
+        }
+    }
+
+    /// Height and width to whose number of pixels images are resized before the network sees them,
+    /// their shape kept, instead of those of training. More pixels cost more and show more edges.
+    pub fn working_size(self, height: usize, width: usize) -> Self {
+        Self {
+            working_size: Some((height, width)),
+            ..self
+        }
+    }
+
+    /// A pool of threads of its own. Without it, work runs on the pool of the caller: the global one
+    /// of `rayon`, or the one that installed the call.
+    pub fn threads(self, threads: usize) -> Self {
+        Self {
+            threads: Some(threads),
+            pool: None,
+            ..self
+        }
+    }
+
+    /// A pool of threads that is shared with others.
+    pub fn thread_pool(self, pool: Arc<ThreadPool>) -> Self {
+        Self {
+            pool: Some(pool),
+            threads: None,
+            ..self
+        }
+    }
+
+    /// Another implementation of the network, for example on another device.
+    pub fn network(self, network: Arc<dyn Network>) -> Self {
+        Self {
+            network: Some(network),
+            ..self
+        }
+    }
+
+    /// Puts it together.
+    ///
+    /// # Errors
+    /// Weights that do not belong to their network, settings that are out of range, or threads that
+    /// cannot be started.
+    pub fn build(self) -> Result<Completer> {
+        let pool = match (self.pool, self.threads) {
+            (Some(pool), _) => Some(pool),
+            (None, None) => None,
+            (None, Some(threads)) => {
+                let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+                let failed =
+                    |error| SettingsError::new(format!("no pool of {threads} threads: {error}"));
+                Some(Arc::new(pool.map_err(failed)?))
+            }
+        };
+        let weights: &'a Weights = self.weights;
+        let prepare = || Prepared::new(&weights.network, &weights.tensors, Level::here());
+        let network: Arc<dyn Network> = match (self.network, &pool) {
+            (Some(network), _) => network,
+            // Working memory is counted by the threads of the pool.
+            (None, Some(pool)) => Arc::new(pool.install(prepare)?),
+            (None, None) => Arc::new(prepare()?),
+        };
+        let (prior, deviation) = match weights.prior()? {
+            None => (None, 1.0),
+            Some((prior, calibration)) => (Some(Arc::new(prior)), calibration.deviation),
+        };
+        let mut normalisation = weights.normalisation;
+        if let Some((height, width)) = self.working_size {
+            normalisation.input = [height, width];
+        }
+        normalisation.check()?;
+        let fit = match self.fit {
+            Some(fit) => fit,
+            None => weights.fit()?.unwrap_or_default(),
+        };
+        fit.check()?;
+        Ok(Completer {
+            network,
+            normalisation,
+            fit,
+            prior,
+            deviation,
+            pool,
+        })
+    }
+}
+
+impl Completer {
+    /// A completer with the settings that the weights were made for.
+    ///
+    /// # Errors
+    /// Weights that do not belong to their network.
+    pub fn new(weights: &Weights) -> Result<Self> {
+        Self::builder(weights).build()
+    }
+
+    /// A completer with settings of its own.
+    pub fn builder(weights: &Weights) -> CompleterBuilder<'_> {
+        CompleterBuilder {
+            weights,
+            network: None,
+            fit: None,
+            working_size: None,
+            pool: None,
+            threads: None,
+        }
+    }
+
+    /// Runs the network on an image: everything that depends on the image alone.
+    ///
+    /// # Errors
+    /// Colours that are not finite, or affinities of a damaged network.
+    pub fn scene(&self, image: &Image<'_>) -> Result<Scene> {
+        Scene::new(self.clone(), image)
+    }
+
+    /// The settings of the fit.
+    pub fn fit_config(&self) -> &FitConfig {
+        &self.fit
+    }
+
+    /// The same with other settings of the fit; the network is shared.
+    ///
+    /// # Errors
+    /// Settings that are out of range.
+    pub fn with_fit(&self, fit: FitConfig) -> Result<Self> {
+        fit.check()?;
+        Ok(Self {
+            fit,
+            ..self.clone()
+        })
+    }
+
+    /// The same with images resized to the number of pixels of that height and width.
+    ///
+    /// # Errors
+    /// An implausible size.
+    pub fn with_working_size(&self, height: usize, width: usize) -> Result<Self> {
+        let normalisation = Normalisation {
+            input: [height, width],
+            ..self.normalisation
+        };
+        normalisation.check()?;
+        Ok(Self {
+            normalisation,
+            ..self.clone()
+        })
+    }
+
+    /// The same knowing which weights are likely, and by what to multiply standard deviations.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_prior(&self, prior: Prior, deviation: f64) -> Self {
+        Self {
+            prior: Some(Arc::new(prior)),
+            deviation,
+            ..self.clone()
+        }
+    }
+
+    pub(crate) fn network(&self) -> &dyn Network {
+        &*self.network
+    }
+
+    pub(crate) fn normalisation(&self) -> &Normalisation {
+        &self.normalisation
+    }
+
+    pub(crate) fn prior(&self) -> Option<&Prior> {
+        self.prior.as_deref()
+    }
+
+    pub(crate) fn deviation(&self) -> f64 {
+        self.deviation
+    }
+
+    /// Runs `work` on the pool of this completer.
+    pub(crate) fn run<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        match &self.pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        }
+    }
+}

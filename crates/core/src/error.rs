@@ -1,0 +1,229 @@
+//! What can go wrong, by operation.
+
+/// The result of this crate's operations.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Any error of this crate.
+///
+/// The message says what is wrong and where; [`Error::hint`] often says what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// An image, a map or a buffer cannot be used.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// Weights cannot be read or do not belong to their network.
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
+    /// A setting is out of range.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The fit has no answer.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+}
+
+impl Error {
+    /// What to do about it, where that is known.
+    pub fn hint(&self) -> Option<&str> {
+        match self {
+            Self::Image(_) => None,
+            Self::Weights(error) => error.hint(),
+            Self::Settings(error) => error.hint.as_deref(),
+            Self::Fit(error) => error.hint(),
+        }
+    }
+}
+
+/// An image, a map or a buffer cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImageError {
+    /// A side is 0, or there are more pixels than [`MAX_PIXELS`](crate::MAX_PIXELS).
+    #[error("{width}x{height} is not a size of images that can be used")]
+    Size {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+    /// Rows overlap.
+    #[error("rows {stride} values apart cannot hold {row} values each")]
+    Stride {
+        /// Values from one row to the next.
+        stride: usize,
+        /// Values of a row.
+        row: usize,
+    },
+    /// The buffer ends before the last pixel, or is longer than a map without gaps.
+    #[error("a buffer of {found} values does not hold the {expected} of {width}x{height} pixels")]
+    Length {
+        /// Values that are needed.
+        expected: usize,
+        /// Values that there are.
+        found: usize,
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+    /// A colour is NaN or infinite.
+    #[error("the colour at column {x}, row {y} is not finite")]
+    NotFinite {
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+    },
+}
+
+/// Weights cannot be read or do not belong to their network.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum WeightsError {
+    /// The file cannot be read.
+    #[error("cannot read weights from `{path}`")]
+    Read {
+        /// Where.
+        path: std::path::PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The bytes are not a safetensors file.
+    #[error("the weights are not a safetensors file")]
+    Format(#[source] safetensors::SafeTensorError),
+    /// What the file says of its network, preprocessing or fit is missing or cannot be understood.
+    #[error("the weights have no usable `{name}` record: {reason}")]
+    Record {
+        /// The key of the record.
+        name: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A tensor is missing, superfluous, damaged or of another shape.
+    #[error("the weights do not belong to their network: `{name}` {reason}")]
+    Tensor {
+        /// The name of the tensor.
+        name: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The prior over weights is damaged or belongs to other basis functions.
+    #[error("the prior over the weights of basis functions {0}")]
+    Prior(String),
+    /// The network cannot run here.
+    #[error("this network cannot be prepared for the CPU: {0}")]
+    Unsupported(&'static str),
+}
+
+impl WeightsError {
+    fn hint(&self) -> Option<&str> {
+        match self {
+            Self::Format(_) | Self::Record { .. } => {
+                Some("weights are written by `lsdc train` as `weights.safetensors`")
+            }
+            Self::Tensor { .. } | Self::Prior(_) => {
+                Some("the file is damaged or was edited; train or download it again")
+            }
+            Self::Read { .. } | Self::Unsupported(_) => None,
+        }
+    }
+
+    pub(crate) fn record(name: &str, reason: impl ToString) -> Self {
+        Self::Record {
+            name: name.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+
+    pub(crate) fn tensor(name: &str, reason: impl Into<String>) -> Self {
+        Self::Tensor {
+            name: name.to_owned(),
+            reason: reason.into(),
+        }
+    }
+}
+
+/// A setting is out of range.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+pub struct SettingsError {
+    message: String,
+    hint: Option<String>,
+}
+
+impl SettingsError {
+    /// `message` is one sentence that names the setting, without a full stop.
+    pub fn new(message: impl Into<String>) -> Self {
+        Self {
+            message: message.into(),
+            hint: None,
+        }
+    }
+
+    /// Adds what to do about it.
+    #[must_use]
+    pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
+        self.hint = Some(hint.into());
+        self
+    }
+}
+
+/// The fit has no answer.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FitError {
+    /// Nothing to fit.
+    #[error(
+        "none of {given} observations can be used: {invalid} without a positive, finite depth and place, {outside} outside the image"
+    )]
+    NoObservations {
+        /// Observations that were given.
+        given: usize,
+        /// Those whose depth or place is NaN, infinite or not positive.
+        invalid: usize,
+        /// Those outside the image.
+        outside: usize,
+    },
+    /// Basis functions, affinities or depths are NaN or infinite.
+    #[error("basis functions, affinities or depths are not finite")]
+    NotFinite,
+    /// A standard deviation is NaN, infinite or not positive.
+    #[error("a standard deviation is not a positive, finite number")]
+    StandardDeviation,
+    /// Arrays do not go together.
+    #[error("{0}")]
+    Shape(String),
+    /// The fit needs a prior that the weights do not hold, or not in this space.
+    #[error("{0}")]
+    NoPrior(&'static str),
+    /// The fit needs how strongly the pixels of the image are joined.
+    #[error("`fit.method = \"{0}\"` needs the image that the points lie in")]
+    NoAffinities(&'static str),
+    /// A decomposition failed.
+    #[error("the fit cannot be solved: {0}")]
+    Unsolvable(&'static str),
+    /// The points do not determine what was asked for.
+    #[error("{0}")]
+    TooFewPoints(&'static str),
+}
+
+impl FitError {
+    fn hint(&self) -> Option<&str> {
+        match self {
+            Self::NoObservations { .. } => {
+                Some("give at least one place in the image a positive, finite depth")
+            }
+            Self::NotFinite => Some("the weights of the network may be damaged"),
+            Self::StandardDeviation => Some("give every depth its standard deviation in metres"),
+            Self::NoPrior(_) => Some("set `fit.prior` to \"flat\" or \"none\""),
+            Self::Unsolvable(_) => Some(
+                "basis functions, affinities or depths are not finite, or differ by too many orders of magnitude",
+            ),
+            Self::TooFewPoints(_) => {
+                Some("give more points, or choose another fit (`fit.method = \"lse\"`)")
+            }
+            Self::Shape(_) | Self::NoAffinities(_) => None,
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! A smooth field on a grid of pixels, observed at some of them: the minimum of
+//!
+//! > sum over neighbours c_ij (y_i - y_j)^2 + level sum over pixels y_i^2
+//! > + sum over observations a_p (s_p . y - t_p)^2
+//!
+//! for targets t that are combinations of given columns; s_p reads the field between the pixels around
+//! a place, bilinearly. Solved directly, by Cholesky factorisation
+//! in the order of nested dissection (George 1973): a grid is cut in halves by a line of pixels,
+//! the halves are eliminated first, in parallel, and the line last. Points are eliminated where
+//! more than a few have gathered, so that the columns meet only the last and largest steps.
+//!
+//! An observation on a pixel's centre waits as that pixel. One between pixels waits as a variable of
+//! its own, z, with `2 a (s . y - z)^2 + 2 a (z - t)^2`: its minimum over z is `a (s . y - t)^2`, and
+//! the pixels around it can be eliminated in their turn.
+
+mod columns;
+mod dense;
+mod dissection;
+mod elimination;
+mod front;
+mod spread;
+#[cfg(test)]
+mod tests;
+
+pub use spread::{Reach, Spread};
+
+use crate::bilinear::Taps;
+use dissection::{Dissection, Region};
+use elimination::{Elimination, Room};
+use faer::Mat;
+use front::Front;
+use lsdc_kernels::simd::Level;
+
+/// How strongly neighbours are joined, `[height * width]` each, none negative.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid<'a> {
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+    /// Of each pixel and its right neighbour; the last column is not read.
+    pub right: &'a [f64],
+    /// Of each pixel and the one below; the last row is not read.
+    pub down: &'a [f64],
+    /// How strongly each pixel is held at 0; 0 = not at all.
+    pub level: f64,
+}
+
+/// Where and how a field is observed.
+#[derive(Clone, Copy, Debug)]
+pub struct Observations<'a> {
+    /// Between which pixels each lies.
+    pub taps: &'a [Taps],
+    /// How much each counts, above 0.
+    pub weights: &'a [f64],
+    /// What the targets are combinations of, `[observations, columns]`, row by row.
+    pub columns: &'a [f64],
+    /// The number of columns.
+    pub count: usize,
+}
+
+/// A factorised field: what any combination of the columns gives costs next to nothing.
+#[derive(Clone, Debug)]
+pub struct Field {
+    fronts: Vec<Front>,
+    pixels: usize,
+    /// Pixels, and observations between them.
+    variables: usize,
+    moments: Mat<f64>,
+    carriers: Vec<Carrier>,
+}
+
+/// The variable that stands for an observation until its column comes in.
+#[derive(Clone, Copy, Debug)]
+struct Carrier {
+    variable: u32,
+    /// Weight of the variable against the target.
+    weight: f64,
+}
+
+/// Fronts with more descendants share them among threads.
+const FORK: usize = 16;
+
+/// Observations by the variables that carry them.
+struct Sites<'a> {
+    seen: &'a Observations<'a>,
+    carriers: Vec<Carrier>,
+    /// One more than the observation that each pixel carries, or 0.
+    on_pixel: Vec<u32>,
+    /// Observations with variables of their own, in the order of these.
+    between: Vec<u32>,
+    /// These variables, sorted by the pixel of theirs that is eliminated first.
+    beginning: Vec<u32>,
+    /// Where those of each pixel start in the list, and its length.
+    starts: Vec<u32>,
+}
+
+impl<'a> Sites<'a> {
+    fn new(seen: &'a Observations<'a>, cuts: &Dissection) -> Self {
+        let pixels = cuts.len();
+        let mut sites = Self {
+            seen,
+            carriers: Vec::with_capacity(seen.taps.len()),
+            on_pixel: vec![0; pixels],
+            between: Vec::new(),
+            beginning: Vec::new(),
+            starts: vec![0; pixels + 1],
+        };
+        let mut beginning = Vec::new();
+        for (i, (taps, &weight)) in seen.taps.iter().zip(seen.weights).enumerate() {
+            let own = taps.single().filter(|&p| sites.on_pixel[p as usize] == 0);
+            let carrier = if let Some(pixel) = own {
+                sites.on_pixel[pixel as usize] = i as u32 + 1;
+                Carrier {
+                    variable: pixel,
+                    weight,
+                }
+            } else {
+                let variable = (pixels + sites.between.len()) as u32;
+                let first = taps.iter().map(|(pixel, _)| pixel);
+                let first = first.min_by_key(|&pixel| (cuts.turn(pixel), pixel));
+                beginning.extend(first.map(|pixel| (pixel, variable)));
+                sites.between.push(i as u32);
+                Carrier {
+                    variable,
+                    weight: 2.0 * weight,
+                }
+            };
+            sites.carriers.push(carrier);
+        }
+        beginning.sort_unstable();
+        for &(pixel, _) in &beginning {
+            sites.starts[pixel as usize + 1] += 1;
+        }
+        for pixel in 0..pixels {
+            sites.starts[pixel + 1] += sites.starts[pixel];
+        }
+        sites.beginning = beginning
+            .into_iter()
+            .map(|(_, variable)| variable)
+            .collect();
+        sites
+    }
+
+    /// Pixels, and observations between them.
+    fn variables(&self) -> usize {
+        self.on_pixel.len() + self.between.len()
+    }
+
+    /// The observation that a variable carries.
+    fn carried(&self, variable: u32) -> Option<usize> {
+        match (variable as usize).checked_sub(self.on_pixel.len()) {
+            None => (self.on_pixel[variable as usize] as usize).checked_sub(1),
+            Some(place) => Some(self.between[place] as usize),
+        }
+    }
+
+    /// The observations with variables of their own of which a pixel is the first to be eliminated.
+    fn beginning_at(&self, pixel: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
+        let [start, end] = [0, 1].map(|next| self.starts[pixel as usize + next] as usize);
+        self.beginning[start..end].iter().map(|&variable| {
+            let place = variable as usize - self.on_pixel.len();
+            (variable, self.between[place] as usize)
+        })
+    }
+}
+
+impl Field {
+    /// Factorises, or `None` if the numbers are not finite, a weight is not above 0, or there is
+    /// no
+    /// observation.
+    ///
+    /// # Panics
+    /// If lengths do not go together or a pixel is outside the grid.
+    pub fn new(grid: &Grid<'_>, seen: &Observations<'_>) -> Option<Self> {
+        let pixels = grid.height * grid.width;
+        assert_eq!([grid.right.len(), grid.down.len()], [pixels; 2], "grid");
+        assert_eq!(seen.weights.len(), seen.taps.len(), "weights");
+        assert_eq!(seen.columns.len(), seen.taps.len() * seen.count, "columns");
+        if seen.taps.is_empty() {
+            return None;
+        }
+        let cuts = Dissection::new(grid.height, grid.width);
+        let sites = Sites::new(seen, &cuts);
+        let variables = sites.variables();
+        let whole = Region::whole(grid.height, grid.width);
+        let elimination = Elimination {
+            grid,
+            sites: &sites,
+            cuts: &cuts,
+            level: Level::here(),
+        };
+        let part = elimination.eliminate(whole, &mut Room::new(variables + seen.count))?;
+        Some(Self {
+            fronts: part.fronts,
+            pixels,
+            variables,
+            moments: part.rest.matrix(0..seen.count, seen.count),
+            carriers: sites.carriers,
+        })
+    }
+
+    /// `columns^T C columns` (lower half), C being the inverse covariance of the targets: what is
+    /// left of the sum above at its minimum over y, for targets `columns x`, is `x^T moments x`.
+    pub fn moments(&self) -> &Mat<f64> {
+        &self.moments
+    }
+
+    /// The field for targets `columns x`.
+    pub fn extend(&self, x: &[f64]) -> Vec<f64> {
+        self.substitute(&vec![0.0; self.variables], x)
+    }
+
+    /// The answer of the equations of y, for a right-hand side at every pixel.
+    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let columns = self.moments.ncols();
+        let mut values = right.to_vec();
+        values.resize(self.variables + columns, 0.0);
+        for front in &self.fronts {
+            front.forward(&mut values);
+        }
+        self.substitute(&values, &vec![0.0; columns])
+    }
+
+    /// What is left of the equations once they are triangular, from the last front to the first.
+    fn substitute(&self, right: &[f64], columns: &[f64]) -> Vec<f64> {
+        let mut values = vec![0.0; self.variables];
+        let Some(last) = self.fronts.len().checked_sub(1) else {
+            return Vec::new();
+        };
+        for (at, found) in self.descend_values(last, &[], right, columns) {
+            let pixels = &self.fronts[at].eliminated;
+            for (&pixel, value) in pixels.iter().zip(found) {
+                values[pixel as usize] = value;
+            }
+        }
+        values.truncate(self.pixels);
+        values
+    }
+
+    /// The values of the variables of a front and its descendants, those that it eliminates first;
+    /// `later` are those of the front that it is a half of.
+    fn descend_values(
+        &self,
+        at: usize,
+        later: &[f64],
+        right: &[f64],
+        columns: &[f64],
+    ) -> Vec<(usize, Vec<f64>)> {
+        let front = &self.fronts[at];
+        let mut values = vec![0.0; front.eliminated.len()];
+        values.extend(front.inherited.iter().map(|&place| later[place as usize]));
+        if front.joined {
+            values.extend_from_slice(columns);
+        }
+        front.backward(right, &mut values);
+        let run = |half: usize| self.descend_values(half, &values, right, columns);
+        let mut found = match front.halves(at, &self.fronts)[..] {
+            [one, two] if front.descendants > FORK => {
+                let (mut one, two) = rayon::join(|| run(one), || run(two));
+                one.extend(two);
+                one
+            }
+            [one, two] => {
+                let mut one = run(one);
+                one.extend(run(two));
+                one
+            }
+            _ => Vec::new(),
+        };
+        found.push((at, values));
+        found
+    }
+}

@@ -1,0 +1,132 @@
+//! How strongly pixels are joined, and the field that this gives.
+
+use crate::bilinear::{Taps, neighbours};
+use crate::error::FitError;
+use crate::field::Grid;
+use rayon::prelude::*;
+
+/// How strongly the pixels of an image are joined to their neighbours.
+#[derive(Clone, Debug)]
+pub struct Affinities {
+    height: usize,
+    width: usize,
+    right: Vec<f64>,
+    down: Vec<f64>,
+}
+
+impl Affinities {
+    /// From `[height, width, 2]`: of each pixel and its right neighbour, and the one below.
+    ///
+    /// # Errors
+    /// Not as many values, or one that is negative or not finite.
+    pub fn new((height, width): (usize, usize), values: &[f32]) -> Result<Self, FitError> {
+        if values.len() != 2 * height * width {
+            return Err(FitError::Shape(format!(
+                "{} affinities do not make two for each of {width}x{height} pixels",
+                values.len()
+            )));
+        }
+        if !values.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            return Err(FitError::NotFinite);
+        }
+        let every = |first: usize| {
+            let some = values.iter().skip(first).step_by(2);
+            some.map(|&v| f64::from(v)).collect()
+        };
+        Ok(Self {
+            height,
+            width,
+            right: every(0),
+            down: every(1),
+        })
+    }
+
+    /// Height and width.
+    pub fn size(&self) -> (usize, usize) {
+        (self.height, self.width)
+    }
+
+    /// The grid of a field.
+    pub fn grid(&self, level: f64) -> Grid<'_> {
+        Grid {
+            height: self.height,
+            width: self.width,
+            right: &self.right,
+            down: &self.down,
+            level,
+        }
+    }
+
+    /// The pixel that holds a place (u, v) of an image of `size` (height, width).
+    pub(super) fn pixel(&self, [u, v]: [f64; 2], size: (usize, usize)) -> u32 {
+        let within = |place: f64, from: usize, to: usize| {
+            let scaled = (place + 0.5) * to as f64 / from.max(1) as f64;
+            (scaled.max(0.0) as usize).min(to.saturating_sub(1))
+        };
+        let (column, row) = (
+            within(u, size.1, self.width),
+            within(v, size.0, self.height),
+        );
+        (row * self.width + column) as u32
+    }
+
+    /// Between which pixels a place (u, v) of an image of `size` (height, width) lies.
+    pub(super) fn taps(&self, place: [f64; 2], size: (usize, usize)) -> Taps {
+        Taps::new(place, size, self.size())
+    }
+}
+
+/// The affinities of the image that points lie in, and the height and width in which their places
+/// count.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// Of the image, at any size.
+    pub affinities: &'a Affinities,
+    /// Of the image that the points lie in.
+    pub size: (usize, usize),
+}
+
+/// A smooth field, read at any size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Smooth {
+    height: usize,
+    width: usize,
+    values: Vec<f32>,
+}
+
+impl Smooth {
+    pub(super) fn new((height, width): (usize, usize), values: &[f64]) -> Self {
+        let values = values.iter().map(|&v| v as f32).collect();
+        Self {
+            height,
+            width,
+            values,
+        }
+    }
+
+    /// The field at a place (u, v) of an image of `size` (height, width).
+    pub fn at(&self, place: [f64; 2], size: (usize, usize)) -> f64 {
+        let taps = Taps::new(place, size, (self.height, self.width));
+        let value = |(pixel, share): (u32, f64)| share * f64::from(self.values[pixel as usize]);
+        taps.iter().map(value).sum()
+    }
+
+    /// Adds the field to a map of `size` (height, width), by bilinear interpolation between pixel
+    /// centres.
+    pub fn add_to(&self, size: (usize, usize), map: &mut [f32]) {
+        let axis = |i: usize, from: usize, to: usize| {
+            let (low, high, share) = neighbours(i as f64, from, to);
+            (low, high, share as f32)
+        };
+        let columns: Vec<_> = (0..size.1).map(|x| axis(x, size.1, self.width)).collect();
+        let rows = map.par_chunks_exact_mut(size.1.max(1)).enumerate();
+        rows.for_each(|(y, row)| {
+            let (top, bottom, v) = axis(y, size.0, self.height);
+            let [upper, lower] = [top, bottom].map(|y| &self.values[y * self.width..]);
+            for (value, &(left, right, u)) in row.iter_mut().zip(&columns) {
+                let along = |row: &[f32]| row[left] * (1.0 - u) + row[right] * u;
+                *value += along(upper) * (1.0 - v) + along(lower) * v;
+            }
+        });
+    }
+}

@@ -1,0 +1,183 @@
+//! The cosine basis: smooth functions that belong to no image, for what is left of a plane or a bulge
+//! between points, which a field of first differences flattens.
+
+use rayon::prelude::*;
+
+/// Cosines over the image, all but the constant, up to a frequency that is the same in both
+/// directions for an image of 4:3.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CosineBasis {
+    /// Half-waves across and down.
+    pairs: Vec<(usize, usize)>,
+}
+
+/// Half-waves across and down at frequency 1.
+const ACROSS: f64 = 4.0;
+const DOWN: f64 = 3.0;
+
+impl CosineBasis {
+    /// None for a frequency of 0; at 1 there are 4 half-waves across or 3 down.
+    pub fn up_to(frequency: f64) -> Self {
+        let most = |axis: f64| (frequency * axis).floor() as usize;
+        let mut pairs = Vec::new();
+        for down in 0..=most(DOWN) {
+            for across in 0..=most(ACROSS) {
+                let square = (across as f64 / ACROSS).powi(2) + (down as f64 / DOWN).powi(2);
+                if square > 0.0 && square <= frequency * frequency {
+                    pairs.push((across, down));
+                }
+            }
+        }
+        Self { pairs }
+    }
+
+    /// The number of functions.
+    pub fn len(&self) -> usize {
+        self.pairs.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// The half-waves of each, across and down.
+    pub fn pairs(&self) -> &[(usize, usize)] {
+        &self.pairs
+    }
+
+    /// How much the square of each weight counts: as bending thin plates does (Wahba 1990, section
+    /// 2.4), with the fourth power of the frequency; `bending` below frequency 1.
+    pub fn ridges(&self, bending: f64) -> Vec<f64> {
+        let count = |&pair| bending * (1.0 + square(pair)).powi(2);
+        self.pairs.iter().map(count).collect()
+    }
+
+    /// Rows of `before` values, one for each place, with those of the cosines behind them. Places (u,
+    /// v) count in pixels of an image of that height and width, from the centre of the first.
+    pub fn beside(
+        &self,
+        rows: &[f32],
+        before: usize,
+        (height, width): (usize, usize),
+        places: &[[f64; 2]],
+    ) -> Vec<f32> {
+        let most = [self.most(0), self.most(1)];
+        let (mut across, mut down) = (vec![0.0; most[0] + 1], vec![0.0; most[1] + 1]);
+        let all = before + self.len();
+        let mut values = vec![0.0; places.len() * all];
+        for (i, (row, &[u, v])) in values.chunks_mut(all).zip(places).enumerate() {
+            cosines(u, width, &mut across);
+            cosines(v, height, &mut down);
+            row[..before].copy_from_slice(&rows[i * before..][..before]);
+            for (value, &(p, q)) in row[before..].iter_mut().zip(&self.pairs) {
+                *value = across[p] * down[q];
+            }
+        }
+        values
+    }
+
+    /// Adds functions x weights at every pixel.
+    pub fn add_to(&self, (height, width): (usize, usize), weights: &[f64], values: &mut [f32]) {
+        if self.is_empty() {
+            return;
+        }
+        let (across, down) = (self.table(width, 0), self.table(height, 1));
+        let most = self.most(0);
+        values
+            .par_chunks_mut(width)
+            .enumerate()
+            .for_each(|(y, values)| {
+                let mut sums = vec![0.0_f32; most + 1];
+                for (&(p, q), weight) in self.pairs.iter().zip(weights) {
+                    sums[p] += *weight as f32 * down[q * height + y];
+                }
+                for (p, sum) in sums.into_iter().enumerate() {
+                    let wave = &across[p * width..][..width];
+                    values
+                        .iter_mut()
+                        .zip(wave)
+                        .for_each(|(value, wave)| *value += sum * wave);
+                }
+            });
+    }
+
+    /// The highest number of half-waves across (0) or down (1).
+    pub fn most(&self, axis: usize) -> usize {
+        let counts = self.pairs.iter().map(|pair| [pair.0, pair.1][axis]);
+        counts.max().unwrap_or(0)
+    }
+
+    /// The half-waves along an axis of that many pixels `[half-waves, length]`.
+    pub fn table(&self, length: usize, axis: usize) -> Vec<f32> {
+        let count = self.most(axis) + 1;
+        let mut table = vec![0.0; count * length];
+        let mut values = vec![0.0; count];
+        for place in 0..length {
+            cosines(place as f64, length, &mut values);
+            for (wave, value) in values.iter().enumerate() {
+                table[wave * length + place] = *value;
+            }
+        }
+        table
+    }
+}
+
+/// Every half-wave at a place on an axis, the constant first.
+fn cosines(place: f64, length: usize, values: &mut [f32]) {
+    for (wave, value) in values.iter_mut().enumerate() {
+        let turn = wave as f64 * (place + 0.5) / length as f64;
+        *value = (std::f64::consts::PI * turn).cos() as f32;
+    }
+}
+
+/// The square of a frequency.
+fn square((across, down): (usize, usize)) -> f64 {
+    (across as f64 / ACROSS).powi(2) + (down as f64 / DOWN).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waves_are_counted_by_their_frequency() {
+        assert!(CosineBasis::up_to(0.0).is_empty());
+        // (p / 4)^2 + (q / 3)^2 <= 1: p = 0 to 4 with q = 0, 3 with q = 1, 2 with q = 2, 0 with q = 3.
+        let waves = CosineBasis::up_to(1.0);
+        assert_eq!(waves.len(), 4 + 4 + 3 + 1);
+        // Four half-waves across have frequency 1: a weight of half the size counts as much as that of a
+        // constant.
+        let place = waves.pairs.iter().position(|&pair| pair == (4, 0)).unwrap();
+        assert!((waves.ridges(0.06)[place] - 0.24).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_map_is_the_sum_of_its_waves() {
+        let waves = CosineBasis::up_to(2.0);
+        let (height, width) = (9, 14);
+        let weights: Vec<f64> = (0..waves.len()).map(|i| (i as f64 * 0.7).sin()).collect();
+        let mut map = vec![1.5; height * width];
+        waves.add_to((height, width), &weights, &mut map);
+        let pixels = 0..height * width;
+        let given: Vec<f32> = pixels.clone().flat_map(|p| [7.0, p as f32]).collect();
+        let places: Vec<[f64; 2]> = pixels
+            .map(|p| [(p % width) as f64, (p / width) as f64])
+            .collect();
+        let rows = waves.beside(&given, 2, (height, width), &places);
+        for (i, row) in rows.chunks(2 + waves.len()).enumerate() {
+            assert_eq!(row[..2], [7.0, i as f32]);
+            let (x, y) = ((i % width) as f64, (i / width) as f64);
+            let mut sum = 1.5;
+            for ((&(p, q), weight), value) in waves.pairs.iter().zip(&weights).zip(&row[2..]) {
+                let turn = |n: usize, at: f64, length: usize| {
+                    (std::f64::consts::PI * n as f64 * (at + 0.5) / length as f64).cos()
+                };
+                let wave = turn(p, x, width) * turn(q, y, height);
+                assert!((f64::from(*value) - wave).abs() < 1e-6);
+                sum += weight * wave;
+            }
+            assert!((f64::from(map[i]) - sum).abs() < 1e-5);
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! The fit of one image to its points.
+
+use super::JointConfig;
+use super::sites::Sites;
+use crate::error::Result;
+use crate::field::{Field, Reach, Spread};
+use crate::fit::affinities::{Scene, Smooth};
+use crate::fit::lstsq::{Moments, Solution};
+use crate::fit::points::Rows;
+use crate::fit::prior::Prior;
+use crate::fit::{Estimate, Lambda};
+use faer::{Mat, MatRef};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// How a field is fitted: with basis functions if there is a prior over their weights.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::fit) struct FieldEstimator<'a> {
+    pub(in crate::fit) scene: Scene<'a>,
+    pub(in crate::fit) joint: JointConfig,
+    pub(in crate::fit) prior: Option<(&'a Prior, Lambda)>,
+    /// The last columns are cosines, and their weights count so much.
+    pub(in crate::fit) ridges: &'a [f64],
+}
+
+/// A field that was fitted.
+#[derive(Debug)]
+pub(in crate::fit) struct FieldFit {
+    field: Field,
+    sites: Sites,
+    pub(in crate::fit) smooth: Smooth,
+    pub(in crate::fit) size: (usize, usize),
+    pub(in crate::fit) data: f64,
+    /// How many of the last weights are of cosines.
+    pub(in crate::fit) cosines: usize,
+}
+
+impl FieldEstimator<'_> {
+    pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
+        let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
+        let columns = rows.columns();
+        let field = sites.field(self.scene, self.joint.level)?;
+        let freedom = sites.freedom(self.joint.level);
+        let moments = moments(&field, columns, freedom);
+        let (solution, noise, lambda) = match self.prior {
+            None => {
+                let noise = moments.square / moments.count.max(1) as f64;
+                (nothing(columns), noise, None)
+            }
+            Some((prior, lambda)) => {
+                let (moments, cosines) = moments.without_last(self.ridges)?;
+                let found = moments.shrunk(prior, lambda)?;
+                let solution = cosines.beside(&found.solution);
+                (solution, found.noise, Some(found.lambda))
+            }
+        };
+        let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
+        rest.push(1.0);
+        let values = field.extend(&rest);
+        let rests = rows.residuals(&solution.weights);
+        let places = rows.places.unwrap_or_default().iter();
+        let rests = rests.iter().zip(places).map(|(rest, &place)| {
+            rest - self
+                .scene
+                .affinities
+                .taps(place, self.scene.size)
+                .read(&values)
+        });
+        Ok(Estimate {
+            rests: rests.collect(),
+            solution,
+            noise,
+            lambda,
+            field: Some(Arc::new(FieldFit {
+                field,
+                sites,
+                smooth: Smooth::new(self.scene.affinities.size(), &values),
+                size: self.scene.affinities.size(),
+                data: self.joint.data,
+                cosines: self.ridges.len(),
+            })),
+        })
+    }
+}
+
+/// The field alone.
+fn nothing(columns: usize) -> Solution {
+    Solution {
+        weights: vec![0.0; columns],
+        rank: 0,
+        factor: Mat::zeros(columns, 0),
+    }
+}
+
+/// The field's precision takes the place of the identity in the normal equations (generalised least
+/// squares, Aitken 1935).
+fn moments(field: &Field, columns: usize, count: usize) -> Moments {
+    let all = field.moments();
+    Moments {
+        normal: Mat::from_fn(columns, columns, |i, j| all[(i.max(j), i.min(j))]),
+        right: (0..columns).map(|i| all[(columns, i)]).collect(),
+        square: all[(columns, columns)],
+        count,
+    }
+}
+
+impl FieldFit {
+    /// The leverage of each point: its weight times the variance of the fitted depth there.
+    pub(in crate::fit) fn leverages(&self, solution: &Solution, weights: &[f64]) -> Vec<f64> {
+        let columns = solution.weights.len();
+        let mut variances = vec![0.0; self.sites.taps.len()];
+        for spread in self.spreads(solution, Reach::Observations) {
+            let bases = Mat::from_fn(spread.places.len(), columns, |i, j| {
+                self.sites.rows[spread.places[i] as usize * (columns + 1) + j]
+            });
+            let squares = weight_variances(bases.as_ref(), spread.responses.as_ref(), solution);
+            for ((&site, own), square) in spread.places.iter().zip(&spread.variances).zip(squares) {
+                variances[site as usize] = own + square;
+            }
+        }
+        let pairs = self.sites.of_points.iter().zip(weights);
+        let leverage = |(site, weight): (&Option<usize>, &f64)| {
+            site.map_or(0.0, |site| {
+                (self.data * weight * variances[site]).clamp(0.0, 1.0)
+            })
+        };
+        pairs.map(leverage).collect()
+    }
+
+    /// The variance of the fitted value at every pixel of the field, for a field whose steps
+    /// between equal neighbours have variance 1. `bases` gives the basis functions at places of
+    /// an image as large as the field `[places, k]`.
+    pub(in crate::fit) fn variances(
+        &self,
+        solution: &Solution,
+        bases: impl Fn(&[[f64; 2]]) -> Vec<f32> + Sync,
+    ) -> Vec<f32> {
+        let columns = solution.weights.len();
+        let spreads = self.spreads(solution, Reach::Pixels);
+        let parts: Vec<Vec<f64>> = spreads
+            .par_iter()
+            .map(|spread| {
+                let width = self.size.1;
+                let place = |&pixel: &u32| [pixel as usize % width, pixel as usize / width];
+                let places = spread.places.iter().map(place);
+                let places: Vec<_> = places.map(|place| place.map(|v| v as f64)).collect();
+                let rows = bases(&places);
+                let rows = Mat::from_fn(places.len(), columns, |i, j| {
+                    f64::from(rows[i * columns + j])
+                });
+                let squares = weight_variances(rows.as_ref(), spread.responses.as_ref(), solution);
+                let pairs = squares.into_iter().zip(&spread.variances);
+                pairs.map(|(square, variance)| square + variance).collect()
+            })
+            .collect();
+        let mut values = vec![0.0; self.size.0 * self.size.1];
+        for (spread, part) in spreads.iter().zip(parts) {
+            for (&pixel, value) in spread.places.iter().zip(part) {
+                values[pixel as usize] = value as f32;
+            }
+        }
+        values
+    }
+
+    fn spreads(&self, solution: &Solution, reach: Reach) -> Vec<Spread> {
+        let factor = &solution.factor;
+        // The last column is the depth, which does not vary.
+        let combinations = Mat::from_fn(factor.nrows() + 1, factor.ncols(), |i, j| {
+            if i < factor.nrows() {
+                factor[(i, j)]
+            } else {
+                0.0
+            }
+        });
+        self.field
+            .spreads(&self.sites.rows, combinations.as_ref(), reach)
+    }
+}
+
+/// The variance at each pixel that the weights add: that of basis functions less the field's
+/// response to them.
+fn weight_variances(
+    bases: MatRef<'_, f64>,
+    responses: MatRef<'_, f64>,
+    solution: &Solution,
+) -> Vec<f64> {
+    let along = bases * &solution.factor - responses;
+    (0..along.nrows())
+        .map(|i| along.row(i).squared_norm_l2())
+        .collect()
+}

@@ -1,0 +1,149 @@
+//! One joint problem in f64: solution and adjoint.
+
+use super::JointConfig;
+use crate::bilinear::Taps;
+use crate::field::{Field, Grid, Observations};
+use crate::fit::lstsq::dot;
+use faer::linalg::solvers::{Llt, Solve as _};
+use faer::{Mat, Side};
+
+/// Points in the field of an image.
+#[derive(Clone, Copy, Debug)]
+pub struct JointProblem<'a> {
+    /// How pixels are joined.
+    pub grid: Grid<'a>,
+    /// Between which pixels each point lies.
+    pub taps: &'a [Taps],
+    /// How much each point counts.
+    pub weights: &'a [f64],
+    /// Basis functions and depth `[points, k + 1]`.
+    pub rows: &'a [f64],
+}
+
+/// What is needed to go back.
+#[derive(Debug)]
+pub struct Adjoint {
+    /// The row of each point among the candidates.
+    pub rows: Vec<usize>,
+    /// How many candidates there are.
+    pub candidates: usize,
+    pixels: Vec<u32>,
+    /// Basis functions and depth of each.
+    values: Vec<f64>,
+    data: f64,
+    normal: Llt<f64>,
+    field: Field,
+    weights: Vec<f64>,
+    smooth: Vec<f64>,
+}
+
+/// The gradients of one problem.
+pub struct Gradients {
+    /// `[points, k]`.
+    pub bases: Vec<f64>,
+    /// `[height, width, 2]`.
+    pub affinities: Vec<f64>,
+}
+
+impl JointProblem<'_> {
+    /// Factorises the field, with basis functions and depths as its columns.
+    pub fn field(&self) -> Option<Field> {
+        let seen = Observations {
+            taps: self.taps,
+            weights: self.weights,
+            columns: self.rows,
+            count: self.rows.len() / self.taps.len().max(1),
+        };
+        Field::new(&self.grid, &seen)
+    }
+}
+
+impl Adjoint {
+    /// Solves for points at `rows` of the candidates. `values` has basis functions and depth of
+    /// each.
+    pub fn solve(
+        grid: Grid<'_>,
+        (rows, candidates): (Vec<usize>, usize),
+        pixels: Vec<u32>,
+        values: Vec<f64>,
+        config: JointConfig,
+    ) -> Option<Self> {
+        let taps: Vec<Taps> = pixels.iter().map(|&pixel| Taps::pixel(pixel)).collect();
+        let problem = JointProblem {
+            grid,
+            taps: &taps,
+            weights: &vec![config.data; pixels.len()],
+            rows: &values,
+        };
+        let field = problem.field()?;
+        let moments = field.moments();
+        let k = moments.ncols() - 1;
+        let mut normal = moments.get(..k, ..k).to_owned();
+        for i in 0..k {
+            normal[(i, i)] += config.ridge;
+        }
+        let normal = normal.llt(Side::Lower).ok()?;
+        let right = Mat::from_fn(k, 1, |i, _| moments[(k, i)]);
+        let weights = normal.solve(right).col_as_slice(0).to_vec();
+        let mut rest: Vec<f64> = weights.iter().map(|w| -w).collect();
+        rest.push(1.0);
+        let smooth = field.extend(&rest);
+        Some(Self {
+            rows,
+            candidates,
+            pixels,
+            values,
+            data: config.data,
+            normal,
+            field,
+            weights,
+            smooth,
+        })
+    }
+
+    /// Weights, then the field.
+    pub fn solution(&self) -> Vec<f64> {
+        [&self.weights[..], &self.smooth].concat()
+    }
+
+    /// From the gradient of weights and field. With K (y', w') = gradient, K being the matrix of
+    /// the equations of both, the gradient of a parameter is minus the derivative by it of (y', w')
+    /// times those equations.
+    pub fn backward(&self, grad: &[f64], width: usize) -> Gradients {
+        let k = self.weights.len();
+        let (grad_weights, grad_field) = grad.split_at(k);
+        let mut smooth = self.field.solve(grad_field);
+        let mut right = Mat::from_fn(k, 1, |i, _| grad_weights[i]);
+        for (row, &pixel) in self.values.chunks_exact(k + 1).zip(&self.pixels) {
+            let pull = self.data * smooth[pixel as usize];
+            for (i, value) in row[..k].iter().enumerate() {
+                right[(i, 0)] -= pull * value;
+            }
+        }
+        let weights = self.normal.solve(right).col_as_slice(0).to_vec();
+        let mut along = weights.clone();
+        along.push(0.0);
+        let response = self.field.extend(&along);
+        smooth.iter_mut().zip(&response).for_each(|(s, r)| *s -= r);
+
+        let mut bases = Vec::with_capacity(self.pixels.len() * k);
+        for (row, &pixel) in self.values.chunks_exact(k + 1).zip(&self.pixels) {
+            let at = pixel as usize;
+            let rest = dot(row, &self.weights) + self.smooth[at] - row[k];
+            let adjoint = dot(row, &weights) + smooth[at];
+            let pairs = weights.iter().zip(&self.weights);
+            bases.extend(pairs.map(|(v, w)| -self.data * (rest * v + adjoint * w)));
+        }
+        let mut affinities = vec![0.0; 2 * smooth.len()];
+        for (i, pair) in affinities.chunks_exact_mut(2).enumerate() {
+            let slope = |j: usize| -(self.smooth[i] - self.smooth[j]) * (smooth[i] - smooth[j]);
+            if (i + 1) % width > 0 {
+                pair[0] = slope(i + 1);
+            }
+            if i + width < smooth.len() {
+                pair[1] = slope(i + width);
+            }
+        }
+        Gradients { bases, affinities }
+    }
+}

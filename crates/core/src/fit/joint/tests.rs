@@ -1,0 +1,491 @@
+//! The fit against dense equations, and fits without a point.
+
+use crate::fit::{
+    Affinities, CosineBasis, Fit, FitConfig, FitMethod, JointConfig, Lambda, Loss, NoisePrior,
+    Points, Prior, PriorKind, Robust, Scene, fit,
+};
+use faer::linalg::solvers::Solve as _;
+use faer::{Mat, Side};
+use lsdc_rng::Rng;
+
+const HEIGHT: usize = 9;
+const WIDTH: usize = 12;
+const POINTS: usize = 20;
+
+fn random(count: usize, name: &str) -> Vec<f64> {
+    let mut rng = Rng::stream(0, &["joint", name]);
+    (0..count).map(|_| f64::from(rng.normal())).collect()
+}
+
+fn affinities() -> Vec<f32> {
+    let values = random(2 * HEIGHT * WIDTH, "edges");
+    values.iter().map(|v| v.exp() as f32).collect()
+}
+
+/// On the centres of different pixels.
+fn places() -> Vec<[f64; 2]> {
+    let mut all = all_places();
+    Rng::stream(1, &["places"]).choose(&mut all, POINTS);
+    all.truncate(POINTS);
+    all
+}
+
+/// A scene of its own: points of two basis functions and the constant, which a rough field is added
+/// to.
+struct Example {
+    affinities: Affinities,
+    bases: Vec<f32>,
+    depths: Vec<f32>,
+    places: Vec<[f64; 2]>,
+}
+
+impl Example {
+    fn new() -> Self {
+        Self::at(places())
+    }
+
+    /// With points at these places.
+    fn at(places: Vec<[f64; 2]>) -> Self {
+        let wobble = random(POINTS, "wobble");
+        let pairs = places.iter().zip(wobble);
+        let depth = |([x, y], w): (&[f64; 2], f64)| (3.0 + 0.1 * x - 0.05 * y + 0.1 * w) as f32;
+        Self {
+            affinities: Affinities::new((HEIGHT, WIDTH), &affinities()).unwrap(),
+            bases: bases_at(&places),
+            depths: pairs.map(depth).collect(),
+            places,
+        }
+    }
+
+    fn scene(&self) -> Scene<'_> {
+        Scene {
+            affinities: &self.affinities,
+            size: (HEIGHT, WIDTH),
+        }
+    }
+
+    fn fit(&self, config: &FitConfig) -> Fit {
+        self.fit_some(config, |_| true)
+    }
+
+    fn fit_some(&self, config: &FitConfig, keep: impl Fn(usize) -> bool) -> Fit {
+        self.fit_in(config, (HEIGHT, WIDTH), keep)
+    }
+
+    /// To some points, whose places are in an image of `size` (height, width).
+    fn fit_in(
+        &self,
+        config: &FitConfig,
+        size: (usize, usize),
+        keep: impl Fn(usize) -> bool,
+    ) -> Fit {
+        let kept: Vec<usize> = (0..self.places.len()).filter(|&i| keep(i)).collect();
+        let bases: Vec<f32> = kept
+            .iter()
+            .flat_map(|&i| self.bases[3 * i..3 * i + 3].to_vec())
+            .collect();
+        let depths: Vec<f32> = kept.iter().map(|&i| self.depths[i]).collect();
+        let places: Vec<[f64; 2]> = kept.iter().map(|&i| self.places[i]).collect();
+        let points = Points {
+            places: Some(&places),
+            scene: Some(Scene {
+                size,
+                ..self.scene()
+            }),
+            ..Points::new(&bases, &depths)
+        };
+        fit(&points, config, None).unwrap()
+    }
+}
+
+/// The constant, and two functions of the place.
+fn bases_at(places: &[[f64; 2]]) -> Vec<f32> {
+    let row = |[x, y]: &[f64; 2]| [1.0, (x / 6.0 - 1.0) as f32, (y / 3.0).sin() as f32];
+    places.iter().flat_map(row).collect()
+}
+
+fn all_places() -> Vec<[f64; 2]> {
+    (0..HEIGHT * WIDTH)
+        .map(|i| [(i % WIDTH) as f64, (i / WIDTH) as f64])
+        .collect()
+}
+
+fn pixel([x, y]: [f64; 2]) -> usize {
+    y as usize * WIDTH + x as usize
+}
+
+fn dense(fit: &Fit) -> Vec<f64> {
+    let mut map: Vec<f32> = bases_at(&all_places())
+        .chunks_exact(3)
+        .map(|row| {
+            row.iter()
+                .zip(&fit.weights)
+                .map(|(b, w)| b * *w as f32)
+                .sum()
+        })
+        .collect();
+    fit.smooth().unwrap().add_to((HEIGHT, WIDTH), &mut map);
+    map.into_iter().map(f64::from).collect()
+}
+
+fn settings(method: FitMethod) -> FitConfig {
+    FitConfig {
+        method,
+        prior: PriorKind::Flat,
+        lambda: Lambda::Fixed(0.05),
+        ..FitConfig::default()
+    }
+}
+
+#[test]
+fn left_out_residuals_are_those_of_fits_without_the_point() {
+    let example = Example::new();
+    for method in [FitMethod::Joint, FitMethod::Field] {
+        let all = example.fit(&settings(method));
+        let left_out = all.leave_one_out(&all.leverages(&example.bases));
+        for (i, &[x, y]) in example.places.iter().enumerate() {
+            let without = dense(&example.fit_some(&settings(method), |j| j != i));
+            let expected = f64::from(example.depths[i]) - without[pixel([x, y])];
+            assert!(
+                (left_out[i] - expected).abs() < 1e-5,
+                "{i}: {} {expected}",
+                left_out[i]
+            );
+        }
+    }
+}
+
+#[test]
+fn residuals_are_what_the_dense_depth_leaves() {
+    let example = Example::new();
+    for method in [FitMethod::Joint, FitMethod::Field] {
+        let fit = example.fit(&settings(method));
+        let dense = dense(&fit);
+        for (i, &[x, y]) in example.places.iter().enumerate() {
+            let expected = f64::from(example.depths[i]) - dense[pixel([x, y])];
+            assert!((fit.residuals[i] - expected).abs() < 1e-6);
+        }
+        assert!(fit.rms() < 0.05);
+    }
+}
+
+#[test]
+fn deviations_are_those_of_the_gaussian_posterior() {
+    let example = Example::new();
+    let lambda = 0.05;
+    let fit = example.fit(&settings(FitMethod::Joint));
+    let found = fit.field_deviations(|_, places| bases_at(places));
+    let mut deviations = vec![0.0; HEIGHT * WIDTH];
+    found.unwrap().add_to((HEIGHT, WIDTH), &mut deviations);
+
+    // Of field and weights together; nothing is assumed of the constant.
+    let pixels = HEIGHT * WIDTH;
+    let size = pixels + 3;
+    let mut precision = precision(&example.affinities, JointConfig::default().level, size);
+    let functions = bases_at(&all_places());
+    let row = |pixel: usize| {
+        Mat::<f64>::from_fn(size, 1, |i, _| match i.checked_sub(pixels) {
+            None => f64::from(i == pixel),
+            Some(function) => f64::from(functions[3 * pixel + function]),
+        })
+    };
+    for &[x, y] in &example.places {
+        let row = row(pixel([x, y]));
+        precision += faer::Scale(100.0) * &row * row.transpose();
+    }
+    for i in pixels + 1..size {
+        precision[(i, i)] += lambda;
+    }
+    let factor = precision.llt(Side::Lower).unwrap();
+    for (pixel, found) in deviations.into_iter().enumerate() {
+        let row = row(pixel);
+        let variance = (row.transpose() * factor.solve(&row))[(0, 0)];
+        let found = f64::from(found).powi(2);
+        assert!(
+            (found - variance).abs() < 1e-4 * variance,
+            "{found} {variance}"
+        );
+    }
+}
+
+/// The precision of a field before it is observed, and zeros.
+fn precision(affinities: &Affinities, level: f64, size: usize) -> Mat<f64> {
+    let mut precision = Mat::<f64>::zeros(size, size);
+    let grid = affinities.grid(level);
+    let pixels = HEIGHT * WIDTH;
+    (0..pixels).for_each(|i| precision[(i, i)] = level);
+    let mut join = |i: usize, j: usize, strength: f64| {
+        precision[(i, i)] += strength;
+        precision[(j, j)] += strength;
+        precision[(i, j)] -= strength;
+        precision[(j, i)] -= strength;
+    };
+    for i in 0..pixels {
+        if (i + 1) % WIDTH > 0 {
+            join(i, i + 1, grid.right[i]);
+        }
+        if i + WIDTH < pixels {
+            join(i, i + WIDTH, grid.down[i]);
+        }
+    }
+    precision
+}
+
+#[test]
+fn scaling_depths_scales_the_fit() {
+    let example = Example::new();
+    let far = Example {
+        depths: example.depths.iter().map(|d| 8.0 * d).collect(),
+        ..Example::new()
+    };
+    for lambda in [Lambda::Fixed(0.1), Lambda::Evidence] {
+        for robust in [None, Some(Robust::new(Loss::Cauchy))] {
+            let config = FitConfig {
+                lambda,
+                robust,
+                ..settings(FitMethod::Joint)
+            };
+            let near = dense(&example.fit(&config));
+            for (near, far) in near.iter().zip(dense(&far.fit(&config))) {
+                assert!((8.0 * near - far).abs() < 1e-5 * far, "{near} {far}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_point_far_off_is_not_followed() {
+    let mut example = Example::new();
+    example.depths[3] += 2.0;
+    for loss in [Loss::Huber, Loss::Cauchy, Loss::Gm, Loss::Tukey] {
+        let config = FitConfig {
+            robust: Some(Robust::new(loss)),
+            ..settings(FitMethod::Joint)
+        };
+        let fit = example.fit(&config);
+        assert!(
+            fit.point_weights[3] < 0.01,
+            "{loss:?} {:?}",
+            fit.point_weights
+        );
+        assert!(fit.residuals[3] > 1.2, "{loss:?} {}", fit.residuals[3]);
+    }
+}
+
+#[test]
+fn points_of_one_pixel_are_averaged() {
+    let mut example = Example::new();
+    let (place, depth) = (example.places[0], example.depths[0]);
+    example.depths[0] = depth + 0.5;
+    example.places.push(place);
+    example.depths.push(depth - 0.5);
+    example.bases.extend_from_within(..3);
+    let double = dense(&example.fit(&settings(FitMethod::Field)));
+    // Twice the weight of one, which meets the mean closely either way.
+    let single = dense(&Example::new().fit(&settings(FitMethod::Field)));
+    for (a, b) in double.iter().zip(single) {
+        assert!((a - b).abs() < 5e-3, "{a} {b}");
+    }
+}
+
+#[test]
+fn a_field_without_its_image_is_refused() {
+    let example = Example::new();
+    let points = Points::new(&example.bases, &example.depths);
+    let error = fit(&points, &settings(FitMethod::Joint), None).unwrap_err();
+    assert!(error.to_string().contains("needs the image"), "{error}");
+}
+
+/// Root mean square error between points of a slanted plane, basis functions being the constant and
+/// cosines.
+fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
+    let (height, width) = (36, 48);
+    let plane = |x: f64, y: f64| (2.0 + 0.03 * x + 0.02 * y) as f32;
+    let place = |i: i32| [i % 4 * 12 + 6, i / 4 * 12 + 6].map(f64::from);
+    let places: Vec<[f64; 2]> = (0..12).map(place).collect();
+    let depths: Vec<f32> = places.iter().map(|&[x, y]| plane(x, y)).collect();
+    let cosines = CosineBasis::up_to(frequency);
+    let rows = cosines.beside(&[1.0; 12], 1, (height, width), &places);
+    let affinities = Affinities::new((height, width), &vec![1.0; 2 * height * width]).unwrap();
+    let unknown = NoisePrior {
+        mean: 0.0,
+        deviation: None,
+        trust: 0.0,
+    };
+    let prior = Prior::new(&[1.0], &[0.1], unknown).unwrap();
+    let config = FitConfig {
+        method: FitMethod::Joint,
+        prior: kind,
+        lambda: Lambda::Fixed(lambda),
+        joint: JointConfig {
+            cosines: frequency,
+            ..JointConfig::default()
+        },
+        ..FitConfig::default()
+    };
+    let points = Points {
+        bases: &rows,
+        depths: &depths,
+        deviations: None,
+        places: Some(&places),
+        scene: Some(Scene {
+            affinities: &affinities,
+            size: (height, width),
+        }),
+    };
+    let fit = fit(&points, &config, Some(&prior)).unwrap();
+    assert_eq!((fit.functions(), fit.weights.len()), (1, 1 + cosines.len()));
+    let mut dense = vec![fit.weights[0] as f32; height * width];
+    cosines.add_to((height, width), &fit.weights[1..], &mut dense);
+    fit.smooth().unwrap().add_to((height, width), &mut dense);
+    // Beyond the points nothing is known of slopes.
+    let between = |i: &usize| (6..=42).contains(&(i % width)) && (6..=30).contains(&(i / width));
+    let pixels: Vec<usize> = (0..dense.len()).filter(between).collect();
+    let off =
+        |&i: &usize| f64::from(dense[i] - plane((i % width) as f64, (i / width) as f64)).powi(2);
+    (pixels.iter().map(off).sum::<f64>() / pixels.len() as f64).sqrt()
+}
+
+#[test]
+fn cosines_carry_slopes_between_points() {
+    // However strongly basis functions are drawn to their prior, and whichever it is.
+    for kind in [PriorKind::Learned, PriorKind::Flat, PriorKind::None] {
+        for lambda in [1e-3, 1e9] {
+            let [without, with] = [0.0, 3.0].map(|f| error_on_a_plane(f, kind, lambda));
+            assert!(
+                with < 0.67 * without,
+                "{with} with cosines, {without} without, {kind:?}, lambda {lambda}"
+            );
+        }
+    }
+}
+
+#[test]
+fn cosines_without_their_columns_are_refused() {
+    let example = Example::new();
+    let points = Points {
+        places: Some(&example.places),
+        scene: Some(example.scene()),
+        ..Points::new(&example.bases, &example.depths)
+    };
+    let config = FitConfig {
+        joint: JointConfig {
+            cosines: 1.0,
+            ..JointConfig::default()
+        },
+        ..settings(FitMethod::Joint)
+    };
+    let error = fit(&points, &config, None).unwrap_err();
+    assert!(error.to_string().contains("too few"), "{error}");
+}
+
+/// Places of an image three times as large as the field: between its pixels, and one beyond the centres
+/// of the outermost.
+fn places_between() -> Vec<[f64; 2]> {
+    let [us, vs] = ["u", "v"].map(|name| random(POINTS, name));
+    let inside = |value: f64, length: usize| (value.sin() + 1.0) / 2.0 * length as f64 - 0.5;
+    let pairs = us.into_iter().zip(vs);
+    let place = |(u, v)| [inside(7.0 * u, 3 * WIDTH), inside(7.0 * v, 3 * HEIGHT)];
+    let mut places: Vec<[f64; 2]> = pairs.map(place).collect();
+    places[4] = [3.0 * WIDTH as f64 - 0.6, -0.4];
+    places
+}
+
+/// Basis functions `[places, 3]` and the map of a fit at any places of the larger image.
+fn read_at(fit: &Fit, places: &[[f64; 2]]) -> Vec<f64> {
+    let size = (3 * HEIGHT, 3 * WIDTH);
+    let mut field = vec![0.0; size.0 * size.1];
+    fit.smooth().unwrap().add_to(size, &mut field);
+    let field: Vec<f64> = field.into_iter().map(f64::from).collect();
+    let rows = bases_at(places);
+    let pairs = rows.chunks_exact(3).zip(places);
+    pairs
+        .map(|(row, &place)| {
+            let functions: f64 = row
+                .iter()
+                .zip(&fit.weights)
+                .map(|(b, w)| f64::from(*b) * w)
+                .sum();
+            functions + crate::bilinear::Taps::new(place, size, size).read(&field)
+        })
+        .collect()
+}
+
+fn between(method: FitMethod) -> (Example, Fit) {
+    let example = Example::at(places_between());
+    let fit = example.fit_in(&settings(method), (3 * HEIGHT, 3 * WIDTH), |_| true);
+    (example, fit)
+}
+
+#[test]
+fn residuals_between_pixels_are_those_of_the_map_that_is_written() {
+    // On centres of the larger image, where the written map has values.
+    let centres = |p: [f64; 2]| p.map(|v| v.round().max(0.0));
+    for method in [FitMethod::Joint, FitMethod::Field] {
+        let mut example = Example::at(places_between().into_iter().map(centres).collect());
+        example.depths[7] += 0.4;
+        let fit = example.fit_in(&settings(method), (3 * HEIGHT, 3 * WIDTH), |_| true);
+        let written = read_at(&fit, &example.places);
+        for i in 0..POINTS {
+            let expected = f64::from(example.depths[i]) - written[i];
+            assert!(
+                (fit.residuals[i] - expected).abs() < 1e-5,
+                "{i}: {} {expected}",
+                fit.residuals[i]
+            );
+        }
+    }
+}
+
+#[test]
+fn leave_one_out_residuals_between_pixels_are_those_of_fits_without_the_point() {
+    for method in [FitMethod::Joint, FitMethod::Field] {
+        let (example, all) = between(method);
+        let found = all.leave_one_out(&all.leverages(&example.bases));
+        for i in 0..POINTS {
+            // Points of one pixel of the field share an observation.
+            let cell = |j: usize| example.places[j].map(|v| ((v + 0.5) / 3.0).floor());
+            if (0..POINTS).any(|j| j != i && cell(j) == cell(i)) {
+                continue;
+            }
+            let size = (3 * HEIGHT, 3 * WIDTH);
+            let without = example.fit_in(&settings(method), size, |j| j != i);
+            // The field itself is linear between the centres of its own pixels only.
+            let field = without.smooth().unwrap();
+            let mut own = vec![0.0; HEIGHT * WIDTH];
+            field.add_to((HEIGHT, WIDTH), &mut own);
+            let own: Vec<f64> = own.into_iter().map(f64::from).collect();
+            let taps = crate::bilinear::Taps::new(example.places[i], size, (HEIGHT, WIDTH));
+            let row = &example.bases[3 * i..][..3];
+            let functions = row
+                .iter()
+                .zip(&without.weights)
+                .map(|(b, w)| f64::from(*b) * w);
+            let expected = f64::from(example.depths[i]) - functions.sum::<f64>() - taps.read(&own);
+            assert!(
+                (found[i] - expected).abs() < 1e-5,
+                "{i}: {} {expected}",
+                found[i]
+            );
+        }
+    }
+}
+
+#[test]
+fn the_order_of_points_changes_no_bit() {
+    let (example, fit) = between(FitMethod::Joint);
+    let turn = |i: usize| (i * 7 + 3) % POINTS;
+    let turned = Example {
+        affinities: Affinities::new((HEIGHT, WIDTH), &affinities()).unwrap(),
+        bases: (0..POINTS)
+            .flat_map(|i| example.bases[3 * turn(i)..][..3].to_vec())
+            .collect(),
+        depths: (0..POINTS).map(|i| example.depths[turn(i)]).collect(),
+        places: (0..POINTS).map(|i| example.places[turn(i)]).collect(),
+    };
+    let other = turned.fit_in(&settings(FitMethod::Joint), (3 * HEIGHT, 3 * WIDTH), |_| {
+        true
+    });
+    assert_eq!(fit.weights, other.weights);
+    assert_eq!(fit.smooth(), other.smooth());
+}

@@ -1,0 +1,160 @@
+//! Basis functions and sparse depths to weights: the least-squares fit (paper section 3.3).
+
+mod affinities;
+mod config;
+mod cosines;
+mod joint;
+mod lstsq;
+mod noise;
+mod outcome;
+mod points;
+mod prior;
+mod robust;
+mod shrink;
+mod space;
+#[cfg(test)]
+mod tests;
+
+pub use affinities::{Affinities, Scene, Smooth};
+pub use config::{FitConfig, FitMethod, PriorKind};
+pub use cosines::CosineBasis;
+pub use joint::{Adjoint, Gradients, JointConfig, JointProblem};
+pub use lstsq::{Moments, Problem, Solution, Solver, dot};
+pub use noise::LocalNoise;
+pub use outcome::{Fit, root_mean_square};
+pub use points::Points;
+pub use prior::{ImageMoments, NoisePrior, Prior};
+pub use robust::{Loss, Robust};
+pub use shrink::{COUNTS, Lambda};
+pub use space::Space;
+
+use crate::error::{FitError, Result};
+use joint::{FieldEstimator, FieldFit};
+use points::Rows;
+use std::borrow::Cow;
+use std::sync::Arc;
+
+/// How the weights are found for points that count by given weights.
+#[derive(Clone, Copy, Debug)]
+enum Estimator<'a> {
+    Plain(Solver),
+    Shrunk(&'a Prior, Lambda),
+    Field(FieldEstimator<'a>),
+}
+
+/// What an estimator finds.
+#[derive(Clone, Debug)]
+struct Estimate {
+    solution: Solution,
+    /// What is left of each value.
+    rests: Vec<f64>,
+    /// The variance of a point of weight 1 about the fit, in the squared unit of the space.
+    noise: f64,
+    /// How strongly the weights were drawn towards a prior.
+    lambda: Option<f64>,
+    /// What basis functions x weights are added to.
+    field: Option<Arc<FieldFit>>,
+}
+
+impl Estimate {
+    fn leverages(&self, bases: &[f32], weights: &[f64]) -> Vec<f64> {
+        match &self.field {
+            None => self.solution.leverages(bases, weights),
+            Some(field) => field.leverages(&self.solution, weights),
+        }
+    }
+}
+
+impl Estimator<'_> {
+    fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
+        let problem = || Problem::new(rows.bases, &rows.values, weights);
+        match self {
+            Self::Field(estimator) => estimator.solve(rows, weights),
+            Self::Shrunk(prior, lambda) => {
+                let found = problem().moments().shrunk(prior, lambda)?;
+                Ok(Estimate {
+                    rests: rows.residuals(&found.solution.weights),
+                    solution: found.solution,
+                    noise: found.noise,
+                    lambda: Some(found.lambda),
+                    field: None,
+                })
+            }
+            Self::Plain(solver) => {
+                let solution = problem().solve(solver)?;
+                let rests = rows.residuals(&solution.weights);
+                let squares: f64 = rests.iter().zip(weights).map(|(r, w)| w * r * r).sum();
+                let used = weights.iter().filter(|w| **w > 0.0).count();
+                let freedom = used.saturating_sub(solution.rank).max(1);
+                Ok(Estimate {
+                    solution,
+                    rests,
+                    noise: squares / freedom as f64,
+                    lambda: None,
+                    field: None,
+                })
+            }
+        }
+    }
+}
+
+/// Fits basis functions to points. `prior` is the one that was learned with the basis functions, if
+/// any.
+///
+/// # Errors
+/// No point, values that are not finite, a prior that is asked for and not given, or a
+/// decomposition that does not converge.
+pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
+    config.check()?;
+    let rows = points.rows(config.space)?;
+    let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
+    if !ridges.is_empty() && rows.columns() <= ridges.len() {
+        return Err(FitError::Shape(format!(
+            "{} columns are too few for basis functions and {} cosines",
+            rows.columns(),
+            ridges.len()
+        ))
+        .into());
+    }
+    let prior = match config.prior {
+        PriorKind::Learned if config.method != FitMethod::Field => {
+            Some(Cow::Borrowed(learned(prior, config.space)?))
+        }
+        PriorKind::None if config.method == FitMethod::Lse => None,
+        _ => Some(Cow::Owned(Prior::flat(rows.columns() - ridges.len()))),
+    };
+    let estimator = match (config.method, prior.as_deref()) {
+        (FitMethod::Lse, None) => Estimator::Plain(config.solver()),
+        (FitMethod::Lse, Some(prior)) => Estimator::Shrunk(prior, config.lambda),
+        (method, prior) => Estimator::Field(FieldEstimator {
+            scene: points.scene.ok_or(FitError::NoAffinities(method.name()))?,
+            joint: match method {
+                FitMethod::Field => config.joint.alone(),
+                _ => config.joint,
+            },
+            prior: prior
+                .filter(|_| method == FitMethod::Joint)
+                .map(|prior| (prior, config.field_lambda())),
+            ridges: &ridges,
+        }),
+    };
+    let plain = estimator.solve(&rows, &rows.weights)?;
+    let (estimate, point_weights) = match config.robust {
+        None => (plain, rows.weights.clone()),
+        Some(settings) => robust::robust(&rows, estimator, plain, settings)?,
+    };
+    Ok(Fit::new(&rows, estimate, point_weights, config.space))
+}
+
+/// A prior over the weights of depths says nothing of the weights of their logarithms.
+fn learned(prior: Option<&Prior>, space: Space) -> Result<&Prior, FitError> {
+    match prior {
+        Some(prior) if space == Space::Depth => Ok(prior),
+        Some(_) => Err(FitError::NoPrior(
+            "the learned prior is one over weights of depths, not of logarithms or inverses",
+        )),
+        None => Err(FitError::NoPrior(
+            "the weights hold no prior, as `lsdc calibrate` adds it",
+        )),
+    }
+}

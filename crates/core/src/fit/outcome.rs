@@ -1,0 +1,197 @@
+//! What a fit found, and what follows from it in closed form.
+
+use super::joint::FieldFit;
+use super::lstsq::Solution;
+use super::points::Rows;
+use super::robust::deviation;
+use super::{Estimate, Smooth, Space};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+use std::sync::Arc;
+
+/// The outcome of a fit.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// Weights of the basis functions, the constant first, then of cosines, in metres (in the unit of the
+    /// space).
+    pub weights: Vec<f64>,
+    /// Depth minus fitted depth at each point, in metres.
+    pub residuals: Vec<f64>,
+    /// The weight of each point in the last solve: all 1 for a plain fit.
+    pub point_weights: Vec<f64>,
+    /// The number of directions that the points determine, at most N + 1.
+    pub rank: usize,
+    /// How strongly the weights were drawn towards a prior, if there was one: the variance of the
+    /// noise over that of the prior.
+    pub lambda: Option<f64>,
+    /// What basis functions add up to.
+    pub space: Space,
+    /// How much each point counts by its own standard deviation alone.
+    own_weights: Vec<f64>,
+    /// The variance of a point of weight 1 about the fit, in the squared unit of the space.
+    pub(super) noise: f64,
+    /// Depths, and residuals, in the space of the fit.
+    values: Vec<f64>,
+    pub(super) rests: Vec<f64>,
+    solution: Solution,
+    pub(super) field: Option<Arc<FieldFit>>,
+}
+
+impl Fit {
+    pub(super) fn new(
+        rows: &Rows<'_>,
+        estimate: Estimate,
+        point_weights: Vec<f64>,
+        space: Space,
+    ) -> Self {
+        let Estimate {
+            solution,
+            rests,
+            noise,
+            lambda,
+            field,
+        } = estimate;
+        Self {
+            weights: solution.weights.clone(),
+            residuals: metres(&rows.values, &rests, space),
+            point_weights,
+            rank: solution.rank,
+            lambda,
+            space,
+            own_weights: rows.weights.clone(),
+            noise,
+            values: rows.values.clone(),
+            rests,
+            solution,
+            field,
+        }
+    }
+
+    /// The number of basis functions that are not cosines, the constant among them: the rank is at
+    /// most that.
+    pub fn functions(&self) -> usize {
+        self.weights.len() - self.field.as_ref().map_or(0, |field| field.cosines)
+    }
+
+    /// The field that basis functions x weights are added to, if there is one.
+    pub fn smooth(&self) -> Option<&Smooth> {
+        self.field.as_ref().map(|field| &field.smooth)
+    }
+
+    /// Root mean square of the residuals, in metres.
+    pub fn rms(&self) -> f64 {
+        root_mean_square(&self.residuals)
+    }
+
+    /// How much of its own depth the fitted depth at each point is, from 0 to 1. `bases` are those
+    /// that were fitted.
+    pub fn leverages(&self, bases: &[f32]) -> Vec<f64> {
+        self.leverages_with(|| bases)
+    }
+
+    /// The same; fits with a field need no basis functions for it.
+    pub fn leverages_with<B: AsRef<[f32]>>(&self, bases: impl FnOnce() -> B) -> Vec<f64> {
+        match &self.field {
+            None => self
+                .solution
+                .leverages(bases().as_ref(), &self.point_weights),
+            Some(field) => field.leverages(&self.solution, &self.point_weights),
+        }
+    }
+
+    /// What the residual of each point would be, in metres, had it been left out of the fit: the
+    /// residual over 1 - leverage (Allen 1974). Their root mean square, the PRESS error, says
+    /// without a true depth map how far the depth is off between the points, where these are spread
+    /// as the pixels are.
+    pub fn leave_one_out(&self, leverages: &[f64]) -> Vec<f64> {
+        metres(
+            &self.values,
+            &leave_one_out(&self.rests, leverages, self.field.is_some()),
+            self.space,
+        )
+    }
+
+    /// How many robust standard deviations each point lies off what the others say (the modified
+    /// score of Iglewicz and Hoaglin 1993), in units of the standard deviation that it was given:
+    /// positive where it is farther.
+    pub fn scores(&self, leverages: &[f64]) -> Vec<f64> {
+        let mut off = leave_one_out(&self.rests, leverages, self.field.is_some());
+        let pairs = off.iter_mut().zip(&self.own_weights);
+        pairs.for_each(|(r, w)| *r *= w.sqrt());
+        let deviation = deviation(&off).max(f64::MIN_POSITIVE);
+        // Inverses fall as depths grow.
+        let sign = if self.space == Space::Inverse {
+            -1.0
+        } else {
+            1.0
+        };
+        off.iter().map(|r| sign * r / deviation).collect()
+    }
+
+    /// The variance of the fitted value for each row of basis functions, for points whose noise has
+    /// variance 1. In f32: there is one row for each pixel.
+    pub fn spreads(&self, bases: &[f32]) -> Vec<f32> {
+        let k = self.weights.len().max(1);
+        let factor = &self.solution.factor;
+        let factor = Mat::from_fn(k, factor.ncols(), |i, j| factor[(i, j)] as f32);
+        // Transposed, so that the values of a pixel lie together.
+        let mut product = Mat::<f32>::zeros(factor.ncols(), bases.len() / k);
+        let rows = MatRef::from_row_major_slice(bases, bases.len() / k, k);
+        let (accum, par) = (Accum::Replace, Par::Seq);
+        matmul(
+            product.as_mut(),
+            accum,
+            factor.transpose(),
+            rows.transpose(),
+            1.0,
+            par,
+        );
+        let columns = product.col_iter();
+        columns.map(|column| column.squared_norm_l2()).collect()
+    }
+
+    /// The standard deviation at every pixel of the field of a fit, for steps between equal
+    /// neighbours of variance 1; `None` for a fit without a field. `bases` gives the basis functions
+    /// `[places, N + 1]` at places of an image of that height and width.
+    pub fn field_deviations(
+        &self,
+        bases: impl Fn((usize, usize), &[[f64; 2]]) -> Vec<f32> + Sync,
+    ) -> Option<Smooth> {
+        let field = self.field.as_ref()?;
+        let variances = field.variances(&self.solution, |places| bases(field.size, places));
+        let deviations: Vec<f64> = variances.iter().map(|v| f64::from(*v).sqrt()).collect();
+        Some(Smooth::new(field.size, &deviations))
+    }
+
+    /// How much a point of weight 1 counts: 1, or as the field has it.
+    pub(super) fn data(&self) -> f64 {
+        self.field.as_ref().map_or(1.0, |field| field.data)
+    }
+}
+
+/// Residuals in metres, of values and residuals in the space of a fit.
+fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
+    let pairs = values.iter().zip(rests);
+    let metres = |(&value, &rest): (&f64, &f64)| match space {
+        Space::Depth => rest,
+        _ => space.depth(value) - space.depth(value - rest),
+    };
+    pairs.map(metres).collect()
+}
+
+/// Residuals over 1 - leverage. A point that a fit meets whatever its depth is says nothing: its
+/// residual is 0 over 0, and stays small. A field meets every point nearly, but for what its
+/// neighbours say, which is exact to rounding.
+pub(super) fn leave_one_out(residuals: &[f64], leverages: &[f64], field: bool) -> Vec<f64> {
+    let least_freedom = if field { 1e-9 } else { 1e-3 };
+    let pairs = residuals.iter().zip(leverages);
+    pairs
+        .map(|(r, h)| r / (1.0 - h).max(least_freedom))
+        .collect()
+}
+
+/// The root of the mean square.
+pub fn root_mean_square(values: &[f64]) -> f64 {
+    let sum: f64 = values.iter().map(|v| v * v).sum();
+    (sum / values.len().max(1) as f64).sqrt()
+}

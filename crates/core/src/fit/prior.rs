@@ -1,0 +1,225 @@
+//! What weights are likely before any depth is seen: a Gaussian, up to the scale of the scene.
+//!
+//! Weights are s (m + L u) with u normal: m and L L^T are mean and covariance over training images
+//! at a mean depth of 1, and nothing is assumed of the scale s. So the fit stays exactly scale
+//! equivariant, and a single point scales a plausible map.
+
+use super::lstsq::{Moments, Problem};
+use super::{Points, Space};
+use crate::error::{FitError, WeightsError};
+use faer::linalg::solvers::Solve as _;
+use faer::{Mat, Side};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// A Gaussian over weights, known up to their scale.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prior {
+    /// m.
+    pub(super) mean: Vec<f64>,
+    /// L `[k, r]`.
+    pub(super) factor: Mat<f64>,
+    pub(super) noise: NoisePrior,
+}
+
+/// What is known of the noise before any depth is seen: of lambda, its variance over that of u.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NoisePrior {
+    /// Mean of ln(lambda).
+    pub mean: f64,
+    /// Standard deviation of ln(lambda); absent if nothing is known.
+    pub deviation: Option<f64>,
+    /// That u is as large as over the training images counts as much as this many points.
+    pub trust: f64,
+}
+
+impl Prior {
+    /// The prior without training: the constant is free, the other weights have equal variances.
+    pub fn flat(columns: usize) -> Self {
+        let mut mean = vec![0.0; columns];
+        if let Some(constant) = mean.first_mut() {
+            *constant = 1.0;
+        }
+        Self {
+            mean,
+            factor: Mat::from_fn(columns, columns.saturating_sub(1), |i, j| {
+                f64::from(i == j + 1)
+            }),
+            noise: NoisePrior {
+                mean: 0.0,
+                deviation: None,
+                trust: 0.0,
+            },
+        }
+    }
+
+    /// A prior from its numbers: `mean [k]` and `factor [k, r]`, row by row.
+    ///
+    /// # Errors
+    /// Lengths that do not go together, or values that are not finite.
+    pub fn new(mean: &[f32], factor: &[f32], noise: NoisePrior) -> Result<Self, WeightsError> {
+        let columns = mean.len();
+        let whole = columns > 0 && factor.len().is_multiple_of(columns);
+        let numbers = [noise.mean, noise.deviation.unwrap_or(1.0), noise.trust];
+        let finite = mean.iter().chain(factor).all(|v| v.is_finite())
+            && numbers.iter().all(|v| v.is_finite())
+            && noise.deviation.is_none_or(|d| d > 0.0)
+            && noise.trust >= 0.0;
+        if !(whole && finite) {
+            return Err(WeightsError::Prior("is damaged".to_owned()));
+        }
+        let rank = factor.len() / columns;
+        Ok(Self {
+            mean: mean.iter().map(|&v| f64::from(v)).collect(),
+            factor: Mat::from_fn(columns, rank, |i, j| f64::from(factor[i * rank + j])),
+            noise,
+        })
+    }
+
+    /// The number of weights.
+    pub fn columns(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// Mean, and factor row by row, as `new` takes them.
+    pub fn numbers(&self) -> (Vec<f32>, Vec<f32>) {
+        let mean = self.mean.iter().map(|&v| v as f32).collect();
+        let rows = self.factor.row_iter();
+        let factor = rows.flat_map(|row| row.iter().map(|&v| v as f32).collect::<Vec<_>>());
+        (mean, factor.collect())
+    }
+
+    /// What is known of the noise.
+    pub fn noise(&self) -> NoisePrior {
+        self.noise
+    }
+
+    /// The same, knowing that of the noise.
+    #[must_use]
+    pub fn with_noise(self, noise: NoisePrior) -> Self {
+        Self { noise, ..self }
+    }
+
+    /// The same spread about other weights, of any scale. Those of cosines behind them play no part.
+    ///
+    /// # Errors
+    /// Too few weights, or weights that are not finite.
+    pub fn about(&self, weights: &[f64]) -> Result<Self, WeightsError> {
+        match weights.get(..self.columns()) {
+            Some(mean) if mean.iter().all(|w| w.is_finite()) => Ok(Self {
+                mean: mean.to_vec(),
+                ..self.clone()
+            }),
+            _ => Err(WeightsError::Prior(format!(
+                "is one of {} functions, not of {}, or these are not finite",
+                self.columns(),
+                weights.len()
+            ))),
+        }
+    }
+
+    /// Learns mean and covariance from images whose depths were divided by their mean: the maximum
+    /// of the likelihood, by expectation and maximisation (Dempster, Laird and Rubin 1977),
+    /// starting from a constant depth. The noise, in the same unit, is the same for all images.
+    ///
+    /// # Errors
+    /// Fewer than two images, or base functions that are not finite.
+    pub fn learn(images: &[ImageMoments]) -> Result<Self, FitError> {
+        const ROUNDS: usize = 30;
+        if images.len() < 2 {
+            return Err(FitError::TooFewPoints(
+                "a prior over weights needs two images at least",
+            ));
+        }
+        let columns = images.first().map_or(0, |image| image.0.right.len());
+        let singular = |_| FitError::Unsolvable("the prior over weights cannot be learned");
+        let mut prior = Self::flat(columns);
+        let mut covariance = Mat::<f64>::identity(columns, columns) * faer::Scale(0.1);
+        let mut noise = 0.01;
+        for _ in 0..ROUNDS {
+            let precision = inverse(&covariance).map_err(singular)?;
+            let expected: Vec<(Vec<f64>, Mat<f64>)> = images
+                .par_iter()
+                .map(|ImageMoments(image)| {
+                    let system = &image.normal * faer::Scale(1.0 / noise) + &precision;
+                    let spread = inverse(&system)?;
+                    let pull = &precision * column(&prior.mean);
+                    let right =
+                        Mat::from_fn(columns, 1, |i, _| image.right[i] / noise + pull[(i, 0)]);
+                    let weights = &spread * right;
+                    Ok((weights.col(0).iter().copied().collect(), spread))
+                })
+                .collect::<std::result::Result<_, NotPositive>>()
+                .map_err(singular)?;
+            let total = images.len() as f64;
+            prior.mean.fill(0.0);
+            for (weights, _) in &expected {
+                let pairs = prior.mean.iter_mut().zip(weights);
+                pairs.for_each(|(m, w)| *m += w / total);
+            }
+            let off = Mat::from_fn(columns, images.len(), |i, j| {
+                (expected[j].0[i] - prior.mean[i]) / total.sqrt()
+            });
+            covariance = &off * off.transpose();
+            let (mut squares, mut count) = (0.0, 0.0);
+            for (ImageMoments(image), (weights, spread)) in images.iter().zip(&expected) {
+                covariance += spread * faer::Scale(1.0 / total);
+                squares += expected_square(image, weights, spread);
+                count += image.count as f64;
+            }
+            noise = (squares / count).max(f64::MIN_POSITIVE);
+        }
+        let spectrum = covariance
+            .self_adjoint_eigen(Side::Lower)
+            .map_err(|_| singular(NotPositive))?;
+        let (values, directions) = (spectrum.S().column_vector(), spectrum.U());
+        prior.factor = Mat::from_fn(columns, columns, |i, j| {
+            directions[(i, j)] * values[j].max(0.0).sqrt()
+        });
+        prior.noise.mean = noise.ln();
+        Ok(prior)
+    }
+}
+
+/// The points of one training image, as far as a prior is learned from them.
+#[derive(Clone, Debug)]
+pub struct ImageMoments(Moments);
+
+impl ImageMoments {
+    /// Of points whose depths are divided by their mean.
+    ///
+    /// # Errors
+    /// No point, or values that are not finite.
+    pub fn new(points: &Points<'_>) -> Result<Self, FitError> {
+        let rows = points.rows(Space::Depth)?;
+        let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;
+        let depths: Vec<f64> = rows.values.iter().map(|d| d / mean).collect();
+        let problem = Problem::new(rows.bases, &depths, &rows.weights);
+        Ok(Self(problem.moments()))
+    }
+}
+
+/// The expected sum of squared residuals under weights with this mean and covariance.
+fn expected_square(image: &Moments, weights: &[f64], spread: &Mat<f64>) -> f64 {
+    let mut sum = image.square;
+    for (i, w) in weights.iter().enumerate() {
+        sum -= 2.0 * w * image.right[i];
+        for (j, v) in weights.iter().enumerate() {
+            sum += (w * v + spread[(i, j)]) * image.normal[(i, j)];
+        }
+    }
+    sum
+}
+
+struct NotPositive;
+
+fn inverse(matrix: &Mat<f64>) -> std::result::Result<Mat<f64>, NotPositive> {
+    let size = matrix.nrows();
+    let factor = matrix.llt(Side::Lower).map_err(|_| NotPositive)?;
+    Ok(factor.solve(Mat::<f64>::identity(size, size)))
+}
+
+fn column(values: &[f64]) -> Mat<f64> {
+    Mat::from_fn(values.len(), 1, |i, _| values[i])
+}

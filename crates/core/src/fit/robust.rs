@@ -1,0 +1,425 @@
+//! Fits that do not follow outliers: iteratively reweighted least squares (paper Algorithm 2) with
+//! the paper's weights or those of the classic M-estimators.
+
+use super::outcome::leave_one_out;
+use super::points::Rows;
+use super::{Estimate, Estimator};
+use crate::error::{Result, SettingsError};
+use crate::nearest::Cells;
+use serde::{Deserialize, Serialize};
+
+/// How the weight of a point falls with its residual r.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Loss {
+    /// 1 / max(threshold, |r|): least absolute residuals (the paper's).
+    #[default]
+    Irls,
+    /// Squares up to the scale, absolute values beyond (Huber 1964).
+    Huber,
+    /// 1 / (1 + u^2), u = r / scale.
+    Cauchy,
+    /// 1 / (1 + u^2)^2 (Geman and McClure 1987).
+    Gm,
+    /// (1 - u^2)^2 up to the scale, 0 beyond (Beaton and Tukey 1974).
+    Tukey,
+}
+
+impl Loss {
+    /// All losses.
+    pub const ALL: [Self; 5] = [Self::Irls, Self::Huber, Self::Cauchy, Self::Gm, Self::Tukey];
+
+    /// The name in configs and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Irls => "irls",
+            Self::Huber => "huber",
+            Self::Cauchy => "cauchy",
+            Self::Gm => "gm",
+            Self::Tukey => "tukey",
+        }
+    }
+
+    /// The weight at a residual of `u` scales.
+    fn weight(self, u: f64) -> f64 {
+        match self {
+            Self::Irls | Self::Huber => 1.0 / u.abs().max(1.0),
+            Self::Cauchy => 1.0 / (1.0 + u * u),
+            Self::Gm => (1.0 + u * u).powi(-2),
+            Self::Tukey => (1.0 - u * u).max(0.0).powi(2),
+        }
+    }
+
+    /// Standard deviations of the noise in one scale: 95 % efficiency where there is no outlier
+    /// (Holland and Welsch 1977; Geman-McClure's is the Cauchy constant times the square root of
+    /// 2, for the same curvature).
+    fn tuning(self) -> f64 {
+        match self {
+            Self::Irls => 1.0,
+            Self::Huber => 1.345,
+            Self::Cauchy => 2.385,
+            Self::Gm => 3.373,
+            Self::Tukey => 4.685,
+        }
+    }
+
+    /// Whether far points lose all influence, so that where to start matters.
+    fn redescends(self) -> bool {
+        !matches!(self, Self::Irls | Self::Huber)
+    }
+}
+
+/// Settings of a robust fit; the paper leaves threshold and stop open.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Robust {
+    /// How weights fall.
+    pub loss: Loss,
+    /// For `irls`: residuals below this share of the median depth (inverse depth) weigh alike. Relative, so that
+    /// scaling all depths scales the result. The other losses find their scale in the residuals.
+    pub threshold: f64,
+    /// Standard deviations of the noise at which the other losses bend; the classic constant of
+    /// each if absent.
+    pub tuning: Option<f64>,
+    /// The other losses look at how far a residual is from the median of those of so many nearest
+    /// points: what basis functions cannot follow is alike among neighbours, outliers are not. 0
+    /// looks at the residual itself.
+    pub neighbours: usize,
+    /// The largest number of solves after the first.
+    pub iterations: usize,
+    /// Stops when no weight changes by more than this share of the largest.
+    pub tolerance: f64,
+}
+
+impl Default for Robust {
+    fn default() -> Self {
+        Self {
+            loss: Loss::Irls,
+            threshold: 1e-3,
+            tuning: None,
+            neighbours: 6,
+            iterations: 10,
+            tolerance: 1e-4,
+        }
+    }
+}
+
+impl Robust {
+    /// The default settings of a loss. A loss that redescends needs more rounds, as its scale
+    /// shrinks from one to the next.
+    pub fn new(loss: Loss) -> Self {
+        Self {
+            loss,
+            iterations: if loss.redescends() { 40 } else { 10 },
+            ..Self::default()
+        }
+    }
+
+    pub(super) fn check(self) -> Result<(), SettingsError> {
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        let fine = positive(self.threshold) && self.tuning.is_none_or(positive);
+        if fine && self.tolerance >= 0.0 {
+            Ok(())
+        } else {
+            Err(SettingsError::new(
+                "`fit.robust`: threshold and tuning must be above 0, tolerance at least 0",
+            ))
+        }
+    }
+}
+
+/// Continues from the plain estimate. Returns the last one, and the point weights it was found
+/// with.
+///
+/// Losses other than the paper's look at what the residuals would be had each point been left out,
+/// so that an outlier which bends the fit towards itself is not overlooked, and take their scale
+/// from the median of their absolute values. A fit with a field takes as much of each point's leverage
+/// as the loss leaves of its weight. Those that redescend start from Huber's solution with
+/// a scale that takes in every point, which shrinks by a constant factor from round to round
+/// (graduated non-convexity, Blake and Zisserman 1987) until it is that of the noise. With no more
+/// points than directions nothing can be told from an outlier: all points count.
+///
+/// # Errors
+/// A decomposition that does not converge.
+pub(super) fn robust(
+    rows: &Rows<'_>,
+    estimator: Estimator<'_>,
+    plain: Estimate,
+    settings: Robust,
+) -> Result<(Estimate, Vec<f64>)> {
+    let (loss, own) = (settings.loss, &rows.weights);
+    if loss != Loss::Irls && rows.values.len() <= plain.solution.rank {
+        return Ok((plain, own.clone()));
+    }
+    let (mut estimate, mut weights) = if loss.redescends() {
+        let huber = Robust {
+            neighbours: settings.neighbours,
+            ..Robust::new(Loss::Huber)
+        };
+        robust(rows, estimator, plain, huber)?
+    } else {
+        (plain, own.clone())
+    };
+    let neighbourhood = match (loss, rows.places) {
+        (Loss::Irls, _) | (_, None) => None,
+        (_, Some(_)) if settings.neighbours == 0 => None,
+        (_, Some(places)) => Some(Neighbourhood::new(places, settings.neighbours)),
+    };
+    let mut widening = f64::INFINITY;
+    let mut odds = vec![0.0; own.len()];
+    for _ in 0..settings.iterations {
+        let mut found = estimate.rests.clone();
+        let scale = if loss == Loss::Irls {
+            settings.threshold * rows.unit()
+        } else {
+            let leverages = estimate.leverages(rows.bases, &weights);
+            found = leave_one_out(&found, &leverages, estimate.field.is_some());
+            if estimate.field.is_some() {
+                update_odds(&mut odds, &leverages, &weights, own);
+            }
+            if let Some(neighbourhood) = &neighbourhood {
+                found = neighbourhood.apart(&found, &weights);
+            }
+            // In units of the deviation that each point was given.
+            found.iter_mut().zip(own).for_each(|(r, w)| *r *= w.sqrt());
+            settings.tuning.unwrap_or(loss.tuning()) * deviation(&found)
+        };
+        // Points that are met exactly leave no scale, and nothing to do.
+        if scale <= 0.0 {
+            break;
+        }
+        widening = if loss.redescends() {
+            let farthest = found.iter().fold(0.0, |m: f64, r| m.max(r.abs()));
+            (widening / SHRINKING).min(farthest / scale).max(1.0)
+        } else {
+            1.0
+        };
+        weights = found
+            .iter()
+            .zip(own)
+            .zip(&odds)
+            .map(|((r, own), odds)| own * damped(loss.weight(r / (widening * scale)), *odds))
+            .collect();
+        let next = estimator.solve(rows, &weights)?;
+        let largest = rows.values.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        let pairs = estimate.rests.iter().zip(&next.rests);
+        let change = pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+        estimate = next;
+        if widening == 1.0 && change <= settings.tolerance * largest {
+            break;
+        }
+    }
+    Ok((estimate, weights))
+}
+
+/// The weight by which a point of `odds` h / (1 - h) has the leverage `weight` h: the odds are
+/// proportional to the weight. Where points hold a field nearly alone, h is close to 1, and a weight
+/// of a half or a hundredth would leave it there: outliers would be met all the same.
+fn damped(weight: f64, odds: f64) -> f64 {
+    weight / (1.0 + odds * (1.0 - weight))
+}
+
+/// The odds h / (1 - h) of each point's leverage h at its own weight: leverages at smaller weights,
+/// whose odds fall with them. Points that have no weight keep what they had.
+fn update_odds(odds: &mut [f64], leverages: &[f64], weights: &[f64], own: &[f64]) {
+    for (((odds, h), weight), own) in odds.iter_mut().zip(leverages).zip(weights).zip(own) {
+        let found = h / (1.0 - h).max(f64::EPSILON) * own / weight;
+        if found.is_finite() && found >= 0.0 {
+            *odds = found;
+        }
+    }
+}
+
+/// By how much the scale of a redescending loss shrinks in a round.
+const SHRINKING: f64 = 1.4;
+
+/// The nearest points of each point.
+struct Neighbourhood(Vec<Vec<(f64, usize)>>);
+
+impl Neighbourhood {
+    fn new(places: &[[f64; 2]], count: usize) -> Self {
+        let cells = Cells::new(places);
+        let nearest = |(i, place): (usize, &[f64; 2])| -> Vec<(f64, usize)> {
+            let found = cells.nearest(*place, count + 1).into_iter();
+            found
+                .filter(|(_, j)| *j != i)
+                .take(count)
+                .map(|(square, j)| (square.sqrt(), j))
+                .collect()
+        };
+        Self(places.iter().enumerate().map(nearest).collect())
+    }
+
+    /// Residuals less the median of those of the neighbours, where near ones and those that are
+    /// trusted count most.
+    fn apart(&self, residuals: &[f64], weights: &[f64]) -> Vec<f64> {
+        const LEAST: f64 = 0.05;
+        let largest = weights
+            .iter()
+            .fold(f64::MIN_POSITIVE, |m: f64, w| m.max(*w));
+        let local = |(neighbours, own): (&Vec<(f64, usize)>, &f64)| {
+            let pairs = neighbours.iter().map(|&(distance, j)| {
+                let trust = (weights[j] / largest).max(LEAST);
+                (residuals[j], trust / (1.0 + distance))
+            });
+            own - weighted_median(pairs.collect())
+        };
+        self.0.iter().zip(residuals).map(local).collect()
+    }
+}
+
+/// The value at which half of the weight is reached; 0 without a value.
+fn weighted_median(mut pairs: Vec<(f64, f64)>) -> f64 {
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = pairs.iter().map(|p| p.1).sum::<f64>() / 2.0;
+    let mut sum = 0.0;
+    let reached = pairs.iter().find(|(_, weight)| {
+        sum += weight;
+        sum >= half
+    });
+    reached.map_or(0.0, |(value, _)| *value)
+}
+
+/// The standard deviation of normal residuals of which up to half are outliers: 1.4826 times the
+/// median of their absolute values (Hampel 1974).
+pub(super) fn deviation(residuals: &[f64]) -> f64 {
+    1.4826 * median(residuals.iter().map(|r| r.abs()))
+}
+
+pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::{FitConfig, Points, Space, fit};
+    use lsdc_rng::Rng;
+
+    fn fitted(bases: &[f32], depths: &[f32], robust: Option<Robust>) -> (Vec<f64>, Vec<f64>) {
+        let config = FitConfig {
+            rcond: 1e-12,
+            robust,
+            ..FitConfig::default()
+        };
+        let fit = fit(&Points::new(bases, depths), &config, None).unwrap();
+        (fit.weights, fit.point_weights)
+    }
+
+    #[test]
+    fn a_constant_fitted_to_outliers_is_their_median() {
+        // The least absolute deviation estimate of a location is the median.
+        let depths = [1.0, 1.1, 1.2, 1.3, 9.0, 9.5, 1.15];
+        let settings = Robust {
+            threshold: 1e-6,
+            iterations: 200,
+            tolerance: 1e-12,
+            ..Robust::default()
+        };
+        let (solution, weights) = fitted(&[1.0; 7], &depths, Some(settings));
+        assert!((solution[0] - 1.2).abs() < 1e-3, "{solution:?}");
+        assert!(weights[4] < 1e-3);
+    }
+
+    #[test]
+    fn a_damped_point_has_that_share_of_its_leverage() {
+        for (leverage, weight) in [(0.999, 0.5), (0.2, 0.01), (0.6, 1.0), (0.9, 0.0)] {
+            let odds = leverage / (1.0 - leverage);
+            let after = odds * damped(weight, odds);
+            let found = after / (1.0 + after);
+            assert!((found - weight * leverage).abs() < 1e-12, "{found}");
+        }
+    }
+
+    /// A line through `count` noisy points of which a share was raised.
+    fn line(count: usize, share: f32) -> (Vec<f32>, Vec<f32>) {
+        let mut rng = Rng::stream(5, &["line"]);
+        let mut bases = Vec::new();
+        let mut depths = Vec::new();
+        for i in 0..count {
+            let x = i as f32 / count as f32;
+            bases.extend([1.0, x]);
+            let raised = if rng.chance(share) {
+                1.0 + rng.unit()
+            } else {
+                0.0
+            };
+            depths.push(2.0 + 3.0 * x + 0.01 * rng.normal() + raised);
+        }
+        (bases, depths)
+    }
+
+    #[test]
+    fn losses_that_redescend_forget_outliers() {
+        let (bases, depths) = line(400, 0.3);
+        for loss in [Loss::Cauchy, Loss::Gm, Loss::Tukey] {
+            let (solution, weights) = fitted(&bases, &depths, Some(Robust::new(loss)));
+            assert!((solution[0] - 2.0).abs() < 0.01, "{loss:?} {solution:?}");
+            assert!((solution[1] - 3.0).abs() < 0.01, "{loss:?} {solution:?}");
+            let dismissed = weights.iter().filter(|w| **w < 0.1).count();
+            assert!((100..140).contains(&dismissed), "{loss:?} {dismissed}");
+        }
+        // Least absolute residuals follow them a little, least squares far.
+        let (solution, _) = fitted(&bases, &depths, Some(Robust::default()));
+        assert!((solution[0] - 2.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn without_outliers_every_loss_is_nearly_least_squares() {
+        let (bases, depths) = line(400, 0.0);
+        let (plain, _) = fitted(&bases, &depths, None);
+        for loss in Loss::ALL {
+            let (solution, _) = fitted(&bases, &depths, Some(Robust::new(loss)));
+            for (a, b) in solution.iter().zip(&plain) {
+                assert!((a - b).abs() < 2e-3, "{loss:?} {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn scaling_depths_scales_every_robust_fit() {
+        let (bases, depths) = line(60, 0.2);
+        // A power of two, which is exact.
+        let far: Vec<f32> = depths.iter().map(|d| 8.0 * d).collect();
+        for loss in Loss::ALL {
+            let (near, _) = fitted(&bases, &depths, Some(Robust::new(loss)));
+            let (far, _) = fitted(&bases, &far, Some(Robust::new(loss)));
+            for (a, b) in near.iter().zip(&far) {
+                assert!((8.0 * a - b).abs() < 1e-9 * b.abs(), "{loss:?} {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn in_logarithms_the_paper_s_threshold_is_a_ratio() {
+        let (bases, depths) = line(60, 0.2);
+        let weights = |factor: f32| {
+            let depths: Vec<f32> = depths.iter().map(|d| factor * d).collect();
+            let config = FitConfig {
+                space: Space::Log,
+                robust: Some(Robust::default()),
+                ..FitConfig::default()
+            };
+            fit(&Points::new(&bases, &depths), &config, None)
+                .unwrap()
+                .point_weights
+        };
+        // Scaling adds a constant to every logarithm, which the first function takes.
+        for (a, b) in weights(1.0).iter().zip(weights(8.0)) {
+            assert!((a - b).abs() < 1e-6, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn too_few_points_all_count() {
+        let (solution, weights) = fitted(
+            &[1.0, 0.0, 1.0, 1.0],
+            &[2.0, 5.0],
+            Some(Robust::new(Loss::Tukey)),
+        );
+        assert_eq!(weights, [1.0, 1.0]);
+        assert!((solution[1] - 3.0).abs() < 1e-9);
+    }
+}

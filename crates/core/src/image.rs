@@ -1,0 +1,242 @@
+//! Images in anybody's memory.
+
+use crate::error::{ImageError, Result};
+
+/// Images and maps of more pixels are refused.
+pub const MAX_PIXELS: usize = 1 << 30;
+
+/// How the colours of a pixel lie in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Channels {
+    /// Red, green, blue.
+    Rgb,
+    /// Blue, green, red: what `OpenCV` reads.
+    Bgr,
+    /// Red, green, blue, and a fourth value that is not looked at.
+    Rgba,
+    /// Blue, green, red, and a fourth value that is not looked at.
+    Bgra,
+    /// One grey value.
+    Gray,
+}
+
+impl Channels {
+    /// Values of a pixel.
+    pub fn count(self) -> usize {
+        match self {
+            Self::Gray => 1,
+            Self::Rgb | Self::Bgr => 3,
+            Self::Rgba | Self::Bgra => 4,
+        }
+    }
+
+    /// Where red, green and blue lie in a pixel.
+    fn places(self) -> [usize; 3] {
+        match self {
+            Self::Gray => [0; 3],
+            Self::Rgb | Self::Rgba => [0, 1, 2],
+            Self::Bgr | Self::Bgra => [2, 1, 0],
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Values<'a> {
+    Bytes(&'a [u8]),
+    Floats(&'a [f32]),
+}
+
+/// A colour image, borrowed from any buffer.
+///
+/// ```
+/// use lsdc_core::{Channels, Image};
+/// // A frame of 4x2 pixels as OpenCV holds it: BGR, rows padded to 16 bytes.
+/// let bytes = [0_u8; 32];
+/// let image = Image::new(4, 2, Channels::Bgr, &bytes)?.with_stride(16)?;
+/// assert_eq!((image.width(), image.height()), (4, 2));
+/// # Ok::<(), lsdc_core::Error>(())
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Image<'a> {
+    values: Values<'a>,
+    width: usize,
+    height: usize,
+    channels: Channels,
+    /// Values from one row to the next.
+    stride: usize,
+}
+
+impl<'a> Image<'a> {
+    /// Eight bits a channel, rows one after the other.
+    ///
+    /// # Errors
+    /// A side of 0, too many pixels, or a buffer that is too short.
+    pub fn new(width: usize, height: usize, channels: Channels, bytes: &'a [u8]) -> Result<Self> {
+        Self::of(width, height, channels, Values::Bytes(bytes))
+    }
+
+    /// Floats, 0 for black and 1 for white; what lies outside is clamped. Rows one after the other.
+    ///
+    /// # Errors
+    /// A side of 0, too many pixels, or a buffer that is too short.
+    pub fn from_f32(
+        width: usize,
+        height: usize,
+        channels: Channels,
+        values: &'a [f32],
+    ) -> Result<Self> {
+        Self::of(width, height, channels, Values::Floats(values))
+    }
+
+    fn of(width: usize, height: usize, channels: Channels, values: Values<'a>) -> Result<Self> {
+        check_size(width, height)?;
+        let image = Self {
+            values,
+            width,
+            height,
+            channels,
+            stride: width * channels.count(),
+        };
+        image.with_stride(image.stride)
+    }
+
+    /// The same with rows that begin `stride` values apart.
+    ///
+    /// # Errors
+    /// Rows that overlap, or a buffer that is too short.
+    pub fn with_stride(self, stride: usize) -> Result<Self> {
+        let found = match self.values {
+            Values::Bytes(values) => values.len(),
+            Values::Floats(values) => values.len(),
+        };
+        check_rows(
+            self.width,
+            self.height,
+            self.channels.count(),
+            stride,
+            found,
+        )?;
+        Ok(Self { stride, ..self })
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Red, green and blue of every pixel, 8 bits each, without gaps.
+    pub(crate) fn rgb(&self) -> Result<Vec<u8>> {
+        let places = self.channels.places();
+        let count = self.channels.count();
+        let mut rgb = Vec::with_capacity(3 * self.width * self.height);
+        for y in 0..self.height {
+            let row = y * self.stride..y * self.stride + self.width * count;
+            match self.values {
+                Values::Bytes(values) if self.channels == Channels::Rgb => {
+                    rgb.extend_from_slice(&values[row]);
+                }
+                Values::Bytes(values) => {
+                    let pixels = values[row].chunks_exact(count);
+                    rgb.extend(pixels.flat_map(|pixel| places.map(|place| pixel[place])));
+                }
+                Values::Floats(values) => {
+                    for (x, pixel) in values[row].chunks_exact(count).enumerate() {
+                        for place in places {
+                            let value = pixel[place];
+                            if !value.is_finite() {
+                                return Err(ImageError::NotFinite { x, y }.into());
+                            }
+                            rgb.push((value.clamp(0.0, 1.0) * 255.0).round() as u8);
+                        }
+                    }
+                }
+            }
+        }
+        Ok(rgb)
+    }
+}
+
+/// Whether a map of that size can be used.
+pub(crate) fn check_size(width: usize, height: usize) -> Result<(), ImageError> {
+    match width.checked_mul(height) {
+        Some(1..=MAX_PIXELS) => Ok(()),
+        _ => Err(ImageError::Size { width, height }),
+    }
+}
+
+/// Whether `found` values hold rows of `width * channels`, `stride` apart.
+pub(crate) fn check_rows(
+    width: usize,
+    height: usize,
+    channels: usize,
+    stride: usize,
+    found: usize,
+) -> Result<(), ImageError> {
+    let row = width * channels;
+    if stride < row {
+        return Err(ImageError::Stride { stride, row });
+    }
+    let expected = stride
+        .checked_mul(height - 1)
+        .and_then(|before| before.checked_add(row))
+        .unwrap_or(usize::MAX);
+    if found < expected {
+        return Err(ImageError::Length {
+            expected,
+            found,
+            width,
+            height,
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_layout_gives_the_same_colours() {
+        let rgb = [10_u8, 20, 30, 40, 50, 60];
+        let image =
+            |channels, bytes: &[u8]| Image::new(2, 1, channels, bytes).unwrap().rgb().unwrap();
+        assert_eq!(image(Channels::Rgb, &rgb), rgb);
+        assert_eq!(image(Channels::Bgr, &[30, 20, 10, 60, 50, 40]), rgb);
+        assert_eq!(image(Channels::Rgba, &[10, 20, 30, 9, 40, 50, 60, 9]), rgb);
+        assert_eq!(image(Channels::Bgra, &[30, 20, 10, 9, 60, 50, 40, 9]), rgb);
+        assert_eq!(image(Channels::Gray, &[7, 8]), [7, 7, 7, 8, 8, 8]);
+        let floats = rgb.map(|v| f32::from(v) / 255.0);
+        let image = Image::from_f32(2, 1, Channels::Rgb, &floats).unwrap();
+        assert_eq!(image.rgb().unwrap(), rgb);
+    }
+
+    #[test]
+    fn rows_may_be_padded() {
+        let bytes = [1, 2, 3, 99, 4, 5, 6];
+        let image = Image::new(1, 2, Channels::Rgb, &bytes).unwrap();
+        let image = image.with_stride(4).unwrap();
+        assert_eq!(image.rgb().unwrap(), [1, 2, 3, 4, 5, 6]);
+        assert!(image.with_stride(2).is_err());
+        assert!(image.with_stride(5).is_err());
+        assert!(image.with_stride(usize::MAX).is_err());
+    }
+
+    #[test]
+    fn what_is_no_image_is_refused() {
+        for (width, height) in [(0, 1), (1, 0), (usize::MAX, 2), (1 << 16, 1 << 16)] {
+            assert!(Image::new(width, height, Channels::Rgb, &[0; 12]).is_err());
+        }
+        let dark = [0.0, f32::NAN, 0.0];
+        let image = Image::from_f32(1, 1, Channels::Rgb, &dark).unwrap();
+        assert!(matches!(
+            image.rgb(),
+            Err(crate::Error::Image(ImageError::NotFinite { x: 0, y: 0 }))
+        ));
+    }
+}

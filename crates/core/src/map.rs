@@ -1,0 +1,153 @@
+//! Dense and sparse maps of depths.
+
+use crate::error::{ImageError, Result};
+use crate::image::check_size;
+
+/// Depths in metres along the optical axis, row by row; 0 means no measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthMap {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+    ignored: usize,
+}
+
+/// A pixel with a depth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Column, from the left.
+    pub x: usize,
+    /// Row, from the top.
+    pub y: usize,
+    /// Metres, positive and finite.
+    pub depth: f32,
+}
+
+impl DepthMap {
+    /// Takes `height` rows of `width` values; NaN, infinite and negative values become 0.
+    ///
+    /// # Errors
+    /// The number of values is not `width * height`, or the map is empty.
+    pub fn new(width: usize, height: usize, mut values: Vec<f32>) -> Result<Self> {
+        check_size(width, height)?;
+        if values.len() != width * height {
+            return Err(ImageError::Length {
+                expected: width * height,
+                found: values.len(),
+                width,
+                height,
+            }
+            .into());
+        }
+        let mut ignored = 0;
+        for value in &mut values {
+            if !(value.is_finite() && *value >= 0.0) {
+                *value = 0.0;
+                ignored += 1;
+            }
+        }
+        Ok(Self {
+            width,
+            height,
+            values,
+            ignored,
+        })
+    }
+
+    /// A map without any measurement.
+    pub fn empty(width: usize, height: usize) -> Self {
+        Self {
+            width,
+            height,
+            values: vec![0.0; width * height],
+            ignored: 0,
+        }
+    }
+
+    /// A map that holds only the given points; those outside are left out.
+    pub fn from_points(width: usize, height: usize, points: &[Point]) -> Self {
+        let mut map = Self::empty(width, height);
+        for point in points.iter().filter(|p| p.x < width && p.y < height) {
+            map.values[point.y * width + point.x] = point.depth;
+        }
+        map
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All values, row by row.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The same, without the map.
+    pub fn into_values(self) -> Vec<f32> {
+        self.values
+    }
+
+    /// The depth at a pixel of the map.
+    pub fn at(&self, x: usize, y: usize) -> f32 {
+        self.values[y * self.width + x]
+    }
+
+    /// The pixels with a measurement, row by row.
+    pub fn points(&self) -> impl Iterator<Item = Point> + '_ {
+        self.values
+            .iter()
+            .enumerate()
+            .filter(|(_, depth)| **depth > 0.0)
+            .map(|(i, &depth)| Point {
+                x: i % self.width,
+                y: i / self.width,
+                depth,
+            })
+    }
+
+    /// The number of pixels with a measurement.
+    pub fn count(&self) -> usize {
+        self.values.iter().filter(|v| **v > 0.0).count()
+    }
+
+    /// The number of NaN, infinite and negative values that the map was made from.
+    pub fn ignored(&self) -> usize {
+        self.ignored
+    }
+
+    /// The smallest and largest measurement, or `None` without any.
+    pub fn range(&self) -> Option<(f32, f32)> {
+        self.points().fold(None, |range, p| match range {
+            None => Some((p.depth, p.depth)),
+            Some((low, high)) => Some((low.min(p.depth), high.max(p.depth))),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_positive_finite_values_are_measurements() {
+        let map = DepthMap::new(3, 2, vec![1.0, f32::NAN, -1.0, f32::INFINITY, 0.0, 2.5]).unwrap();
+        assert_eq!(map.values(), [1.0, 0.0, 0.0, 0.0, 0.0, 2.5]);
+        assert_eq!(map.count(), 2);
+        assert_eq!(map.ignored(), 3);
+        assert_eq!(map.range(), Some((1.0, 2.5)));
+        let last = map.points().last().unwrap();
+        assert_eq!((last.x, last.y), (2, 1));
+    }
+
+    #[test]
+    fn a_wrong_count_is_an_error() {
+        assert!(DepthMap::new(2, 2, vec![1.0; 3]).is_err());
+        assert!(DepthMap::new(0, 2, vec![]).is_err());
+    }
+}

@@ -1,0 +1,131 @@
+//! The nearest of scattered places.
+
+/// Places in square cells.
+#[derive(Clone, Debug)]
+pub struct Cells {
+    places: Vec<[f64; 2]>,
+    members: Vec<Vec<usize>>,
+    /// The corner of the first cell.
+    origin: [f64; 2],
+    side: f64,
+    columns: usize,
+    rows: usize,
+}
+
+impl Cells {
+    /// Sorts `places` (x, y), which must be finite, into cells, about one to each.
+    pub fn new(places: &[[f64; 2]]) -> Self {
+        let bound = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| {
+            places.iter().map(|p| p[axis]).fold(start, pick)
+        };
+        let low = [0, 1].map(|axis| bound(axis, f64::INFINITY, f64::min));
+        let high = [0, 1].map(|axis| bound(axis, f64::NEG_INFINITY, f64::max));
+        let extent = [0, 1].map(|axis| (high[axis] - low[axis]).max(0.0) + 1.0);
+        let side = (extent[0] * extent[1] / places.len().max(1) as f64).sqrt();
+        // No more cells along an axis than places: these may lie on a line.
+        let side = side.max(extent[0].max(extent[1]) / places.len().max(1) as f64);
+        let [columns, rows] = extent.map(|length| (length / side).ceil().max(1.0) as usize);
+        let mut cells = Self {
+            places: places.to_owned(),
+            members: vec![Vec::new(); columns * rows],
+            origin: if places.is_empty() { [0.0; 2] } else { low },
+            side,
+            columns,
+            rows,
+        };
+        for (i, &place) in places.iter().enumerate() {
+            let [column, row] = cells.cell(place);
+            cells.members[row as usize * columns + column as usize].push(i);
+        }
+        cells
+    }
+
+    /// The column and row of the cell nearest to a place; those of places in cells hold them.
+    fn cell(&self, place: [f64; 2]) -> [i64; 2] {
+        let counts = [self.columns, self.rows];
+        [0, 1].map(|axis| {
+            let cell = ((place[axis] - self.origin[axis]) / self.side).floor();
+            cell.clamp(0.0, (counts[axis] - 1) as f64) as i64
+        })
+    }
+
+    /// The `count` nearest places to another, the nearest first: squared distance and index; the
+    /// first in order among equals.
+    pub fn nearest(&self, place: [f64; 2], count: usize) -> Vec<(f64, usize)> {
+        let [column, row] = self.cell(place);
+        let order = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        let mut found: Vec<(f64, usize)> = Vec::with_capacity(4 * count);
+        for ring in 0..self.columns.max(self.rows) as i64 {
+            // From a place in the middle cell, or beyond it, every place of this ring is at least so
+            // far away.
+            let closest = (ring as f64 - 1.0).max(0.0) * self.side;
+            if found.len() >= count {
+                found.sort_unstable_by(order);
+                if count == 0 || found[count - 1].0 < closest * closest {
+                    break;
+                }
+            }
+            self.ring([column, row], ring, |i| {
+                let [x, y] = self.places[i];
+                found.push(((x - place[0]).powi(2) + (y - place[1]).powi(2), i));
+            });
+        }
+        found.sort_unstable_by(order);
+        found.truncate(count);
+        found
+    }
+
+    fn ring(&self, [column, row]: [i64; 2], ring: i64, mut visit: impl FnMut(usize)) {
+        let within = |middle: i64, count: usize| {
+            (middle - ring).max(0)..(middle + ring + 1).min(count as i64)
+        };
+        for r in within(row, self.rows) {
+            for c in within(column, self.columns) {
+                if (r - row).abs().max((c - column).abs()) == ring {
+                    let members = &self.members[r as usize * self.columns + c as usize];
+                    members.iter().for_each(|&i| visit(i));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lsdc_rng::Rng;
+
+    fn agree(places: &[[f64; 2]], step: f64) {
+        let cells = Cells::new(places);
+        // Beyond the last place too.
+        for y in -3..50 {
+            for x in -3..70 {
+                let here = [f64::from(x) * step, f64::from(y) * step];
+                let square = |p: &[f64; 2]| (p[0] - here[0]).powi(2) + (p[1] - here[1]).powi(2);
+                let mut all: Vec<(f64, usize)> = places.iter().map(square).zip(0..).collect();
+                all.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap());
+                let count = places.len().min(5);
+                assert_eq!(cells.nearest(here, 5), all[..count]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_nearest_places_are_found() {
+        let mut rng = Rng::stream(1, &["nearest"]);
+        let mut place = || [60.0, 40.0].map(|most| f64::from(rng.below(most as u32)));
+        agree(&(0..20).map(|_| place()).collect::<Vec<_>>(), 1.0);
+        let mut place = || [60.0, 40.0].map(|most| most * f64::from(rng.unit()) - 0.5);
+        agree(&(0..33).map(|_| place()).collect::<Vec<_>>(), 0.73);
+        // On a line, on top of each other, a single one, none.
+        agree(
+            &(0..9)
+                .map(|i| [f64::from(i) * 7.0, 3.0])
+                .collect::<Vec<_>>(),
+            1.0,
+        );
+        agree(&[[5.0, 5.0]; 8], 1.0);
+        agree(&[[5.0, 5.0]], 1.0);
+        agree(&[], 1.0);
+    }
+}

@@ -1,0 +1,84 @@
+//! The network that tells edges of the depth from edges of the colours, layer by layer: an encoder to
+//! a sixteenth of the resolution and a decoder back to all of it.
+
+use super::config::{CHANGES, NetworkConfig};
+use super::map::Map;
+use super::run::Run;
+use super::tensors::Tensors;
+use crate::error::WeightsError;
+use lsdc_kernels::conv::{ConvSpec, Layer};
+
+#[derive(Debug)]
+pub(super) struct AffinityNet {
+    down: Vec<[Layer; 2]>,
+    up: Vec<Rise>,
+    last: Layer,
+}
+
+#[derive(Debug)]
+struct Rise {
+    narrow: Layer,
+    mix: [Layer; 2],
+}
+
+impl AffinityNet {
+    pub(super) fn new(config: &NetworkConfig, tensors: &Tensors<'_>) -> Result<Self, WeightsError> {
+        let (same, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
+        let widths = config.levels();
+        let down = |level: usize| {
+            let name = |layer: usize| format!("edges.down.{level}.{layer}");
+            let (width, from, spec) = match level {
+                0 => (widths[0], 3, same),
+                _ => (widths[level], widths[level - 1], ConvSpec::halving()),
+            };
+            Ok([
+                tensors.conv_norm(&name(0), [width, from, 3], spec)?,
+                tensors.conv_norm(&name(1), [width, width, 3], same)?,
+            ])
+        };
+        let up = |(i, pair): (usize, &[usize])| {
+            let (to, from) = (pair[0], pair[1]);
+            let mix = |layer: usize| {
+                tensors.conv_norm(&format!("edges.up.{i}.mix.{layer}"), [to, to, 3], same)
+            };
+            let narrow = format!("edges.up.{i}.narrow");
+            Ok(Rise {
+                narrow: tensors.conv(&narrow, [to, from, 1], pointwise)?,
+                mix: [mix(0)?, mix(1)?],
+            })
+        };
+        let pairs = widths.windows(2).rev().enumerate();
+        let last = [CHANGES, config.affinities, 1];
+        Ok(Self {
+            down: (0..widths.len()).map(down).collect::<Result<_, _>>()?,
+            up: pairs.map(up).collect::<Result<_, _>>()?,
+            last: tensors.conv("edges.last", last, pointwise)?,
+        })
+    }
+
+    /// How affinities differ from those of the colours, `[height, width, CHANGES]`.
+    pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Map {
+        let next = |x: Map, layer: &Layer| {
+            let output = run.layer(layer, &x, None, true);
+            run.pool.give(x);
+            output
+        };
+        let mut levels: Vec<Map> = Vec::new();
+        for [first, second] in &self.down {
+            let x = run.layer(first, levels.last().unwrap_or(image), None, true);
+            levels.push(next(x, second));
+        }
+        let lowest = levels.pop().unwrap_or_default();
+        let pairs = self.up.iter().zip(levels.into_iter().rev());
+        let x = pairs.fold(lowest, |x, (rise, mut level)| {
+            let narrow = run.layer(&rise.narrow, &x, None, false);
+            run.pool.give(x);
+            level.add_enlarged(&narrow);
+            run.pool.give(narrow);
+            rise.mix.iter().fold(level, next)
+        });
+        let changes = run.layer(&self.last, &x, None, false);
+        run.pool.give(x);
+        changes
+    }
+}

@@ -1,0 +1,264 @@
+//! Sizes of the network.
+
+use crate::error::SettingsError;
+use serde::{Deserialize, Serialize};
+
+/// A layer with more channels, or a stage with more blocks, is a damaged file rather than a network.
+const MOST_CHANNELS: usize = 4096;
+const MOST_BLOCKS: usize = 64;
+
+/// Added to variances by every normalisation.
+pub const EPSILON: f64 = 1e-5;
+
+/// Channels of the levels of the network for affinities, in those at full resolution.
+const LEVELS: [usize; 5] = [1, 2, 4, 6, 8];
+
+/// What the network for affinities says of each pixel's two neighbours: logarithms of factors, then by
+/// how much more than fully the colours count, -1 = not at all.
+pub const CHANGES: usize = 4;
+
+/// Which normalisation follows every layer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NormKind {
+    /// Batch normalisation (Ioffe and Szegedy 2015), as PSMNet; can be folded for inference.
+    #[default]
+    Batch,
+    /// Group normalisation (Wu and He 2018), 8 channels a group; per pixel in the MLP.
+    Group,
+}
+
+/// Channels of a group of group normalisation.
+pub const CHANNELS_PER_GROUP: usize = 8;
+
+/// A run of residual blocks of equal width.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageConfig {
+    /// Channels.
+    pub width: usize,
+    /// Residual blocks of two 3x3 convolutions.
+    pub blocks: usize,
+}
+
+/// Widths and depths of the extractor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExtractorConfig {
+    /// Channels of the three convolutions at half resolution.
+    pub stem: usize,
+    /// Four stages: at half resolution, at a quarter, wider, and with dilation 2.
+    pub stages: [StageConfig; 4],
+    /// Pool sizes in pixels at a quarter of the resolution, one branch each.
+    pub pools: Vec<usize>,
+    /// Channels of each pooling branch.
+    pub branch: usize,
+    /// Channels of the convolution that merges all branches.
+    pub merge: usize,
+    /// Channels of the result.
+    pub features: usize,
+    /// Convolutions that sharpen the result at half the image's resolution, with what the first
+    /// stage saw there; 0: features stay at a quarter, as PSMNet's.
+    pub sharpening: usize,
+}
+
+impl Default for ExtractorConfig {
+    fn default() -> Self {
+        Self::psmnet()
+    }
+}
+
+impl ExtractorConfig {
+    /// PSMNet's sizes: 3,339,552 parameters.
+    pub fn psmnet() -> Self {
+        let stage = |width, blocks| StageConfig { width, blocks };
+        Self {
+            stem: 32,
+            stages: [stage(32, 3), stage(64, 16), stage(128, 3), stage(128, 3)],
+            pools: vec![32, 16, 8, 4],
+            branch: 32,
+            merge: 128,
+            features: 32,
+            sharpening: 0,
+        }
+    }
+
+    /// PSMNet's with 4 instead of 16 blocks in the second stage.
+    pub fn medium() -> Self {
+        let mut config = Self::psmnet();
+        config.stages[1].blocks = 4;
+        config
+    }
+
+    /// Half the widths and two fifths of the blocks, features twice as wide and sharpened.
+    pub fn slim() -> Self {
+        let stage = |width, blocks| StageConfig { width, blocks };
+        Self {
+            stem: 16,
+            stages: [stage(16, 2), stage(32, 6), stage(64, 2), stage(64, 1)],
+            pools: vec![32, 16, 8, 4],
+            branch: 16,
+            merge: 64,
+            features: 64,
+            sharpening: 2,
+        }
+    }
+
+    /// Half the widths of the slim one.
+    pub fn slimmer() -> Self {
+        let stage = |width, blocks| StageConfig { width, blocks };
+        Self {
+            stem: 8,
+            stages: [stage(8, 2), stage(16, 6), stage(32, 2), stage(32, 1)],
+            branch: 8,
+            merge: 32,
+            features: 32,
+            ..Self::slim()
+        }
+    }
+
+    fn check(&self) -> Result<(), SettingsError> {
+        let widths = self.widths();
+        let channels = |v: &usize| (1..=MOST_CHANNELS).contains(v);
+        let blocks = |v: usize| (1..=MOST_BLOCKS).contains(&v);
+        let sound = widths.iter().chain(&self.pools).all(channels)
+            && channels(&self.features)
+            && self.stages.iter().all(|stage| blocks(stage.blocks))
+            && self.pools.len() <= MOST_BLOCKS
+            && self.sharpening <= MOST_BLOCKS;
+        if sound {
+            return Ok(());
+        }
+        Err(SettingsError::new(format!(
+            "widths and pools of the extractor must be from 1 to {MOST_CHANNELS}, numbers of blocks from \
+             1 to {MOST_BLOCKS}"
+        )))
+    }
+
+    /// All widths that a normalisation sees.
+    fn widths(&self) -> Vec<usize> {
+        let mut widths: Vec<usize> = self.stages.iter().map(|s| s.width).collect();
+        widths.extend([self.stem, self.branch, self.merge]);
+        if self.sharpening > 0 {
+            widths.push(self.features);
+        }
+        widths
+    }
+}
+
+/// The network: a pyramid-pooling extractor and a per-pixel MLP (paper section 3.2).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct NetworkConfig {
+    /// The convolutional part.
+    pub extractor: ExtractorConfig,
+    /// E of the positional encoding: the raw coordinates twice and E - 1 octaves; 0 leaves the
+    /// position out.
+    pub octaves: usize,
+    /// Widths of the hidden layers of the MLP.
+    pub hidden: Vec<usize>,
+    /// N, the number of learned basis functions; the constant 1 comes in addition.
+    pub bases: usize,
+    /// Channels at full resolution of the network that tells edges of the depth from edges of the
+    /// colours, for fits with a field; 0: the colours alone say.
+    #[serde(alias = "edges")]
+    pub affinities: usize,
+    /// Normalisation after every convolution and hidden layer.
+    pub norm: NormKind,
+}
+
+impl Default for NetworkConfig {
+    fn default() -> Self {
+        Self::paper()
+    }
+}
+
+impl NetworkConfig {
+    /// The paper's network: 3,466,016 parameters, 48 GFLOP at 228x304.
+    pub fn paper() -> Self {
+        Self {
+            extractor: ExtractorConfig::psmnet(),
+            octaves: 5,
+            hidden: vec![512, 128, 128],
+            bases: 128,
+            affinities: 0,
+            norm: NormKind::Batch,
+        }
+    }
+
+    /// The same design with a quarter of the blocks in its longest stage and a narrower MLP: about
+    /// half of the compute.
+    pub fn medium() -> Self {
+        Self {
+            extractor: ExtractorConfig::medium(),
+            hidden: vec![128, 128],
+            ..Self::paper()
+        }
+    }
+
+    /// A slimmer extractor with sharpened features, and a network that judges edges: 1.3 M
+    /// parameters.
+    pub fn sharp() -> Self {
+        Self {
+            extractor: ExtractorConfig::slim(),
+            // At least as wide as `bases` at the end: fewer would make the bases dependent.
+            hidden: vec![128, 128],
+            affinities: 16,
+            ..Self::paper()
+        }
+    }
+
+    /// The same at half the widths: 0.3 M parameters, for weak machines.
+    pub fn small() -> Self {
+        Self {
+            extractor: ExtractorConfig::slimmer(),
+            hidden: vec![64, 64],
+            bases: 64,
+            affinities: 8,
+            ..Self::paper()
+        }
+    }
+
+    /// Channels of all levels of the network for affinities, from full resolution down.
+    pub fn levels(&self) -> [usize; 5] {
+        LEVELS.map(|level| level * self.affinities)
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        self.extractor.check()?;
+        let channels = |v: &usize| (1..=MOST_CHANNELS).contains(v);
+        if !self.hidden.iter().chain([&self.bases]).all(channels) || self.hidden.len() > MOST_BLOCKS
+        {
+            return Err(SettingsError::new(format!(
+                "`bases` and every width in `hidden` must be from 1 to {MOST_CHANNELS}"
+            )));
+        }
+        if self.hidden.last().is_some_and(|&last| last < self.bases) {
+            return Err(SettingsError::new(format!(
+                "the last width in `hidden` must be at least `bases` ({}), else the basis functions \
+                 depend on each other",
+                self.bases
+            )));
+        }
+        if self.octaves > 16 || self.affinities > MOST_CHANNELS / 8 {
+            return Err(SettingsError::new(format!(
+                "`octaves` must be at most 16, `affinities` at most {}",
+                MOST_CHANNELS / 8
+            )));
+        }
+        let mut widths = self.extractor.widths();
+        widths.extend(&self.hidden);
+        widths.extend(self.levels());
+        let uneven = widths.iter().find(|&w| w % CHANNELS_PER_GROUP != 0);
+        match (self.norm, uneven) {
+            (NormKind::Group, Some(width)) => Err(SettingsError::new(format!(
+                "`norm = \"group\"` needs widths divisible by {CHANNELS_PER_GROUP}, got {width}"
+            ))),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! The feature extractor, layer by layer.
+
+use super::config::{ExtractorConfig, StageConfig};
+use super::map::{Map, Pool};
+use super::run::Run;
+use super::tensors::Tensors;
+use crate::error::WeightsError;
+use lsdc_kernels::conv::{ConvSpec, Layer};
+use rayon::prelude::*;
+
+#[derive(Debug)]
+pub(super) struct Extractor {
+    stem: Vec<Layer>,
+    half: Vec<Block>,
+    quarter: Vec<Block>,
+    /// Wider, then dilated.
+    skip: Vec<Block>,
+    /// Pool size and convolution of each branch.
+    branches: Vec<(usize, Layer)>,
+    merge: Layer,
+    project: Layer,
+    sharpen: Option<Sharpen>,
+}
+
+#[derive(Debug)]
+struct Sharpen {
+    lateral: Layer,
+    mix: Vec<Layer>,
+    last: Layer,
+}
+
+#[derive(Debug)]
+struct Block {
+    first: Layer,
+    second: Layer,
+    shortcut: Option<Layer>,
+}
+
+impl Block {
+    /// A run of blocks, of which the first changes width and resolution.
+    fn stage(
+        tensors: &Tensors<'_>,
+        name: &str,
+        from: usize,
+        config: StageConfig,
+        first: ConvSpec,
+        others: ConvSpec,
+    ) -> Result<Vec<Self>, WeightsError> {
+        let width = config.width;
+        let block = |i: usize| {
+            let name = |part: &str| format!("extractor.{name}.{i}.{part}");
+            let (from, spec) = if i == 0 {
+                (from, first)
+            } else {
+                (width, others)
+            };
+            let inner = ConvSpec {
+                stride: 1,
+                ..others
+            };
+            let across = ConvSpec {
+                stride: spec.stride,
+                ..ConvSpec::pointwise()
+            };
+            let changes = from != width || spec.stride != 1;
+            let shortcut =
+                changes.then(|| tensors.conv_norm(&name("shortcut"), [width, from, 1], across));
+            Ok(Self {
+                first: tensors.conv_norm(&name("first"), [width, from, 3], spec)?,
+                second: tensors.conv_norm(&name("second"), [width, width, 3], inner)?,
+                shortcut: shortcut.transpose()?,
+            })
+        };
+        (0..config.blocks).map(block).collect()
+    }
+}
+
+impl Run<'_> {
+    fn block(self, block: &Block, x: Map) -> Map {
+        let inner = self.layer(&block.first, &x, None, true);
+        let shortcut = match &block.shortcut {
+            None => x,
+            Some(layer) => {
+                let shortcut = self.layer(layer, &x, None, false);
+                self.pool.give(x);
+                shortcut
+            }
+        };
+        let output = self.layer(&block.second, &inner, Some(&shortcut), false);
+        self.pool.give(inner);
+        self.pool.give(shortcut);
+        output
+    }
+}
+
+impl Extractor {
+    pub(super) fn new(
+        config: &ExtractorConfig,
+        tensors: &Tensors<'_>,
+    ) -> Result<Self, WeightsError> {
+        let (plain, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
+        let (halving, dilated) = (ConvSpec::halving(), ConvSpec::same(2));
+        let [first, second, third, fourth] = config.stages;
+        let stem = |(i, from, spec): (usize, usize, ConvSpec)| {
+            let name = format!("extractor.stem.{i}");
+            tensors.conv_norm(&name, [config.stem, from, 3], spec)
+        };
+        let stems = [
+            (0, 3, halving),
+            (1, config.stem, plain),
+            (2, config.stem, plain),
+        ];
+        let mut skip = Block::stage(tensors, "wide", second.width, third, plain, plain)?;
+        skip.extend(Block::stage(
+            tensors,
+            "dilated",
+            third.width,
+            fourth,
+            dilated,
+            dilated,
+        )?);
+        let branch = |(i, &pool): (usize, &usize)| {
+            let name = format!("extractor.branches.{i}");
+            let sizes = [config.branch, fourth.width, 1];
+            Ok((pool, tensors.conv_norm(&name, sizes, pointwise)?))
+        };
+        let merged = second.width + fourth.width + config.pools.len() * config.branch;
+        let project = [config.features, config.merge, 1];
+        Ok(Self {
+            stem: stems.into_iter().map(stem).collect::<Result<_, _>>()?,
+            half: Block::stage(tensors, "half", config.stem, first, plain, plain)?,
+            quarter: Block::stage(tensors, "quarter", first.width, second, halving, plain)?,
+            skip,
+            branches: config
+                .pools
+                .iter()
+                .enumerate()
+                .map(branch)
+                .collect::<Result<_, _>>()?,
+            merge: tensors.conv_norm("extractor.merge", [config.merge, merged, 3], plain)?,
+            project: tensors.conv("extractor.project", project, pointwise)?,
+            sharpen: match config.sharpening {
+                0 => None,
+                layers => Some(Sharpen::new(tensors, first.width, config.features, layers)?),
+            },
+        })
+    }
+
+    /// Features at a quarter of the image's resolution, or at half of it if they are sharpened.
+    pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Map {
+        let pool = run.pool;
+        let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
+            let output = run.layer(layer, &x, None, true);
+            pool.give(x);
+            output
+        });
+        let half = self.half.iter().fold(x, |x, block| run.block(block, x));
+        let kept = self.sharpen.as_ref().map(|_| half.copied(pool));
+        let raw = self
+            .quarter
+            .iter()
+            .fold(half, |x, block| run.block(block, x));
+        let copy = raw.copied(pool);
+        let skip = self.skip.iter().fold(copy, |x, block| run.block(block, x));
+        let branches: Vec<Map> = self
+            .branches
+            .iter()
+            .map(|(size, layer)| {
+                let pooled = averages(&skip, *size, pool);
+                let output = run.layer(layer, &pooled, None, true);
+                pool.give(pooled);
+                output
+            })
+            .collect();
+        let all = gather(&raw, &skip, &branches, pool);
+        for map in branches.into_iter().chain([raw, skip]) {
+            pool.give(map);
+        }
+        let merged = run.layer(&self.merge, &all, None, true);
+        pool.give(all);
+        let features = run.layer(&self.project, &merged, None, false);
+        pool.give(merged);
+        match (&self.sharpen, kept) {
+            (Some(sharpen), Some(half)) => sharpen.forward(features, half, run),
+            _ => features,
+        }
+    }
+}
+
+impl Sharpen {
+    fn new(
+        tensors: &Tensors<'_>,
+        half: usize,
+        features: usize,
+        layers: usize,
+    ) -> Result<Self, WeightsError> {
+        let name = |part: &str| format!("extractor.sharpen.{part}");
+        let mix = |i: usize| {
+            let sizes = [features, features, 3];
+            tensors.conv_norm(&name(&format!("mix.{i}")), sizes, ConvSpec::same(1))
+        };
+        let pointwise = ConvSpec::pointwise();
+        Ok(Self {
+            lateral: tensors.conv(&name("lateral"), [features, half, 1], pointwise)?,
+            mix: (0..layers).map(mix).collect::<Result<_, _>>()?,
+            last: tensors.conv(&name("last"), [features, features, 1], pointwise)?,
+        })
+    }
+
+    fn forward(&self, features: Map, half: Map, run: Run<'_>) -> Map {
+        let pool = run.pool;
+        let mut enlarged = pool.take(half.height, half.width, features.channels());
+        enlarged.values.fill(0.0);
+        enlarged.add_enlarged(&features);
+        pool.give(features);
+        let x = run.layer(&self.lateral, &half, Some(&enlarged), false);
+        pool.give(half);
+        let x = self.mix.iter().fold(x, |x, layer| {
+            let output = run.layer(layer, &x, None, true);
+            pool.give(x);
+            output
+        });
+        let sharp = run.layer(&self.last, &x, Some(&enlarged), false);
+        pool.give(x);
+        pool.give(enlarged);
+        sharp
+    }
+}
+
+/// Puts all maps side by side, the branches enlarged bilinearly.
+fn gather(raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
+    let maps = [raw, skip].into_iter().chain(branches);
+    let channels: usize = maps.map(Map::channels).sum();
+    let mut all = pool.take(raw.height, raw.width, channels);
+    let rows = all.values.par_chunks_exact_mut(raw.width * channels);
+    rows.enumerate().for_each(|(y, row)| {
+        for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+            let mut rest = pixel;
+            for map in [raw, skip] {
+                let (own, others) = rest.split_at_mut(map.channels());
+                let from = (y * raw.width + x) * own.len();
+                own.copy_from_slice(&map.values[from..from + own.len()]);
+                rest = others;
+            }
+            for map in branches {
+                let (own, others) = rest.split_at_mut(map.channels());
+                map.enlarged((y, raw.height), (x, raw.width), own);
+                rest = others;
+            }
+        }
+    });
+    all
+}
+
+/// Means over windows of `size` pixels, cut off at the end.
+fn averages(map: &Map, size: usize, pool: &Pool) -> Map {
+    let (height, width) = (map.height.div_ceil(size), map.width.div_ceil(size));
+    let channels = map.channels();
+    let mut output = pool.take(height, width, channels);
+    output.values.fill(0.0);
+    let rows = output
+        .values
+        .par_chunks_exact_mut(width * channels)
+        .enumerate();
+    rows.for_each(|(window_row, sums)| {
+        let rows = window_row * size..((window_row + 1) * size).min(map.height);
+        for y in rows.clone() {
+            let row = &map.values[y * map.width * channels..][..map.width * channels];
+            for (x, pixel) in row.chunks_exact(channels).enumerate() {
+                let sum = &mut sums[x / size * channels..][..channels];
+                sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += v);
+            }
+        }
+        for (window, sum) in sums.chunks_exact_mut(channels).enumerate() {
+            let columns = size.min(map.width - window * size);
+            let scale = 1.0 / (rows.len() * columns) as f32;
+            for value in sum {
+                *value *= scale;
+            }
+        }
+    });
+    output
+}

@@ -1,0 +1,126 @@
+//! Where rows and columns of places lie on the features of an image, and what their position adds to
+//! the first hidden layer.
+
+use super::encoding;
+use super::head::Head;
+use super::map::Map;
+use crate::bilinear::neighbours;
+use lsdc_kernels::simd::{Blend, Packed, Tail};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+
+/// Rows and columns of places in an image of one size, on features of one size.
+#[derive(Debug)]
+pub(super) struct Grid {
+    size: (usize, usize),
+    features: (usize, usize),
+    /// Neighbours and weight along each axis.
+    rows: Vec<(usize, usize, f32)>,
+    columns: Vec<(usize, usize, f32)>,
+    row_codes: Vec<f32>,
+    column_codes: Vec<f32>,
+}
+
+impl Grid {
+    /// Of an image of `size` (height, width), at these rows v and columns u.
+    pub(super) fn new(
+        head: &Head,
+        features: (usize, usize),
+        size: (usize, usize),
+        (rows, columns): (&[f64], &[f64]),
+    ) -> Self {
+        let codes = |places: &[f64], length: usize, layer: &Packed| {
+            let mut values = vec![0.0; places.len() * layer.columns()];
+            let codes = encoding::codes(places.iter().copied(), length, head.octaves);
+            layer.apply(&codes, Tail::default(), &mut values);
+            values
+        };
+        let axis = |places: &[f64], from: usize, to: usize| {
+            let neighbours = |&place: &f64| {
+                let (low, high, share) = neighbours(place, from, to);
+                (low, high, share as f32)
+            };
+            places.iter().map(neighbours).collect()
+        };
+        Self {
+            size,
+            features,
+            rows: axis(rows, size.0, features.0),
+            columns: axis(columns, size.1, features.1),
+            row_codes: codes(rows, size.0, &head.rows),
+            column_codes: codes(columns, size.1, &head.columns),
+        }
+    }
+
+    /// The first hidden layer, of so many channels, at a row and column.
+    pub(super) fn blend<'a>(
+        &'a self,
+        inputs: &'a Map,
+        (y, x): (usize, usize),
+        channels: usize,
+    ) -> Blend<'a> {
+        let ((top, bottom, v), (left, right, u)) = (self.rows[y], self.columns[x]);
+        let input = |row: usize, column: usize| {
+            &inputs.values[(row * inputs.width + column) * channels..][..channels]
+        };
+        Blend {
+            parts: [
+                (input(top, left), (1.0 - v) * (1.0 - u)),
+                (input(top, right), (1.0 - v) * u),
+                (input(bottom, left), v * (1.0 - u)),
+                (input(bottom, right), v * u),
+            ],
+            terms: [
+                &self.row_codes[y * channels..][..channels],
+                &self.column_codes[x * channels..][..channels],
+            ],
+        }
+    }
+}
+
+/// The different coordinates of places along an axis, rising.
+pub(super) fn axis_of(places: &[[f64; 2]], axis: usize) -> Vec<f64> {
+    let mut all: Vec<f64> = places.iter().map(|place| place[axis]).collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all.dedup();
+    all
+}
+
+/// The grids of all pixels of the last few sizes: they depend on nothing else.
+#[derive(Debug, Default)]
+pub(super) struct Grids(Mutex<VecDeque<Arc<Grid>>>);
+
+impl Grids {
+    const KEPT: usize = 2;
+
+    pub(super) fn get(
+        &self,
+        head: &Head,
+        features: (usize, usize),
+        size: (usize, usize),
+    ) -> Arc<Grid> {
+        let all = |length: usize| (0..length).map(|i| i as f64).collect::<Vec<_>>();
+        let new = || {
+            Arc::new(Grid::new(
+                head,
+                features,
+                size,
+                (&all(size.0), &all(size.1)),
+            ))
+        };
+        // A poisoned lock costs time, nothing else.
+        let Ok(mut kept) = self.0.lock() else {
+            return new();
+        };
+        let found = kept
+            .iter()
+            .find(|g| (g.features, g.size) == (features, size));
+        if let Some(grid) = found {
+            return grid.clone();
+        }
+        let grid = new();
+        kept.push_front(grid.clone());
+        kept.truncate(Self::KEPT);
+        grid
+    }
+}

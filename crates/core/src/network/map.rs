@@ -1,0 +1,106 @@
+//! Maps between layers, and the memory that they reuse.
+
+use crate::bilinear::neighbours;
+use lsdc_kernels::simd::Buffer;
+use rayon::prelude::*;
+use std::sync::Mutex;
+
+/// Values `[height, width, channels]`.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Map {
+    pub(super) values: Buffer,
+    pub(super) height: usize,
+    pub(super) width: usize,
+}
+
+impl Map {
+    pub(super) fn pixels(&self) -> usize {
+        self.height * self.width
+    }
+
+    pub(super) fn channels(&self) -> usize {
+        self.values.len() / self.pixels().max(1)
+    }
+
+    pub(super) fn copied(&self, pool: &Pool) -> Self {
+        let mut copy = pool.take(self.height, self.width, self.channels());
+        copy.values.copy_from_slice(&self.values);
+        copy
+    }
+
+    /// The value at pixel (y, x) of the map enlarged bilinearly to a height and width.
+    pub(super) fn enlarged(
+        &self,
+        (y, height): (usize, usize),
+        (x, width): (usize, usize),
+        output: &mut [f32],
+    ) {
+        let (top, bottom, v) = neighbours(y as f64, height, self.height);
+        let (left, right, u) = neighbours(x as f64, width, self.width);
+        let (u, v) = (u as f32, v as f32);
+        let pixel = |y: usize, x: usize| &self.values[(y * self.width + x) * output.len()..];
+        let upper = pixel(top, left).iter().zip(pixel(top, right));
+        let lower = pixel(bottom, left).iter().zip(pixel(bottom, right));
+        for (output, (a, b)) in output.iter_mut().zip(upper.zip(lower)) {
+            let upper = a.0 * (1.0 - u) + a.1 * u;
+            let lower = b.0 * (1.0 - u) + b.1 * u;
+            *output = upper * (1.0 - v) + lower * v;
+        }
+    }
+
+    /// Adds a map of the same channels, enlarged bilinearly.
+    pub(super) fn add_enlarged(&mut self, map: &Self) {
+        let (height, width, channels) = (self.height, self.width, self.channels());
+        let rows = self.values.par_chunks_exact_mut(width * channels);
+        rows.enumerate().for_each(|(y, row)| {
+            let mut value = vec![0.0; channels];
+            for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+                map.enlarged((y, height), (x, width), &mut value);
+                pixel.iter_mut().zip(&value).for_each(|(p, v)| *p += v);
+            }
+        });
+    }
+}
+
+/// Memory of maps that are no longer needed: fresh pages cost as much as a layer.
+#[derive(Debug, Default)]
+pub(super) struct Pool(Mutex<Vec<Buffer>>);
+
+/// As many as are alive at once.
+const KEPT: usize = 8;
+
+impl Pool {
+    /// A map of any values.
+    pub(super) fn take(&self, height: usize, width: usize, channels: usize) -> Map {
+        let length = height * width * channels;
+        let mut values = self.find(length).unwrap_or_default();
+        values.reshape(length);
+        Map {
+            values,
+            height,
+            width,
+        }
+    }
+
+    /// The shortest memory that suffices.
+    fn find(&self, length: usize) -> Option<Buffer> {
+        let mut free = self.0.lock().ok()?;
+        let fitting = free
+            .iter()
+            .enumerate()
+            .filter(|(_, v)| v.capacity() >= length);
+        let (place, _) = fitting.min_by_key(|(_, v)| v.capacity())?;
+        Some(free.swap_remove(place))
+    }
+
+    /// Takes a map back; if there are too many, the smallest is let go.
+    pub(super) fn give(&self, map: Map) {
+        if let Ok(mut free) = self.0.lock() {
+            free.push(map.values);
+            if free.len() > KEPT {
+                let smallest = (0..free.len()).min_by_key(|&i| free[i].capacity());
+                smallest.map(|i| free.swap_remove(i));
+            }
+        }
+    }
+}

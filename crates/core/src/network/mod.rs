@@ -1,0 +1,174 @@
+//! Image to basis functions and affinities: the trained network, prepared for the CPU. It never sees a
+//! depth.
+//!
+//! Normalisation is folded into the weights, bias, skip and ReLU into the kernels; layers hand over
+//! maps `[height, width, channels]` as they are. At full resolution nothing is ever formed whole:
+//! the first layer of the MLP is applied before enlargement, which commutes with it, and the fit's
+//! weights are folded into the last.
+
+mod affinity_net;
+mod colours;
+mod config;
+mod encoding;
+mod extractor;
+mod grid;
+mod head;
+mod map;
+mod run;
+mod tensors;
+
+pub use colours::{CONTRAST, LEAST, MOST_CHANGE};
+pub use config::{
+    CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
+};
+pub use encoding::{channels, codes};
+
+use crate::error::{Error, WeightsError};
+use crate::weights::Tensor;
+use affinity_net::AffinityNet;
+use colours::affinities;
+use extractor::Extractor;
+use head::Head;
+use lsdc_kernels::simd::{Level, Scratch};
+use map::{Map, Pool};
+use run::Run;
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::sync::Arc;
+use tensors::Tensors;
+
+/// What turns an image into basis functions and affinities.
+pub trait Network: Debug + Send + Sync {
+    /// Those of a normalised image `[height, width, 3]` of `size` (height, width).
+    fn basis(&self, image: &[f32], size: (usize, usize)) -> Box<dyn Basis>;
+}
+
+/// The basis functions and affinities of one image.
+pub trait Basis: Debug + Send + Sync {
+    /// Values `[places, N + 1]` at places (u, v) of the image at `size` (height, width), the first
+    /// function being the constant 1. Places count from the centre of the first pixel.
+    fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32>;
+
+    /// Basis functions x weights, N + 1 of these, at every pixel of the image at `size`.
+    fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32>;
+
+    /// How strongly each pixel is joined to its right and lower neighbour `[height, width, 2]`, and
+    /// height and width.
+    fn affinities(&self) -> (Vec<f32>, (usize, usize));
+}
+
+/// A network prepared for one instruction set. Clones share weights and memory.
+#[derive(Clone, Debug)]
+pub struct Prepared(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    extractor: Extractor,
+    head: Head,
+    affinities: Option<AffinityNet>,
+    scratch: Scratch,
+    pool: Pool,
+}
+
+impl Prepared {
+    /// Prepares a network from the tensors of a weights file.
+    ///
+    /// # Errors
+    /// Sizes that are out of range, a tensor that is missing, superfluous or of another shape, and
+    /// networks without fixed statistics to fold (group normalisation) or without hidden layers.
+    pub fn new(
+        config: &NetworkConfig,
+        tensors: &BTreeMap<String, Tensor>,
+        level: Level,
+    ) -> Result<Self, Error> {
+        config.check()?;
+        if config.norm == NormKind::Group {
+            let why = "group normalisation depends on the image";
+            return Err(WeightsError::Unsupported(why).into());
+        }
+        let tensors = Tensors::new(tensors, level);
+        let affinities = (config.affinities > 0).then(|| AffinityNet::new(config, &tensors));
+        let inner = Inner {
+            extractor: Extractor::new(&config.extractor, &tensors)?,
+            head: Head::new(config, &tensors)?,
+            affinities: affinities.transpose()?,
+            scratch: Scratch::new(),
+            pool: Pool::default(),
+        };
+        tensors.check_all_used()?;
+        Ok(Self(Arc::new(inner)))
+    }
+}
+
+impl Network for Prepared {
+    fn basis(&self, image: &[f32], size: (usize, usize)) -> Box<dyn Basis> {
+        let Inner {
+            extractor,
+            head,
+            scratch,
+            pool,
+            ..
+        } = &*self.0;
+        let mut map = pool.take(size.0, size.1, 3);
+        map.values.copy_from_slice(image);
+        // On a thread of the pool, or each of some sixty layers would wake and await it anew.
+        let inputs = rayon::scope(|_| {
+            let features = extractor.forward(&map, Run { scratch, pool });
+            let inputs = head.enter(&features, pool);
+            pool.give(features);
+            inputs
+        });
+        Box::new(PreparedBasis {
+            network: self.clone(),
+            inputs,
+            image: map,
+        })
+    }
+}
+
+/// The basis functions of an image: cheap to read anywhere, again and again.
+#[derive(Debug)]
+struct PreparedBasis {
+    network: Prepared,
+    /// What the features add to the first hidden layer, at their resolution.
+    inputs: Map,
+    image: Map,
+}
+
+impl Drop for PreparedBasis {
+    fn drop(&mut self) {
+        let maps = [&mut self.inputs, &mut self.image].map(std::mem::take);
+        for map in maps {
+            self.network.0.pool.give(map);
+        }
+    }
+}
+
+impl Basis for PreparedBasis {
+    fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        let Inner { head, scratch, .. } = &*self.network.0;
+        head.at(&self.inputs, size, places, scratch)
+    }
+
+    fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
+        let Inner { head, scratch, .. } = &*self.network.0;
+        head.combine(&self.inputs, size, weights, scratch)
+    }
+
+    fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
+        let inner = &*self.network.0;
+        let size = (self.image.height, self.image.width);
+        let run = Run {
+            scratch: &inner.scratch,
+            pool: &inner.pool,
+        };
+        let network = inner.affinities.as_ref();
+        let changes = rayon::scope(|_| Some(network?.forward(&self.image, run)));
+        let values = changes.as_ref().map(|map| &map.values[..]);
+        let values = affinities(&self.image.values, size, values);
+        if let Some(map) = changes {
+            inner.pool.give(map);
+        }
+        (values, size)
+    }
+}

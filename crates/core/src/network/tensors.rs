@@ -1,0 +1,134 @@
+//! Layers from the tensors of a weights file, by name.
+
+use super::config::EPSILON;
+use crate::error::WeightsError;
+use crate::weights::Tensor;
+use lsdc_kernels::conv::{ConvSpec, Layer};
+use lsdc_kernels::simd::Level;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Tensors, and which of them have been used.
+pub(super) struct Tensors<'a> {
+    tensors: &'a BTreeMap<String, Tensor>,
+    used: RefCell<BTreeSet<&'a str>>,
+    pub(super) level: Level,
+}
+
+/// A linear map of rows `[depth, columns]` with bias.
+pub(super) struct Linear {
+    pub(super) columns: usize,
+    values: Vec<f32>,
+    pub(super) bias: Vec<f32>,
+}
+
+impl Linear {
+    pub(super) fn at(&self, row: usize, column: usize) -> f32 {
+        self.values[row * self.columns + column]
+    }
+}
+
+impl<'a> Tensors<'a> {
+    pub(super) fn new(tensors: &'a BTreeMap<String, Tensor>, level: Level) -> Self {
+        Self {
+            tensors,
+            used: RefCell::default(),
+            level,
+        }
+    }
+
+    /// The values of a tensor of that shape.
+    pub(super) fn values(&self, name: &str, shape: &[usize]) -> Result<&'a [f32], WeightsError> {
+        let (name, tensor) = self
+            .tensors
+            .get_key_value(name)
+            .ok_or_else(|| WeightsError::tensor(name, "is missing"))?;
+        if tensor.shape() != shape {
+            let found = tensor.shape();
+            let what = format!("has shape {found:?}, expected {shape:?}");
+            return Err(WeightsError::tensor(name, what));
+        }
+        self.used.borrow_mut().insert(name);
+        Ok(tensor.values())
+    }
+
+    /// Whether every tensor was used.
+    pub(super) fn check_all_used(&self) -> Result<(), WeightsError> {
+        let used = self.used.borrow();
+        match self
+            .tensors
+            .keys()
+            .find(|name| !used.contains(name.as_str()))
+        {
+            None => Ok(()),
+            Some(name) => Err(WeightsError::tensor(name, "is superfluous")),
+        }
+    }
+
+    /// Slope and offset of every channel of a batch normalisation with its running statistics.
+    fn line(&self, name: &str, channels: usize) -> Result<Vec<(f32, f32)>, WeightsError> {
+        let values = |part: &str| self.values(&format!("{name}.norm.Batch.{part}"), &[channels]);
+        let (gain, shift) = (values("gain")?, values("shift")?);
+        let (mean, variance) = (values("running_mean")?, values("running_variance")?);
+        let line = |c: usize| {
+            let slope = f64::from(gain[c]) / (f64::from(variance[c]) + EPSILON).sqrt();
+            let offset = f64::from(shift[c]) - f64::from(mean[c]) * slope;
+            (slope as f32, offset as f32)
+        };
+        Ok((0..channels).map(line).collect())
+    }
+
+    /// A convolution alone.
+    pub(super) fn conv(
+        &self,
+        name: &str,
+        sizes: [usize; 3],
+        spec: ConvSpec,
+    ) -> Result<Layer, WeightsError> {
+        let [outputs, channels, taps] = sizes;
+        let name = format!("{name}.weight");
+        let values = self.values(&name, &[outputs, channels, taps, taps])?;
+        Ok(Layer::new(self.level, values, sizes, &[], spec))
+    }
+
+    /// A convolution and the normalisation behind it, as one.
+    pub(super) fn conv_norm(
+        &self,
+        name: &str,
+        sizes: [usize; 3],
+        spec: ConvSpec,
+    ) -> Result<Layer, WeightsError> {
+        let [outputs, channels, taps] = sizes;
+        let shape = [outputs, channels, taps, taps];
+        let mut values = self
+            .values(&format!("{name}.conv.weight"), &shape)?
+            .to_vec();
+        let line = self.line(name, outputs)?;
+        let rows = values.chunks_exact_mut(channels * taps * taps);
+        for (row, (slope, _)) in rows.zip(&line) {
+            row.iter_mut().for_each(|value| *value *= slope);
+        }
+        let bias: Vec<f32> = line.into_iter().map(|(_, offset)| offset).collect();
+        Ok(Layer::new(self.level, &values, sizes, &bias, spec))
+    }
+
+    /// A linear map and the normalisation behind it, as one.
+    pub(super) fn linear_norm(
+        &self,
+        name: &str,
+        (depth, columns): (usize, usize),
+    ) -> Result<Linear, WeightsError> {
+        let weight = format!("{name}.linear.weight");
+        let mut values = self.values(&weight, &[depth, columns])?.to_vec();
+        let line = self.line(name, columns)?;
+        for row in values.chunks_exact_mut(columns) {
+            let pairs = row.iter_mut().zip(&line);
+            pairs.for_each(|(value, (slope, _))| *value *= slope);
+        }
+        Ok(Linear {
+            columns,
+            values,
+            bias: line.into_iter().map(|(_, offset)| offset).collect(),
+        })
+    }
+}

@@ -1,0 +1,264 @@
+//! What the network says of one image, ready for any points.
+
+use crate::completer::Completer;
+use crate::completion::Completion;
+use crate::error::{FitError, Result, WeightsError};
+use crate::fit::{
+    Affinities, CosineBasis, FitMethod, ImageMoments, Points, Prior, Scene as Placed, fit,
+};
+use crate::image::Image;
+use crate::network::Basis;
+use crate::observations::Observations;
+use crate::resize::resized;
+use crate::usable::Usable;
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+/// How much closer to those of another frame than to those of any image weights are expected, as a
+/// ratio of variances.
+const CLOSER: f64 = 10.0;
+
+/// The basis functions and affinities of an image.
+///
+/// Holds everything that depends on the image alone, so that new points for the same image cost only a
+/// fit. Cheap to clone, and shared between threads as it is.
+#[derive(Clone, Debug)]
+pub struct Scene(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    completer: Completer,
+    basis: Box<dyn Basis>,
+    /// Computed at once for a fit with a field, else when first asked for.
+    affinities: OnceLock<Affinities>,
+    cosines: CosineBasis,
+    /// Height and width of the image.
+    size: (usize, usize),
+    network: Duration,
+}
+
+impl Scene {
+    pub(crate) fn new(completer: Completer, image: &Image<'_>) -> Result<Self> {
+        let started = Instant::now();
+        let (height, width) = (image.height(), image.width());
+        let normalisation = *completer.normalisation();
+        let [rows, columns] = normalisation.input;
+        let scale = ((rows * columns) as f64 / (width as f64 * height as f64)).sqrt();
+        let side = |length: usize| ((length as f64 * scale).round() as usize).max(1);
+        let working = (side(height), side(width));
+        let colours = resized(image.rgb()?, (height, width), working)?;
+        let values = normalised(&colours, normalisation.mean, normalisation.deviation);
+        let basis = completer.run(|| completer.network().basis(&values, working));
+        let cosines = CosineBasis::up_to(completer.fit_config().cosines());
+        let mut inner = Inner {
+            completer,
+            basis,
+            affinities: OnceLock::new(),
+            cosines,
+            size: (height, width),
+            network: Duration::ZERO,
+        };
+        if inner.completer.fit_config().method != FitMethod::Lse {
+            inner.affinities()?;
+        }
+        inner.network = started.elapsed();
+        Ok(Self(Arc::new(inner)))
+    }
+
+    /// Columns of the image.
+    pub fn width(&self) -> usize {
+        self.0.size.1
+    }
+
+    /// Rows of the image.
+    pub fn height(&self) -> usize {
+        self.0.size.0
+    }
+
+    /// The time that the network took.
+    pub fn network_time(&self) -> Duration {
+        self.0.network
+    }
+
+    /// Fits the basis functions of the image to observations of its depth.
+    ///
+    /// Observations without a positive, finite depth, with a standard deviation that is not one, or
+    /// outside the image are left out; the [report](Completion::report) counts them.
+    ///
+    /// # Errors
+    /// No observation that can be used, or a damaged network.
+    ///
+    /// ```
+    /// # #[cfg(feature = "weights")]
+    /// # fn main() -> lsdc_core::Result<()> {
+    /// # use lsdc_core::{Channels, Completer, Image, Observations, Weights};
+    /// # let completer = Completer::new(&Weights::builtin_small())?;
+    /// # let grey = vec![128_u8; 3 * 64 * 48];
+    /// # let scene = completer.scene(&Image::new(64, 48, Channels::Rgb, &grey)?)?;
+    /// // A robot that stands still: the points change, the network runs once.
+    /// for depth in [2.0, 2.1, 2.2] {
+    ///     let mut points = Observations::new();
+    ///     points.add(32.0, 24.0, depth);
+    ///     points.add(500.0, 24.0, depth);
+    ///     let completion = scene.complete(&points)?;
+    ///     assert_eq!((completion.report().used, completion.report().outside), (1, 1));
+    ///     // One point scales a plausible map.
+    ///     assert!((completion.at(&[[32.0, 24.0]])?[0] / depth - 1.0).abs() < 0.05);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// # #[cfg(not(feature = "weights"))]
+    /// # fn main() {}
+    /// ```
+    pub fn complete(&self, observations: &Observations) -> Result<Completion> {
+        self.complete_with(observations, None)
+    }
+
+    /// The same, expecting weights near those of another fit, up to their scale: for the next frame of
+    /// a video. `weights` are [those](Completion::weights) of the frame before.
+    ///
+    /// # Errors
+    /// As [`Self::complete`]; weights without a prior, or weights of other basis functions.
+    pub fn complete_near(
+        &self,
+        observations: &Observations,
+        weights: &[f64],
+    ) -> Result<Completion> {
+        self.complete_with(observations, Some(weights))
+    }
+
+    fn complete_with(
+        &self,
+        observations: &Observations,
+        near: Option<&[f64]>,
+    ) -> Result<Completion> {
+        let started = Instant::now();
+        let inner = &*self.0;
+        let usable = Usable::new(observations, inner.size)?;
+        let mut config = *inner.completer.fit_config();
+        let about: Option<Prior> = match (near, inner.completer.prior()) {
+            (None, _) => None,
+            (Some(_), None) => {
+                let what = "is missing: there is nothing to draw towards another fit";
+                return Err(WeightsError::Prior(what.to_owned()).into());
+            }
+            (Some(weights), Some(prior)) => {
+                config.lambda = config.lambda.times(CLOSER);
+                Some(prior.about(weights)?)
+            }
+        };
+        let prior = about.as_ref().or(inner.completer.prior());
+        // On a thread of the pool, which need not be awaited for each step.
+        let found = inner.completer.run(|| {
+            rayon::scope(|_| {
+                let bases = inner.at(inner.size, &usable.places);
+                let affinities = match config.method {
+                    FitMethod::Lse => None,
+                    FitMethod::Field | FitMethod::Joint => Some(inner.affinities()?),
+                };
+                let solving = Instant::now();
+                let points = inner.points(&bases, &usable, affinities);
+                Ok((fit(&points, &config, prior)?, solving.elapsed()))
+            })
+        });
+        let (fit, solve) = found.map_err(|error| match error {
+            // What was left out, and why, is known here.
+            crate::Error::Fit(FitError::NoObservations { .. }) => usable.none().into(),
+            other => other,
+        })?;
+        let times = (inner.network, started.elapsed(), solve);
+        Ok(Completion::new(
+            self.clone(),
+            fit,
+            usable,
+            config.method,
+            times,
+        ))
+    }
+
+    /// The basis functions that the network found, `[places, N + 1]`, the first being the constant 1, at
+    /// places (u, v) in pixels of the image from the centre of the first.
+    pub fn basis_functions(&self, places: &[[f64; 2]]) -> Vec<f32> {
+        let inner = &*self.0;
+        inner.completer.run(|| inner.basis.at(inner.size, places))
+    }
+
+    /// What a prior over weights is learned from.
+    ///
+    /// # Errors
+    /// No observation that can be used, or a damaged network.
+    #[doc(hidden)]
+    pub fn moments(&self, observations: &Observations) -> Result<ImageMoments> {
+        let inner = &*self.0;
+        let usable = Usable::new(observations, inner.size)?;
+        let bases = inner.at(inner.size, &usable.places);
+        Ok(ImageMoments::new(&inner.points(&bases, &usable, None))?)
+    }
+
+    pub(crate) fn size(&self) -> (usize, usize) {
+        self.0.size
+    }
+
+    pub(crate) fn completer(&self) -> &Completer {
+        &self.0.completer
+    }
+
+    /// Basis functions, then cosines, at places (u, v) of the image at `size` (height, width).
+    pub(crate) fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        self.0.at(size, places)
+    }
+
+    /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).
+    pub(crate) fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
+        let Inner { basis, cosines, .. } = &*self.0;
+        let (network, smooth) = weights.split_at(weights.len().saturating_sub(cosines.len()));
+        let mut values = basis.combine(size, network);
+        cosines.add_to(size, smooth, &mut values);
+        values
+    }
+}
+
+impl Inner {
+    fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        let rows = self.basis.at(size, places);
+        if self.cosines.is_empty() || places.is_empty() {
+            return rows;
+        }
+        let before = rows.len() / places.len();
+        self.cosines.beside(&rows, before, size, places)
+    }
+
+    fn affinities(&self) -> Result<&Affinities> {
+        if let Some(affinities) = self.affinities.get() {
+            return Ok(affinities);
+        }
+        let (values, size) = self.completer.run(|| self.basis.affinities());
+        let found = Affinities::new(size, &values)?;
+        Ok(self.affinities.get_or_init(|| found))
+    }
+
+    fn points<'a>(
+        &self,
+        bases: &'a [f32],
+        usable: &'a Usable,
+        affinities: Option<&'a Affinities>,
+    ) -> Points<'a> {
+        let size = self.size;
+        Points {
+            bases,
+            depths: &usable.depths,
+            deviations: usable.deviations.as_deref(),
+            places: Some(&usable.places),
+            scene: affinities.map(|affinities| Placed { affinities, size }),
+        }
+    }
+}
+
+/// Colours less their mean, over their deviation.
+fn normalised(rgb: &[u8], mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
+    let tables: [[f32; 256]; 3] = std::array::from_fn(|c| {
+        std::array::from_fn(|v| (v as f32 / 255.0 - mean[c]) / deviation[c])
+    });
+    let colours = rgb.iter().enumerate();
+    colours.map(|(i, &v)| tables[i % 3][v as usize]).collect()
+}

@@ -1,0 +1,94 @@
+//! Which observations are used, and why the others are not.
+
+use crate::error::FitError;
+use crate::observations::{Observation, Observations};
+
+/// The observations that a fit can use, in their order.
+#[derive(Clone, Debug)]
+pub(crate) struct Usable {
+    /// How many there were.
+    pub(crate) given: usize,
+    /// Which of them each is.
+    pub(crate) which: Vec<usize>,
+    pub(crate) places: Vec<[f64; 2]>,
+    pub(crate) depths: Vec<f32>,
+    /// If any is known.
+    pub(crate) deviations: Option<Vec<f32>>,
+    /// Observations whose depth, place or standard deviation is not a number that can be used.
+    pub(crate) invalid: usize,
+    pub(crate) outside: usize,
+    /// Observations whose standard deviation was taken to be the median of the others.
+    pub(crate) assumed: usize,
+}
+
+impl Usable {
+    /// Those for an image of `size` (height, width).
+    pub(crate) fn new(
+        observations: &Observations,
+        (height, width): (usize, usize),
+    ) -> Result<Self, FitError> {
+        let mut usable = Self {
+            given: observations.len(),
+            which: Vec::new(),
+            places: Vec::new(),
+            depths: Vec::new(),
+            deviations: None,
+            invalid: 0,
+            outside: 0,
+            assumed: 0,
+        };
+        let positive = |v: f32| v > 0.0 && v.is_finite();
+        let mut deviations = Vec::new();
+        for (i, &Observation { u, v, depth, sigma }) in observations.iter().enumerate() {
+            let inside = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
+            if !(positive(depth) && u.is_finite() && v.is_finite() && sigma.is_none_or(positive)) {
+                usable.invalid += 1;
+            } else if inside(u, width) && inside(v, height) {
+                usable.which.push(i);
+                usable.places.push([u, v]);
+                usable.depths.push(depth);
+                deviations.push(sigma);
+            } else {
+                usable.outside += 1;
+            }
+        }
+        if usable.which.is_empty() {
+            return Err(usable.none());
+        }
+        let mut known: Vec<f32> = deviations.iter().copied().flatten().collect();
+        if !known.is_empty() {
+            usable.assumed = deviations.len() - known.len();
+            known.sort_unstable_by(f32::total_cmp);
+            let middle = known[known.len() / 2];
+            let all = deviations.into_iter().map(|sigma| sigma.unwrap_or(middle));
+            usable.deviations = Some(all.collect());
+        }
+        Ok(usable)
+    }
+
+    /// That there is none.
+    pub(crate) fn none(&self) -> FitError {
+        FitError::NoObservations {
+            given: self.given,
+            invalid: self.invalid,
+            outside: self.outside,
+        }
+    }
+
+    /// Values of the observations that are used, at their places among all; NaN elsewhere.
+    pub(crate) fn spread(&self, values: &[f64]) -> Vec<f64> {
+        let mut all = vec![f64::NAN; self.given];
+        for (&i, &value) in self.which.iter().zip(values) {
+            all[i] = value;
+        }
+        all
+    }
+
+    /// The smallest and the largest depth.
+    pub(crate) fn range(&self) -> (f32, f32) {
+        let depths = self.depths.iter();
+        depths.fold((f32::INFINITY, 0.0), |(low, high), &d| {
+            (low.min(d), high.max(d))
+        })
+    }
+}

@@ -1,0 +1,339 @@
+//! Weights files: safetensors with a record of what the weights belong to.
+
+use crate::error::{Result, SettingsError, WeightsError};
+use crate::fit::{FitConfig, NoisePrior, Prior};
+use crate::network::NetworkConfig;
+use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, TensorView};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What is done to colours before the network sees them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Normalisation {
+    /// Subtracted from colours in `[0, 1]`.
+    pub mean: [f32; 3],
+    /// Then divided by.
+    pub deviation: [f32; 3],
+    /// Height and width of the images of training: the size at which the network works best.
+    pub input: [usize; 2],
+}
+
+impl Default for Normalisation {
+    /// `ImageNet`'s statistics and NYU's evaluation size.
+    fn default() -> Self {
+        Self {
+            mean: [0.485, 0.456, 0.406],
+            deviation: [0.229, 0.224, 0.225],
+            input: [228, 304],
+        }
+    }
+}
+
+impl Normalisation {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// A mean or deviation that cannot be used, or an implausible size.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        /// Pixels along an axis.
+        const MOST: usize = 1 << 14;
+        let colours = self.mean.iter().all(|v| v.is_finite())
+            && self.deviation.iter().all(|v| *v > 0.0 && v.is_finite());
+        if !colours {
+            return Err(SettingsError::new(
+                "`normalisation`: means must be finite and deviations above 0",
+            ));
+        }
+        if self.input.iter().all(|side| (1..=MOST).contains(side)) {
+            Ok(())
+        } else {
+            Err(SettingsError::new(format!(
+                "`normalisation.input` must be from 1 to {MOST} pixels along each axis"
+            )))
+        }
+    }
+}
+
+/// Numbers, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tensor {
+    shape: Vec<usize>,
+    values: Vec<f32>,
+}
+
+impl Tensor {
+    /// `None` if there are not as many values as the shape says.
+    pub fn new(shape: Vec<usize>, values: Vec<f32>) -> Option<Self> {
+        let count = shape
+            .iter()
+            .try_fold(1_usize, |count, &side| count.checked_mul(side));
+        (count == Some(values.len())).then_some(Self { shape, values })
+    }
+
+    /// Lengths of the axes.
+    pub fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    /// As many as the shape says.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+}
+
+/// What was learned about the basis functions once they were trained.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// What is known of the noise before any depth is seen.
+    pub noise: NoisePrior,
+    /// Standard deviations of pixels, as they come from the fit, times this are those of the
+    /// errors.
+    pub deviation: f64,
+}
+
+/// A trained network with all that belongs to it: preprocessing, settings of the fit, the prior over
+/// the weights of its basis functions.
+///
+/// ```
+/// use lsdc_core::Weights;
+/// # fn main() -> Result<(), lsdc_core::Error> {
+/// # #[cfg(feature = "weights")] {
+/// let weights = Weights::builtin();
+/// assert_eq!(weights.network.bases, 128);
+/// # }
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Weights {
+    /// The network.
+    pub network: NetworkConfig,
+    /// The preprocessing.
+    pub normalisation: Normalisation,
+    /// Settings of other parts, as JSON by name (`fit`, `training`).
+    pub notes: BTreeMap<String, String>,
+    /// Numbers of other parts, by name.
+    pub tables: BTreeMap<String, Tensor>,
+    /// Those of the network, by name.
+    pub tensors: BTreeMap<String, Tensor>,
+}
+
+/// What the names of tables begin with in a file.
+pub const TABLE: &str = "table.";
+/// The records of every file.
+pub const NETWORK: &str = "network";
+/// As above.
+pub const NORMALISATION: &str = "normalisation";
+/// As above: the version of the program that wrote the file.
+pub const VERSION: &str = "lsdc";
+/// The note that holds a `FitConfig`.
+const FIT: &str = "fit";
+/// The note that holds a `Calibration`.
+const CALIBRATION: &str = "calibration";
+/// The tables that hold a prior.
+const MEAN: &str = "prior.mean";
+const FACTOR: &str = "prior.factor";
+
+impl Weights {
+    /// The tensors of a network, without a fit or a prior.
+    pub fn new(
+        network: NetworkConfig,
+        normalisation: Normalisation,
+        tensors: BTreeMap<String, Tensor>,
+    ) -> Self {
+        Self {
+            network,
+            normalisation,
+            notes: BTreeMap::new(),
+            tables: BTreeMap::new(),
+            tensors,
+        }
+    }
+
+    /// The most accurate weights that come with this crate.
+    ///
+    /// # Panics
+    /// Never: the tests of the crate read them.
+    #[cfg(feature = "weights")]
+    pub fn builtin() -> Self {
+        Self::embedded(DEFAULT)
+    }
+
+    /// Smaller weights for weak machines: two thirds of the time, less accurate.
+    ///
+    /// # Panics
+    /// Never: the tests of the crate read them.
+    #[cfg(feature = "weights")]
+    pub fn builtin_small() -> Self {
+        Self::embedded(SMALL)
+    }
+
+    #[cfg(feature = "weights")]
+    #[allow(clippy::expect_used)]
+    fn embedded(bytes: &[u8]) -> Self {
+        Self::from_bytes(bytes).expect("weights of this crate are sound")
+    }
+
+    /// Reads a weights file.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is no weights file.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let bytes = std::fs::read(path).map_err(|source| WeightsError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::from_bytes(&bytes)
+    }
+
+    /// Reads the bytes of a weights file. They are not trusted: nothing that they declare is allocated
+    /// before it was compared with their length.
+    ///
+    /// # Errors
+    /// Bytes that are no safetensors file with the records that lsdc writes, numbers that are not
+    /// finite, or sizes that are out of range.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let file = SafeTensors::deserialize(bytes).map_err(WeightsError::Format)?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(WeightsError::Format)?;
+        let mut notes: BTreeMap<String, String> = match header.metadata() {
+            Some(metadata) => metadata.clone().into_iter().collect(),
+            None => return Err(WeightsError::record(NETWORK, "it has no metadata").into()),
+        };
+        let mut take = |name: &str| {
+            notes
+                .remove(name)
+                .ok_or_else(|| WeightsError::record(name, "it is missing"))
+        };
+        let network: NetworkConfig = parsed(NETWORK, &take(NETWORK)?)?;
+        let normalisation: Normalisation = parsed(NORMALISATION, &take(NORMALISATION)?)?;
+        take(VERSION)?;
+        network.check()?;
+        normalisation.check()?;
+        let mut weights = Self {
+            notes,
+            ..Self::new(network, normalisation, BTreeMap::new())
+        };
+        for (name, view) in file.tensors() {
+            let tensor = decode(&view)
+                .ok_or_else(|| WeightsError::tensor(&name, "is neither of f16 nor of f32"))?;
+            if !tensor.values.iter().all(|v| v.is_finite()) {
+                return Err(WeightsError::tensor(&name, "has values that are not finite").into());
+            }
+            match name.strip_prefix(TABLE) {
+                Some(table) => weights.tables.insert(table.to_owned(), tensor),
+                None => weights.tensors.insert(name, tensor),
+            };
+        }
+        Ok(weights)
+    }
+
+    /// The number of trained numbers of the network.
+    pub fn parameters(&self) -> usize {
+        let trained = self.tensors.iter().filter(|(name, _)| !is_statistic(name));
+        trained.map(|(_, tensor)| tensor.values.len()).sum()
+    }
+
+    /// The settings of the fit that the weights were made for.
+    ///
+    /// # Errors
+    /// A record that cannot be understood, or settings that are out of range.
+    pub fn fit(&self) -> Result<Option<FitConfig>> {
+        let fit: Option<FitConfig> = self.note(FIT)?;
+        fit.as_ref().map_or(Ok(()), FitConfig::check)?;
+        Ok(fit)
+    }
+
+    /// The prior and calibration that the weights hold, if any.
+    ///
+    /// # Errors
+    /// A record that cannot be understood, or a damaged prior.
+    pub fn prior(&self) -> Result<Option<(Prior, Calibration)>> {
+        let tables = [MEAN, FACTOR].map(|name| self.tables.get(name));
+        let calibration: Option<Calibration> = self.note(CALIBRATION)?;
+        let ([Some(mean), Some(factor)], Some(calibration)) = (tables, calibration) else {
+            return Ok(None);
+        };
+        if !(calibration.deviation > 0.0 && calibration.deviation.is_finite()) {
+            let what = "the factor of standard deviations is not above 0";
+            return Err(WeightsError::record(CALIBRATION, what).into());
+        }
+        let prior = Prior::new(&mean.values, &factor.values, calibration.noise)?;
+        if prior.columns() != self.network.bases + 1 {
+            let (found, bases) = (prior.columns(), self.network.bases);
+            let what = format!("is one of {found} functions, not of {bases} and the constant");
+            return Err(WeightsError::Prior(what).into());
+        }
+        Ok(Some((prior, calibration)))
+    }
+
+    /// Keeps settings of the fit in the weights.
+    pub fn record_fit(&mut self, fit: &FitConfig) {
+        self.keep(FIT, fit);
+    }
+
+    /// Keeps a prior and a calibration in the weights.
+    pub fn record_prior(&mut self, prior: &Prior, deviation: f64) {
+        let (mean, factor) = prior.numbers();
+        let columns = mean.len();
+        let rank = factor.len() / columns.max(1);
+        for (name, shape, values) in [
+            (MEAN, vec![columns], mean),
+            (FACTOR, vec![columns, rank], factor),
+        ] {
+            self.tables
+                .insert(name.to_owned(), Tensor { shape, values });
+        }
+        let noise = prior.noise();
+        self.keep(CALIBRATION, &Calibration { noise, deviation });
+    }
+
+    fn note<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>, WeightsError> {
+        let note = self.notes.get(name);
+        note.map(|json| parsed(name, json)).transpose()
+    }
+
+    fn keep<T: Serialize>(&mut self, name: &str, value: &T) {
+        // Plain structs of numbers and names always have a form.
+        let json = serde_json::to_string(value).unwrap_or_default();
+        self.notes.insert(name.to_owned(), json);
+    }
+}
+
+/// The weights that come with this crate, as files: the most accurate.
+#[cfg(feature = "weights")]
+pub const DEFAULT: &[u8] = include_bytes!("../weights/default.safetensors");
+/// For weak machines.
+#[cfg(feature = "weights")]
+pub const SMALL: &[u8] = include_bytes!("../weights/small.safetensors");
+
+/// Whether a tensor holds running statistics, not trained parameters.
+pub fn is_statistic(name: &str) -> bool {
+    name.contains(".running_")
+}
+
+fn parsed<T: DeserializeOwned>(name: &str, json: &str) -> Result<T, WeightsError> {
+    serde_json::from_str(json).map_err(|error| WeightsError::record(name, error))
+}
+
+fn decode(view: &TensorView<'_>) -> Option<Tensor> {
+    let values = match view.dtype() {
+        Dtype::F16 => {
+            let (pairs, _) = view.data().as_chunks::<2>();
+            let value = |b: &[u8; 2]| half::f16::from_le_bytes(*b).to_f32();
+            pairs.iter().map(value).collect()
+        }
+        Dtype::F32 => {
+            let (words, _) = view.data().as_chunks::<4>();
+            words.iter().map(|b| f32::from_le_bytes(*b)).collect()
+        }
+        _ => return None,
+    };
+    Tensor::new(view.shape().to_vec(), values)
+}

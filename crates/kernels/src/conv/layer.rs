@@ -1,0 +1,239 @@
+//! A convolution with weights at rest, and the gradients of one: the algorithm that suits its
+//! shape.
+
+use super::shape::Shape;
+use super::winograd::{self, Filter};
+use super::{ConvSpec, unfold};
+use crate::simd::{Level, Packed, Scratch, Tail, Unset, unset, written};
+use rayon::prelude::*;
+
+/// A convolution whose weights are prepared for the kernels, with a bias.
+#[derive(Clone, Debug)]
+pub struct Layer {
+    channels: usize,
+    outputs: usize,
+    taps: usize,
+    spec: ConvSpec,
+    weights: Prepared,
+}
+
+#[derive(Clone, Debug)]
+enum Prepared {
+    Spectrum(Filter),
+    Matrix(Packed),
+}
+
+impl Layer {
+    /// Prepares weights `[outputs, channels, taps, taps]`; an empty bias is 0.
+    ///
+    /// # Panics
+    /// If there are not as many weights, or as many biases as outputs.
+    pub fn new(
+        level: Level,
+        weights: &[f32],
+        [outputs, channels, taps]: [usize; 3],
+        bias: &[f32],
+        spec: ConvSpec,
+    ) -> Self {
+        assert_eq!(weights.len(), outputs * channels * taps * taps, "weights");
+        assert!(bias.is_empty() || bias.len() == outputs, "bias");
+        let shape = Shape {
+            batch: 1,
+            height: 1,
+            width: 1,
+            channels,
+            outputs,
+            taps,
+            spec,
+        };
+        let area = taps * taps;
+        let weights = if shape.is_winograd() {
+            let turned = transposed(weights, outputs, channels * area);
+            let sizes = (channels, outputs);
+            Prepared::Spectrum(Filter::new(level, &turned, sizes, spec.dilation, bias))
+        } else {
+            let at = |row: usize, o: usize| {
+                weights[(o * channels + row % channels) * area + row / channels]
+            };
+            Prepared::Matrix(Packed::new(level, (shape.depth(), outputs), bias, at))
+        };
+        Self {
+            channels,
+            outputs,
+            taps,
+            spec,
+            weights,
+        }
+    }
+
+    /// The sizes for a batch of images `[batch, height, width]`.
+    pub fn shape(&self, [batch, height, width]: [usize; 3]) -> Shape {
+        Shape {
+            batch,
+            height,
+            width,
+            channels: self.channels,
+            outputs: self.outputs,
+            taps: self.taps,
+            spec: self.spec,
+        }
+    }
+
+    /// `output [batch, height', width', outputs]` from `x [batch, height, width, channels]` of
+    /// `size` (batch, height, width).
+    ///
+    /// # Panics
+    /// If a slice does not have the length of its sizes.
+    pub fn apply(
+        &self,
+        x: &[f32],
+        size: [usize; 3],
+        tail: Tail<'_>,
+        scratch: &Scratch,
+        output: &mut [f32],
+    ) {
+        // SAFETY: `write` writes floats.
+        self.write(x, size, tail, scratch, unsafe { unset(output) });
+    }
+
+    /// The same into new memory, without a tail.
+    ///
+    /// # Panics
+    /// If `x` does not have the length of its sizes.
+    pub fn output(&self, x: &[f32], size: [usize; 3], scratch: &Scratch) -> Vec<f32> {
+        let length = self.shape(size).out_pixels() * self.outputs;
+        // SAFETY: `write` sets every float.
+        unsafe {
+            written(length, |output| {
+                self.write(x, size, Tail::default(), scratch, output);
+            })
+        }
+    }
+
+    /// `apply`, which sets every float of the output.
+    fn write(
+        &self,
+        x: &[f32],
+        size: [usize; 3],
+        tail: Tail<'_>,
+        scratch: &Scratch,
+        output: &mut Unset,
+    ) {
+        let shape = self.shape(size);
+        let outputs = shape.out_pixels() * self.outputs;
+        let inputs = size.iter().product::<usize>() * self.channels;
+        assert_eq!(x.len(), inputs, "input");
+        assert_eq!(output.len(), outputs, "output");
+        assert!(tail.skip.is_none_or(|skip| skip.len() == outputs), "skip");
+        match &self.weights {
+            Prepared::Spectrum(filter) => filter.write(x, size, tail, scratch, output),
+            Prepared::Matrix(matrix) => {
+                unfold::forward(x, matrix, &shape, tail, scratch, output);
+            }
+        }
+    }
+}
+
+/// The gradient of the input from that of the output, with weights
+/// `[outputs, channels, taps, taps]`.
+///
+/// # Panics
+/// If lengths do not go together.
+pub fn input_gradient(
+    level: Level,
+    weights: &[f32],
+    grad: &[f32],
+    shape: &Shape,
+    scratch: &Scratch,
+) -> Vec<f32> {
+    let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
+    assert_eq!(weights.len(), outputs * channels * area, "weights");
+    assert_eq!(grad.len(), shape.out_pixels() * outputs, "gradient");
+    if shape.is_winograd() {
+        let turned = reversed(weights, channels);
+        let dilation = shape.spec.dilation;
+        let filter = Filter::new(level, &turned, (outputs, channels), dilation, &[]);
+        let length = shape.size().iter().product::<usize>() * channels;
+        let tail = Tail::default();
+        // SAFETY: `write` sets every float.
+        return unsafe {
+            written(length, |x| {
+                filter.write(grad, shape.size(), tail, scratch, x);
+            })
+        };
+    }
+    let at = |o: usize, column: usize| {
+        weights[(o * channels + column % channels) * area + column / channels]
+    };
+    let transposed = Packed::new(level, (outputs, shape.depth()), &[], at);
+    unfold::input_gradient(grad, &transposed, shape, scratch)
+}
+
+/// The gradient of the weights `[outputs, channels, taps, taps]` from that of the output.
+///
+/// # Panics
+/// If lengths do not go together.
+pub fn weight_gradient(
+    level: Level,
+    x: &[f32],
+    grad: &[f32],
+    shape: &Shape,
+    scratch: &Scratch,
+) -> Vec<f32> {
+    let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
+    assert_eq!(
+        x.len(),
+        shape.size().iter().product::<usize>() * channels,
+        "input"
+    );
+    assert_eq!(grad.len(), shape.out_pixels() * outputs, "gradient");
+    if shape.is_winograd() {
+        let (sizes, dilation) = ((channels, outputs), shape.spec.dilation);
+        let gradient =
+            winograd::weight_gradient(level, x, grad, shape.size(), sizes, dilation, scratch);
+        return transposed(&gradient, channels * area, outputs);
+    }
+    let gradient = unfold::weight_gradient(level, x, grad, shape, scratch);
+    let mut target = vec![0.0; gradient.len()];
+    for (i, row) in gradient.chunks_exact(outputs.max(1)).enumerate() {
+        let (tap, channel) = (i / channels, i % channels);
+        for (o, value) in row.iter().enumerate() {
+            target[(o * channels + channel) * area + tap] = *value;
+        }
+    }
+    target
+}
+
+/// `[rows, columns]` to `[columns, rows]`.
+fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
+    /// A cache line of each row.
+    const BLOCK: usize = 16;
+    let mut target = vec![0.0; values.len()];
+    let blocks = target.par_chunks_mut((BLOCK * rows).max(1)).enumerate();
+    blocks.for_each(|(i, block)| {
+        let first = i * BLOCK;
+        let count = BLOCK.min(columns - first);
+        for (r, row) in values.chunks_exact(columns).enumerate() {
+            for (c, value) in row[first..first + count].iter().enumerate() {
+                block[c * rows + r] = *value;
+            }
+        }
+    });
+    target
+}
+
+/// Weights `[outputs, channels, 3, 3]` of the adjoint convolution: taps in reverse,
+/// `[outputs, 3, 3, channels]`.
+fn reversed(weights: &[f32], channels: usize) -> Vec<f32> {
+    let mut target = vec![0.0; weights.len()];
+    let size = 9 * channels;
+    let filters = target.par_chunks_mut(size).zip(weights.par_chunks(size));
+    filters.for_each(|(target, weights)| {
+        for (c, taps) in weights.chunks_exact(9).enumerate() {
+            for (t, tap) in taps.iter().rev().enumerate() {
+                target[t * channels + c] = *tap;
+            }
+        }
+    });
+    target
+}

@@ -1,0 +1,57 @@
+//! The sizes of one convolution.
+
+use super::ConvSpec;
+
+/// A convolution with a square kernel of images `[batch, height, width, channels]`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Images.
+    pub batch: usize,
+    /// Rows of the input.
+    pub height: usize,
+    /// Columns of the input.
+    pub width: usize,
+    /// Channels of the input.
+    pub channels: usize,
+    /// Channels of the output.
+    pub outputs: usize,
+    /// Side of the kernel.
+    pub taps: usize,
+    /// Stride, padding and dilation.
+    pub spec: ConvSpec,
+}
+
+impl Shape {
+    /// Rows and columns of the output.
+    pub fn out(&self) -> (usize, usize) {
+        (
+            self.spec.output(self.height, self.taps),
+            self.spec.output(self.width, self.taps),
+        )
+    }
+
+    /// Images, rows and columns of the input.
+    pub fn size(&self) -> [usize; 3] {
+        [self.batch, self.height, self.width]
+    }
+
+    /// Pixels of all outputs.
+    pub fn out_pixels(&self) -> usize {
+        self.batch * self.out().0 * self.out().1
+    }
+
+    /// Inputs of one output: taps x channels.
+    pub fn depth(&self) -> usize {
+        self.taps * self.taps * self.channels
+    }
+
+    /// Whether an output reads just the pixel it lies on.
+    pub fn is_pointwise(&self) -> bool {
+        self.taps == 1 && self.spec == ConvSpec::pointwise()
+    }
+
+    /// Whether Winograd's algorithm applies.
+    pub fn is_winograd(&self) -> bool {
+        self.taps == 3 && self.spec == ConvSpec::same(self.spec.dilation)
+    }
+}

@@ -1,0 +1,163 @@
+//! What fast CPU kernels are made of: vectors of every instruction set, chosen at run time, matrix
+//! products of rows with packed weights, and memory that threads reuse.
+
+mod level;
+mod memory;
+mod product;
+mod rows;
+#[cfg(test)]
+mod tests;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+pub use level::Level;
+pub use memory::Buffer;
+pub use memory::Scratch;
+pub(crate) use memory::{Shared, Unset, unset, written};
+pub use product::{Packed, Tail};
+pub(crate) use product::{Rows, product};
+pub use rows::{Blend, blend_rows, dot_rows};
+
+/// The longest vector of any level.
+const MOST_LANES: usize = 16;
+
+/// A vector of floats.
+///
+/// # Safety
+/// All functions may only be called where the processor has the instructions of the implementor,
+/// from a function compiled for them (see `Level::run`); pointers must be valid for `LANES` floats.
+pub(crate) trait Vector: Copy {
+    /// Floats in a vector; at most 16.
+    const LANES: usize;
+    /// Rows of two vectors that fit the registers, beside two vectors and a broadcast.
+    const ROWS: usize;
+
+    unsafe fn load(from: *const f32) -> Self;
+    unsafe fn store(self, to: *mut f32);
+    unsafe fn splat(value: f32) -> Self;
+    unsafe fn add(self, other: Self) -> Self;
+    unsafe fn sub(self, other: Self) -> Self;
+    unsafe fn mul(self, other: Self) -> Self;
+    unsafe fn max(self, other: Self) -> Self;
+    /// `self * factor + term`, rounded once where the processor can.
+    unsafe fn mul_add(self, factor: Self, term: Self) -> Self;
+    /// `self` where `other` is above 0, else 0.
+    unsafe fn where_positive(self, other: Self) -> Self;
+
+    /// The first `count` floats, at most `LANES`; the rest is 0.
+    #[inline(always)]
+    unsafe fn load_some(from: *const f32, count: usize) -> Self {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            if count >= Self::LANES {
+                return Self::load(from);
+            }
+            let mut buffer = [0.0; MOST_LANES];
+            std::ptr::copy_nonoverlapping(from, buffer.as_mut_ptr(), count);
+            Self::load(buffer.as_ptr())
+        }
+    }
+
+    /// Writes the first `count` floats, at most `LANES`.
+    #[inline(always)]
+    unsafe fn store_some(self, to: *mut f32, count: usize) {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            if count >= Self::LANES {
+                return self.store(to);
+            }
+            let mut buffer = [0.0; MOST_LANES];
+            self.store(buffer.as_mut_ptr());
+            std::ptr::copy_nonoverlapping(buffer.as_ptr(), to, count);
+        }
+    }
+
+    /// The sum of all lanes.
+    #[inline(always)]
+    unsafe fn total(self) -> f32 {
+        let mut buffer = [0.0; MOST_LANES];
+        // SAFETY: as demanded from the caller.
+        unsafe { self.store(buffer.as_mut_ptr()) };
+        // By halves, which vector units can do.
+        let mut half = MOST_LANES / 2;
+        while half > 0 {
+            for i in 0..half {
+                buffer[i] += buffer[i + half];
+            }
+            half /= 2;
+        }
+        buffer[0]
+    }
+}
+
+/// A computation written for any vector.
+pub(crate) trait Kernel {
+    type Output;
+
+    /// # Safety
+    /// As for the functions of `V`.
+    unsafe fn run<V: Vector>(self) -> Self::Output;
+}
+
+/// An array that the compiler may keep in registers.
+#[derive(Clone, Copy)]
+struct Portable([f32; 8]);
+
+impl Portable {
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+    }
+}
+
+impl Vector for Portable {
+    const LANES: usize = 8;
+    const ROWS: usize = 4;
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: as demanded from the caller.
+        Self(unsafe { from.cast::<[f32; 8]>().read_unaligned() })
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: as demanded from the caller.
+        unsafe { to.cast::<[f32; 8]>().write_unaligned(self.0) }
+    }
+
+    #[inline(always)]
+    unsafe fn splat(value: f32) -> Self {
+        Self([value; 8])
+    }
+
+    #[inline(always)]
+    unsafe fn add(self, other: Self) -> Self {
+        self.zip(other, |a, b| a + b)
+    }
+
+    #[inline(always)]
+    unsafe fn sub(self, other: Self) -> Self {
+        self.zip(other, |a, b| a - b)
+    }
+
+    #[inline(always)]
+    unsafe fn mul(self, other: Self) -> Self {
+        self.zip(other, |a, b| a * b)
+    }
+
+    #[inline(always)]
+    unsafe fn max(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a > b { a } else { b })
+    }
+
+    #[inline(always)]
+    unsafe fn mul_add(self, factor: Self, term: Self) -> Self {
+        self.zip(factor, |a, b| a * b).zip(term, |a, b| a + b)
+    }
+
+    #[inline(always)]
+    unsafe fn where_positive(self, other: Self) -> Self {
+        self.zip(other, |a, b| if b > 0.0 { a } else { 0.0 })
+    }
+}

@@ -1,0 +1,285 @@
+//! The matrix product that every layer comes down to: rows of inputs times panels of weights.
+
+use super::{Buffer, Kernel, Level, Shared, Unset, Vector, unset};
+use rayon::prelude::*;
+
+/// A matrix in memory: element (r, k) is at `pointer + r * row + k * step`.
+#[derive(Clone, Copy)]
+pub(crate) struct Rows {
+    pub(crate) pointer: *const f32,
+    pub(crate) row: usize,
+    pub(crate) step: usize,
+}
+
+/// The same pointer, before which no later load may be moved.
+#[inline(always)]
+fn pinned(pointer: *const f32) -> *const f32 {
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
+    {
+        let mut pointer = pointer;
+        // SAFETY: there is no instruction.
+        unsafe {
+            std::arch::asm!("/* {0} */", inout(reg) pointer, options(nostack, preserves_flags));
+        }
+        pointer
+    }
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
+    pointer
+}
+
+/// `N` rows times a panel of two vectors' width.
+///
+/// # Safety
+/// As for `Vector`; `a` has `N` rows of `depth`, the panel has `depth` rows `b_row` apart.
+#[inline(always)]
+unsafe fn tile<V: Vector, const N: usize>(
+    a: Rows,
+    depth: usize,
+    b: *const f32,
+    b_row: usize,
+) -> [[V; 2]; N] {
+    // SAFETY: as demanded from the caller.
+    unsafe {
+        let mut sums = [[V::splat(0.0); 2]; N];
+        for k in 0..depth {
+            let b = b.add(k * b_row);
+            let (left, right) = (V::load(b), V::load(b.add(V::LANES)));
+            let mut a_k = a.pointer.add(k * a.step);
+            for (r, sum) in sums.iter_mut().enumerate() {
+                // Left to itself, the compiler loads the factors of all rows ahead and moves the
+                // sums out of the registers (measured: half the rate). Three rows share an address.
+                if r > 0 && r % 3 == 0 {
+                    a_k = pinned(a_k.wrapping_add(3 * a.row));
+                }
+                let value = V::splat(*a_k.add(r % 3 * a.row));
+                sum[0] = value.mul_add(left, sum[0]);
+                sum[1] = value.mul_add(right, sum[1]);
+            }
+        }
+        sums
+    }
+}
+
+/// `count` rows times a panel of two vectors' width; `sink(row, sums)` takes each result.
+///
+/// A row's result does not depend on which rows it is computed with.
+///
+/// # Safety
+/// As for `Vector`; `a` has `count` rows of `depth`, the panel has `depth` rows `b_row` apart.
+#[inline(always)]
+pub(crate) unsafe fn product<V: Vector>(
+    a: Rows,
+    count: usize,
+    depth: usize,
+    b: *const f32,
+    b_row: usize,
+    mut sink: impl FnMut(usize, [V; 2]),
+) {
+    let mut first = 0;
+    for blocks in (1..=count.div_ceil(V::ROWS)).rev() {
+        let rows = (count - first).div_ceil(blocks);
+        macro_rules! tiles {
+            ($($n:literal)*) => {
+                match rows {
+                    $($n => {
+                        // SAFETY: as demanded from the caller.
+                        let sums = unsafe {
+                            let pointer = a.pointer.add(first * a.row);
+                            tile::<V, $n>(Rows { pointer, ..a }, depth, b, b_row)
+                        };
+                        for (r, sum) in sums.into_iter().enumerate() {
+                            sink(first + r, sum);
+                        }
+                    })*
+                    _ => unreachable!("no vector has more than 14 rows"),
+                }
+            };
+        }
+        tiles!(1 2 3 4 5 6 7 8 9 10 11 12 13 14);
+        first += rows;
+    }
+}
+
+/// What follows a product and its bias.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Tail<'a> {
+    /// Added; of the form of the output.
+    pub skip: Option<&'a [f32]>,
+    /// Cuts off below 0.
+    pub relu: bool,
+}
+
+impl Tail<'_> {
+    /// Finishes `count` floats of the output from `at` on.
+    ///
+    /// # Safety
+    /// As for `Vector`; the skip, if any, has these floats.
+    #[inline(always)]
+    pub(crate) unsafe fn finish<V: Vector>(&self, sum: V, at: usize, count: usize) -> V {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            let sum = match self.skip {
+                Some(skip) => sum.add(V::load_some(skip.as_ptr().add(at), count)),
+                None => sum,
+            };
+            if self.relu {
+                sum.max(V::splat(0.0))
+            } else {
+                sum
+            }
+        }
+    }
+}
+
+/// A matrix `[depth, columns]` and a bias, cut into panels `[panel][depth][width]` and padded with
+/// zeros.
+#[derive(Clone, Debug)]
+pub struct Packed {
+    level: Level,
+    depth: usize,
+    columns: usize,
+    /// Two vectors.
+    width: usize,
+    values: Buffer,
+    /// Padded to whole panels.
+    bias: Vec<f32>,
+}
+
+impl Packed {
+    /// Packs `at(row, column)`; an empty bias is 0.
+    pub fn new(
+        level: Level,
+        (depth, columns): (usize, usize),
+        bias: &[f32],
+        at: impl Fn(usize, usize) -> f32,
+    ) -> Self {
+        let width = 2 * level.lanes();
+        let panels = columns.div_ceil(width);
+        let mut values = Buffer::zeros(panels * depth * width);
+        for (i, values) in values.chunks_exact_mut(width).enumerate() {
+            let (first, row) = (i / depth * width, i % depth);
+            for (value, column) in values.iter_mut().zip(first..columns) {
+                *value = at(row, column);
+            }
+        }
+        let mut bias = bias.to_vec();
+        bias.resize(panels * width, 0.0);
+        Self {
+            level,
+            depth,
+            columns,
+            width,
+            values,
+            bias,
+        }
+    }
+
+    /// The number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// `output [rows, columns] = tail(x [rows, depth] * self + bias)`, on this thread. The rows of
+    /// `x` may be longer; what is beyond `depth` does not count.
+    pub fn apply(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
+        // SAFETY: `write` writes floats.
+        self.write(x, tail, unsafe { unset(output) });
+    }
+
+    /// The same; sets every float of the output.
+    pub(crate) fn write(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset) {
+        let rows = output.len() / self.columns.max(1);
+        assert!(
+            x.len() >= rows * self.depth && x.len().is_multiple_of(rows.max(1)),
+            "input"
+        );
+        assert_eq!(output.len(), rows * self.columns, "output");
+        assert!(tail.skip.is_none_or(|skip| skip.len() == output.len()));
+        let kernel = Apply {
+            packed: self,
+            x,
+            tail,
+            output: Shared::unset(output),
+            rows,
+        };
+        // SAFETY: the assertions hold what the kernel relies on.
+        unsafe { self.level.run(kernel) }
+    }
+
+    /// `apply` with all threads.
+    pub fn apply_parallel(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
+        // SAFETY: `write_parallel` writes floats.
+        self.write_parallel(x, tail, unsafe { unset(output) });
+    }
+
+    /// `write` with all threads.
+    pub(crate) fn write_parallel(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset) {
+        /// Rows of one task: whole register tiles of every level.
+        const ROWS: usize = 84;
+        let piece = ROWS * self.columns.max(1);
+        let outputs = output.par_chunks_mut(piece).enumerate();
+        outputs.for_each(|(i, output)| {
+            let rows = output.len() / self.columns.max(1);
+            let x = &x[i * ROWS * self.depth..][..rows * self.depth];
+            let skip = tail.skip.map(|skip| &skip[i * piece..][..output.len()]);
+            self.write(x, Tail { skip, ..tail }, output);
+        });
+    }
+}
+
+struct Apply<'a> {
+    packed: &'a Packed,
+    x: &'a [f32],
+    tail: Tail<'a>,
+    output: Shared<'a>,
+    rows: usize,
+}
+
+impl Kernel for Apply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(self) {
+        if self.rows == 0 {
+            return;
+        }
+        let Packed {
+            depth,
+            columns,
+            width,
+            ..
+        } = *self.packed;
+        let rows = Rows {
+            pointer: self.x.as_ptr(),
+            row: self.x.len() / self.rows,
+            step: 1,
+        };
+        for first in (0..columns).step_by(width) {
+            // SAFETY: the caller checked all lengths; bias and panels are padded.
+            unsafe {
+                let bias = self.packed.bias.as_ptr().add(first);
+                let bias = [V::load(bias), V::load(bias.add(V::LANES))];
+                let panel = self.packed.values.as_ptr().add(first * depth);
+                product::<V>(
+                    rows,
+                    self.rows,
+                    depth,
+                    panel,
+                    width,
+                    #[inline(always)]
+                    |r, sums| {
+                        for (half, (sum, bias)) in sums.into_iter().zip(bias).enumerate() {
+                            let column = first + half * V::LANES;
+                            if column < columns {
+                                let (at, count) = (r * columns + column, columns - column);
+                                let value = self.tail.finish(sum.add(bias), at, count);
+                                let to = self.output.at(at, count.min(V::LANES));
+                                value.store_some(to, count);
+                            }
+                        }
+                    },
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! The network that tells edges of the depth from edges of the colours: an encoder to a sixteenth of
+//! the resolution and a decoder back to all of it (U-Net, Ronneberger et al. 2015, with sums in the
+//! place of concatenations). It shares nothing with the extractor, so that either can be trained
+//! without the other.
+
+use super::layers::{Conv, ConvNorm, Init};
+use super::resample::enlarging;
+use burn::module::Module;
+use burn::tensor::Tensor;
+use lsdc_core::network::{CHANGES, NetworkConfig};
+use lsdc_kernels::conv::ConvSpec;
+
+/// The network with its weights.
+#[derive(Module, Debug)]
+pub(super) struct AffinityNet {
+    /// From full resolution down, each at half the resolution of the one before.
+    pub(super) down: Vec<[ConvNorm; 2]>,
+    /// From the lowest resolution up.
+    pub(super) up: Vec<Rise>,
+    pub(super) last: Conv,
+}
+
+/// One level of the decoder.
+#[derive(Module, Debug)]
+pub(super) struct Rise {
+    /// From the channels of the level below.
+    pub(super) narrow: Conv,
+    pub(super) mix: [ConvNorm; 2],
+}
+
+impl AffinityNet {
+    pub(super) fn init(config: &NetworkConfig, init: &mut Init) -> Self {
+        let (same, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
+        let widths = config.levels();
+        let mut from = 3;
+        let mut down = Vec::new();
+        for (level, &width) in widths.iter().enumerate() {
+            let first = if level == 0 {
+                same
+            } else {
+                ConvSpec::halving()
+            };
+            down.push([
+                ConvNorm::init(from, width, 3, first, init),
+                ConvNorm::init(width, width, 3, same, init),
+            ]);
+            from = width;
+        }
+        let pairs = widths.windows(2).rev();
+        let up = pairs.map(|pair| Rise {
+            narrow: Conv::init(pair[1], pair[0], 1, pointwise, init),
+            mix: [0, 1].map(|_| ConvNorm::init(pair[0], pair[0], 3, same, init)),
+        });
+        Self {
+            down,
+            up: up.collect(),
+            last: Conv::zero(config.affinities, CHANGES, 1, pointwise, init),
+        }
+    }
+
+    /// Images `[batch, height, width, 3]` to how edges differ from those of the colours `[batch,
+    /// height, width, CHANGES]`.
+    pub(super) fn forward(&self, images: Tensor<4>) -> Tensor<4> {
+        let run = |x, layers: &[ConvNorm; 2]| layers.iter().fold(x, |x, l| l.forward_relu(x));
+        let mut x = images;
+        let mut levels = Vec::new();
+        for layers in &self.down {
+            x = run(x, layers);
+            levels.push(x.clone());
+        }
+        levels.pop();
+        for (rise, level) in self.up.iter().zip(levels.into_iter().rev()) {
+            let size = (level.dims()[1], level.dims()[2]);
+            x = run(enlarging(rise.narrow.forward(x), size) + level, &rise.mix);
+        }
+        self.last.forward(x)
+    }
+}

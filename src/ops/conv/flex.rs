@@ -1,0 +1,91 @@
+//! Flex tensors in, flex tensors out: f32 goes to the kernels, other types to burn.
+
+use super::{ConvBackend, ConvSpec, channels_first, channels_last, options};
+use burn::backend::ops::ModuleOps as _;
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Flex, TensorMetadata as _};
+use burn::tensor::{DType, TensorData};
+use burn_flex::FlexTensor;
+use lsdc_kernels::conv::{self, Layer, Shape};
+use lsdc_kernels::simd::{Level, Scratch};
+use std::sync::OnceLock;
+
+/// Ops come without a place to keep memory between them.
+fn scratch() -> &'static Scratch {
+    static SCRATCH: OnceLock<Scratch> = OnceLock::new();
+    SCRATCH.get_or_init(Scratch::new)
+}
+
+impl ConvBackend for Flex {
+    fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
+        if x.dtype() != DType::F32 {
+            let output = Self::conv2d(channels_first::<Self>(x), weight, None, options(spec));
+            return channels_last::<Self>(output);
+        }
+        let (x, weight) = (x.to_contiguous(), weight.to_contiguous());
+        let shape = shape(&x, &weight, spec);
+        let sizes = [shape.outputs, shape.channels, shape.taps];
+        let layer = Layer::new(Level::here(), weight.storage(), sizes, &[], spec);
+        let output = layer.output(x.storage(), shape.size(), scratch());
+        let (height, width) = shape.out();
+        tensor(output, [shape.batch, height, width, shape.outputs])
+    }
+
+    fn conv_backward_input(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: ConvSpec,
+    ) -> FloatTensor<Self> {
+        if x.dtype() != DType::F32 {
+            let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
+            let input = Self::conv2d_x_backward(x, weight, grad, options(spec));
+            return channels_last::<Self>(input);
+        }
+        let (weight, grad) = (weight.to_contiguous(), grad.to_contiguous());
+        let shape = shape(&x, &weight, spec);
+        let (weights, grads) = (weight.storage(), grad.storage());
+        let input = conv::input_gradient(Level::here(), weights, grads, &shape, scratch());
+        tensor(
+            input,
+            [shape.batch, shape.height, shape.width, shape.channels],
+        )
+    }
+
+    fn conv_backward_weight(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: ConvSpec,
+    ) -> FloatTensor<Self> {
+        if x.dtype() != DType::F32 {
+            let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
+            return Self::conv2d_weight_backward(x, weight, grad, options(spec));
+        }
+        let (x, grad) = (x.to_contiguous(), grad.to_contiguous());
+        let shape = shape(&x, &weight, spec);
+        let (values, grads) = (x.storage(), grad.storage());
+        let weights = conv::weight_gradient(Level::here(), values, grads, &shape, scratch());
+        tensor(
+            weights,
+            [shape.outputs, shape.channels, shape.taps, shape.taps],
+        )
+    }
+}
+
+fn shape(x: &FlexTensor, weight: &FlexTensor, spec: ConvSpec) -> Shape {
+    let (x, weight) = (x.shape(), weight.shape());
+    Shape {
+        batch: x[0],
+        height: x[1],
+        width: x[2],
+        channels: x[3],
+        outputs: weight[0],
+        taps: weight[2],
+        spec,
+    }
+}
+
+fn tensor(values: Vec<f32>, shape: [usize; 4]) -> FlexTensor {
+    FlexTensor::from_data(TensorData::new(values, shape))
+}

@@ -1,0 +1,127 @@
+//! 2-D convolution of images `[batch, height, width, channels]` as a burn extension op: fast
+//! kernels for flex, burn's own for other backends.
+
+mod autodiff;
+mod flex;
+#[cfg(test)]
+mod tests;
+
+pub use lsdc_kernels::conv::ConvSpec;
+
+use burn::backend::ops::ConvOptions;
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
+use burn::tensor::{Shape, Tensor};
+
+/// Whether with weights `[o, c, k, k]` an output reads just the pixel that it lies on.
+fn is_pointwise(spec: ConvSpec, weight: &Shape) -> bool {
+    weight[2] == 1 && spec == ConvSpec::pointwise()
+}
+
+fn options(spec: ConvSpec) -> ConvOptions<2> {
+    ConvOptions::new([spec.stride; 2], [spec.padding; 2], [spec.dilation; 2], 1)
+}
+
+/// Backends that convolve; the defaults are burn's own implementation, the plain reference.
+#[backend_extension(
+    Autodiff,
+    Flex,
+    NdArray: cfg(feature = "ndarray"),
+    Cube: cfg(feature = "wgpu"),
+)]
+pub trait ConvBackend: Backend {
+    /// `x [b, h, w, c]` with `weight [o, c, k, k]` to `[b, h', w', o]`.
+    fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
+        if is_pointwise(spec, &weight.shape()) {
+            let rows = Self::float_matmul(
+                rows::<Self>(x.clone()),
+                Self::float_swap_dims(matrix::<Self>(weight), 0, 1),
+            );
+            return images::<Self>(rows, &x.shape());
+        }
+        let output = Self::conv2d(channels_first::<Self>(x), weight, None, options(spec));
+        channels_last::<Self>(output)
+    }
+
+    /// The gradient of `x` from that of the output.
+    fn conv_backward_input(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: ConvSpec,
+    ) -> FloatTensor<Self> {
+        if is_pointwise(spec, &weight.shape()) {
+            let rows = Self::float_matmul(rows::<Self>(grad), matrix::<Self>(weight));
+            return images::<Self>(rows, &x.shape());
+        }
+        let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
+        channels_last::<Self>(Self::conv2d_x_backward(x, weight, grad, options(spec)))
+    }
+
+    /// The gradient of `weight` from that of the output.
+    fn conv_backward_weight(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: ConvSpec,
+    ) -> FloatTensor<Self> {
+        if is_pointwise(spec, &weight.shape()) {
+            let grad = Self::float_swap_dims(rows::<Self>(grad), 0, 1);
+            let product = Self::float_matmul(grad, rows::<Self>(x));
+            return Self::float_reshape(product, weight.shape());
+        }
+        let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
+        Self::conv2d_weight_backward(x, weight, grad, options(spec))
+    }
+}
+
+/// `[b, h, w, c]` as rows `[b h w, c]`.
+fn rows<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
+    let shape = x.shape();
+    B::float_reshape(x, Shape::new([shape[0] * shape[1] * shape[2], shape[3]]))
+}
+
+/// Rows as images of the size of `like`.
+fn images<B: Backend>(rows: FloatTensor<B>, like: &Shape) -> FloatTensor<B> {
+    let channels = rows.shape()[1];
+    B::float_reshape(rows, Shape::new([like[0], like[1], like[2], channels]))
+}
+
+/// Weights `[o, c, 1, 1]` as `[o, c]`.
+fn matrix<B: Backend>(weight: FloatTensor<B>) -> FloatTensor<B> {
+    let shape = weight.shape();
+    B::float_reshape(weight, Shape::new([shape[0], shape[1]]))
+}
+
+/// `[b, h, w, c]` as `[b, c, h, w]`.
+fn channels_first<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
+    B::float_permute(x, &[0, 3, 1, 2])
+}
+
+/// `[b, c, h, w]` as `[b, h, w, c]`.
+fn channels_last<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
+    B::float_permute(x, &[0, 2, 3, 1])
+}
+
+#[cfg(feature = "ndarray")]
+impl ConvBackend for burn_ndarray::NdArray {}
+
+#[cfg(feature = "wgpu")]
+impl ConvBackend for burn_cubecl::CubeBackend {}
+
+/// The product of `x [rows, in]` and `weight [in, out]`.
+pub fn linear(x: Tensor<2>, weight: Tensor<2>) -> Tensor<2> {
+    let ([rows, inputs], [_, outputs]) = (x.dims(), weight.dims());
+    let weight = weight.transpose().reshape([outputs, inputs, 1, 1]);
+    let image = x.reshape([1, 1, rows, inputs]);
+    conv2d(image, weight, ConvSpec::pointwise()).reshape([rows, outputs])
+}
+
+/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]`.
+pub fn conv2d(x: Tensor<4>, weight: Tensor<4>, spec: ConvSpec) -> Tensor<4> {
+    Tensor::from_dispatch(Dispatch::conv(
+        x.into_dispatch(),
+        weight.into_dispatch(),
+        spec,
+    ))
+}

@@ -1,0 +1,118 @@
+//! The op on tensors of any backend: read, solve in f64, write back.
+
+use super::{Inner, Scenes};
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, TensorMetadata as _};
+use burn::tensor::{TensorData, try_read_sync};
+use lsdc_core::field::Grid;
+use lsdc_core::fit::Adjoint;
+use rayon::prelude::*;
+
+pub(super) fn forward<B: Backend>(
+    bases: FloatTensor<B>,
+    depths: FloatTensor<B>,
+    draws: FloatTensor<B>,
+    affinities: FloatTensor<B>,
+    scenes: &Scenes,
+) -> FloatTensor<B> {
+    let Inner { pixels, config, .. } = &*scenes.0;
+    let (device, dtype) = (bases.device(), bases.dtype());
+    let [problems, points, k] = bases.shape().dims();
+    let [images, height, width, _] = affinities.shape().dims();
+    let (bases, depths, draws) = (read::<B>(bases), read::<B>(depths), read::<B>(draws));
+    let joins: Vec<[Vec<f64>; 2]> = read::<B>(affinities)
+        .chunks_exact((2 * height * width).max(1))
+        .map(|pairs| [0, 1].map(|way| pairs.iter().skip(way).step_by(2).copied().collect()))
+        .collect();
+    let solve = |problem: usize| {
+        let [right, down] = &joins[problem % images];
+        let grid = Grid {
+            height,
+            width,
+            right,
+            down,
+            level: config.level,
+        };
+        let first = problem * points;
+        let rows: Vec<usize> = (0..points).filter(|i| draws[first + i] > 0.0).collect();
+        let at = &pixels[problem % images];
+        let pixels = rows.iter().map(|&i| at[i]).collect();
+        let mut values = Vec::with_capacity(rows.len() * (k + 1));
+        for i in &rows {
+            values.extend_from_slice(&bases[(first + i) * k..][..k]);
+            values.push(depths[first + i]);
+        }
+        Adjoint::solve(grid, (rows, points), pixels, values, *config)
+    };
+    let solved: Vec<Option<Adjoint>> = (0..problems).into_par_iter().map(solve).collect();
+    let length = k + height * width;
+    let mut result = Vec::with_capacity(problems * length);
+    for solution in &solved {
+        match solution {
+            Some(solution) => result.extend(solution.solution()),
+            None => result.resize(result.len() + length, f64::NAN),
+        }
+    }
+    if let Ok(mut place) = scenes.0.solved.lock() {
+        *place = solved;
+    }
+    let data = TensorData::new(result, [problems, length]).convert_dtype(dtype);
+    B::float_from_data(data, &device)
+}
+
+pub(super) fn backward<B: Backend>(
+    grad: FloatTensor<B>,
+    affinities: FloatTensor<B>,
+    scenes: &Scenes,
+) -> (FloatTensor<B>, FloatTensor<B>) {
+    let (device, dtype) = (affinities.device(), affinities.dtype());
+    let [images, height, width, _] = affinities.shape().dims();
+    let [problems, length] = grad.shape().dims();
+    let k = length - height * width;
+    let grad = read::<B>(grad);
+    let solved = match scenes.0.solved.lock() {
+        Ok(mut solved) => std::mem::take(&mut *solved),
+        Err(_) => Vec::new(),
+    };
+    let points = scenes.0.pixels.first().map_or(0, Vec::len);
+    let gradients: Vec<_> = solved
+        .par_iter()
+        .zip(grad.par_chunks_exact(length))
+        .map(|(solution, grad)| Some(solution.as_ref()?.backward(grad, width)))
+        .collect();
+    let mut bases = vec![0.0; problems * points * k];
+    let mut joins = vec![0.0; images * height * width * 2];
+    let per_image = (2 * height * width).max(1);
+    let mut sums: Vec<&mut [f64]> = joins.chunks_exact_mut(per_image).collect();
+    for (problem, (solution, found)) in solved.iter().zip(&gradients).enumerate() {
+        let rows = &mut bases[problem * points * k..][..points * k];
+        let sum = &mut sums[problem % images];
+        let (Some(solution), Some(found)) = (solution, found) else {
+            rows.fill(f64::NAN);
+            continue;
+        };
+        debug_assert_eq!(solution.candidates, points);
+        for (&row, values) in solution.rows.iter().zip(found.bases.chunks_exact(k)) {
+            rows[row * k..][..k].copy_from_slice(values);
+        }
+        sum.iter_mut()
+            .zip(&found.affinities)
+            .for_each(|(sum, value)| *sum += value);
+    }
+    let write = |values: Vec<f64>, shape: Vec<usize>| {
+        B::float_from_data(TensorData::new(values, shape).convert_dtype(dtype), &device)
+    };
+    (
+        write(bases, vec![problems, points, k]),
+        write(joins, vec![images, height, width, 2]),
+    )
+}
+
+/// The values of a tensor; NaN, which the caller's checks see, if the device has been lost.
+fn read<B: Backend>(tensor: FloatTensor<B>) -> Vec<f64> {
+    let count = tensor.shape().num_elements();
+    match try_read_sync(B::float_into_data(tensor)) {
+        Some(Ok(data)) => data.iter::<f64>().collect(),
+        _ => vec![f64::NAN; count],
+    }
+}

@@ -1,0 +1,144 @@
+//! Basis functions and a smooth field, fitted together, as a differentiable burn op. The equations are
+//! those of `lsdc_core::fit`.
+
+mod autodiff;
+mod columns;
+mod host;
+#[cfg(test)]
+mod tests;
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::tensor::{Tensor, s};
+use columns::Columns;
+use lsdc_core::fit::{Adjoint, JointConfig};
+use std::sync::{Arc, Mutex};
+
+/// The problems of a batch, as far as they are not tensors.
+#[derive(Clone, Debug)]
+pub struct Scenes(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    /// Candidate points `y * width + x` of each image.
+    pixels: Vec<Vec<u32>>,
+    config: JointConfig,
+    /// What the way back needs, problem by problem.
+    solved: Mutex<Vec<Option<Adjoint>>>,
+}
+
+/// Backends that fit jointly.
+#[backend_extension(
+    Autodiff,
+    Flex,
+    NdArray: cfg(feature = "ndarray"),
+    Cube: cfg(feature = "wgpu"),
+)]
+pub trait JointBackend: Backend {
+    /// `bases [problems, points, k]`, `depths` and `draws [problems, points]`, `affinities [images,
+    /// height, width, 2]` to weights and field `[problems, k + height width]`.
+    fn joint(
+        bases: FloatTensor<Self>,
+        depths: FloatTensor<Self>,
+        draws: FloatTensor<Self>,
+        affinities: FloatTensor<Self>,
+        scenes: Scenes,
+    ) -> FloatTensor<Self>;
+
+    /// The gradients of `bases` and `affinities` from that of the result.
+    fn joint_backward(
+        grad: FloatTensor<Self>,
+        affinities: FloatTensor<Self>,
+        scenes: Scenes,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+}
+
+macro_rules! on_the_host {
+    ($($backend:ty)?) => {$(
+        impl JointBackend for $backend {
+            fn joint(
+                bases: FloatTensor<Self>,
+                depths: FloatTensor<Self>,
+                draws: FloatTensor<Self>,
+                affinities: FloatTensor<Self>,
+                scenes: Scenes,
+            ) -> FloatTensor<Self> {
+                host::forward::<Self>(bases, depths, draws, affinities, &scenes)
+            }
+
+            fn joint_backward(
+                grad: FloatTensor<Self>,
+                affinities: FloatTensor<Self>,
+                scenes: Scenes,
+            ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+                host::backward::<Self>(grad, affinities, &scenes)
+            }
+        }
+    )?};
+}
+
+on_the_host!(burn::backend::Flex);
+
+#[cfg(feature = "ndarray")]
+on_the_host!(burn_ndarray::NdArray);
+
+/// What was fitted to each draw.
+#[derive(Clone, Debug)]
+pub struct JointFit {
+    /// Weights `[problems, k]`.
+    pub weights: Tensor<2>,
+    /// Fields `[problems, height * width]`.
+    pub field: Tensor<2>,
+}
+
+/// Fits basis functions and a field to every draw of points of a batch of images.
+///
+/// Problem `p` is one of image `p % images`: `bases [problems, points, k]` and `depths [problems,
+/// points]` at candidate points, whose pixels `y * width + x` are `pixels[image]`, all different
+/// where `draws [problems, points]` is above 0. `affinities [images, height, width, 2]` says how
+/// strongly each pixel is joined to its right and lower neighbour. Cosines are part of the field. Solved
+/// on the host in f64; differentiable in `bases` and `affinities` by the adjoint equations. A problem without
+/// a solution yields NaN.
+pub fn joint(
+    bases: Tensor<3>,
+    depths: Tensor<2>,
+    draws: Tensor<2>,
+    affinities: Tensor<4>,
+    pixels: Vec<Vec<u32>>,
+    config: JointConfig,
+) -> JointFit {
+    let [problems, _, k] = bases.dims();
+    let [images, height, width, _] = affinities.dims();
+    let cosines = Columns::new(&config, (height, width), &bases);
+    let bases = match &cosines {
+        None => bases,
+        Some(cosines) => {
+            let columns = cosines.at(&pixels).repeat_dim(0, problems / images);
+            Tensor::cat(vec![bases, columns], 2)
+        }
+    };
+    let scenes = Scenes(Arc::new(Inner {
+        pixels,
+        config,
+        solved: Mutex::default(),
+    }));
+    let result: Tensor<2> = Tensor::from_dispatch(Dispatch::joint(
+        bases.into_dispatch(),
+        depths.into_dispatch(),
+        draws.into_dispatch(),
+        affinities.into_dispatch(),
+        scenes,
+    ));
+    let columns = k + cosines.as_ref().map_or(0, Columns::count);
+    let field = result.clone().slice(s![.., columns..]);
+    JointFit {
+        weights: result.clone().slice(s![.., ..k]),
+        field: match cosines {
+            None => field,
+            Some(cosines) => field + cosines.maps(result.slice(s![.., k..columns])),
+        },
+    }
+}
+
+#[cfg(feature = "wgpu")]
+on_the_host!(burn_cubecl::CubeBackend);

@@ -1,0 +1,160 @@
+//! What surrounds a factorisation on a device, made of burn's own operations.
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, TensorMetadata as _};
+use burn::tensor::{Shape, TensorData};
+use lsdc_core::fit::Solver;
+
+/// `[sqrt(w) F | sqrt(w) d]`, `[batch, n, k + 1]`; with a ridge, `sqrt(mu) I` below it, so that its R is
+/// that of the regularised problem and nothing is squared.
+pub(super) fn rows<B: Backend>(
+    bases: FloatTensor<B>,
+    depths: FloatTensor<B>,
+    weights: FloatTensor<B>,
+    solver: Solver,
+) -> FloatTensor<B> {
+    let k = bases.shape()[2];
+    let scaled = Scaled::<B>::new(bases, depths, weights, solver);
+    let rows = B::float_cat(vec![scaled.bases.clone(), scaled.depths], 2);
+    let Some(shift) = scaled.shift else {
+        return rows;
+    };
+    let device = rows.device();
+    let identity: Vec<f32> = (0..k * (k + 1))
+        .map(|i| f32::from(u8::from(i / (k + 1) == i % (k + 1))))
+        .collect();
+    let identity = B::float_from_data(TensorData::new(identity, vec![1, k, k + 1]), &device);
+    let below = B::float_mul(identity, B::float_sqrt(shift));
+    B::float_cat(vec![rows, below], 1)
+}
+
+/// The problem with its rows scaled by the square root of their weights.
+struct Scaled<B: Backend> {
+    roots: FloatTensor<B>,
+    bases: FloatTensor<B>,
+    depths: FloatTensor<B>,
+    /// mu `[batch, 1, 1]` of a ridge.
+    shift: Option<FloatTensor<B>>,
+}
+
+impl<B: Backend> Scaled<B> {
+    fn new(
+        bases: FloatTensor<B>,
+        depths: FloatTensor<B>,
+        weights: FloatTensor<B>,
+        solver: Solver,
+    ) -> Self {
+        let shape = bases.shape();
+        let (batch, n, k) = (shape[0], shape[1], shape[2]);
+        let column = |t: FloatTensor<B>| B::float_reshape(t, Shape::from([batch, n, 1]));
+        let roots = column(B::float_sqrt(weights));
+        let bases = B::float_mul(bases, roots.clone());
+        let depths = B::float_mul(column(depths), roots.clone());
+        let shift = match solver {
+            Solver::Truncated(_) => None,
+            Solver::Ridge(share) => {
+                let squares = B::float_mul(bases.clone(), bases.clone());
+                let squares = B::float_reshape(squares, Shape::from([batch, n * k]));
+                let trace =
+                    B::float_reshape(B::float_sum_dim(squares, 1), Shape::from([batch, 1, 1]));
+                Some(B::float_mul_scalar(trace, (share / k as f64).into()))
+            }
+        };
+        Self {
+            roots,
+            bases,
+            depths,
+            shift,
+        }
+    }
+}
+
+/// The gradients of `bases` and `depths` from the solution x and the factor K. With r = d - F x, v
+/// = (F^T F + mu)^+ g, q = (F^+)^T g, u = (F^+)^T x and P the projection on the directions left
+/// out: grad d = q, grad F = r v^T - q x^T + u (P g)^T - 2 mu / trace (v . x) F (Golub and Pereyra
+/// 1973; the last term is that of a ridge which follows the trace). Directions left out are taken
+/// for exactly zero.
+///
+/// q, u and v are refined once, as products with K K^T alone lose digits with the condition.
+pub(super) fn backward<B: Backend>(
+    bases: FloatTensor<B>,
+    depths: FloatTensor<B>,
+    weights: FloatTensor<B>,
+    (solution, factor): (FloatTensor<B>, FloatTensor<B>),
+    grad: FloatTensor<B>,
+    solver: Solver,
+) -> (FloatTensor<B>, FloatTensor<B>) {
+    let shape = bases.shape();
+    let (batch, n, k) = (shape[0], shape[1], shape[2]);
+    let Scaled {
+        roots,
+        bases,
+        depths,
+        shift,
+    } = Scaled::<B>::new(bases, depths, weights, solver);
+    let product = |a: &FloatTensor<B>, b: &FloatTensor<B>| B::float_matmul(a.clone(), b.clone());
+    let transposed = |a: &FloatTensor<B>| B::float_swap_dims(a.clone(), 1, 2);
+    let column = |t: FloatTensor<B>| B::float_reshape(t, Shape::from([batch, k, 1]));
+    let (x, g) = (column(solution), column(grad));
+    let (rows, columns) = (transposed(&bases), transposed(&factor));
+    let inverse = |v: &FloatTensor<B>| product(&factor, &product(&columns, v));
+
+    // v with (F^T F + mu) v = b, refined.
+    let refined = |b: &FloatTensor<B>| {
+        let first = inverse(b);
+        let mut met = product(&rows, &product(&bases, &first));
+        if let Some(shift) = &shift {
+            met = B::float_add(met, B::float_mul(first.clone(), shift.clone()));
+        }
+        B::float_add(first, inverse(&B::float_sub(b.clone(), met)))
+    };
+    let residual = B::float_sub(depths, product(&bases, &x));
+    let (v, extra) = match solver {
+        Solver::Ridge(share) => {
+            let v = refined(&g);
+            let along = product(&transposed(&v), &x);
+            let shrink = B::float_mul_scalar(along, (-2.0 * share / k as f64).into());
+            (v, B::float_mul(bases.clone(), shrink))
+        }
+        Solver::Truncated(_) => {
+            let kept = projected::<B>(&factor, &g);
+            let v = refined(&kept);
+            let u = product(&bases, &refined(&x));
+            let left = B::float_sub(g.clone(), kept);
+            (v, product(&u, &transposed(&left)))
+        }
+    };
+    let q = product(&bases, &v);
+    let bases = B::float_add(
+        B::float_sub(
+            product(&residual, &transposed(&v)),
+            product(&q, &transposed(&x)),
+        ),
+        extra,
+    );
+    (
+        B::float_mul(bases, roots.clone()),
+        B::float_reshape(B::float_mul(q, roots), Shape::from([batch, n])),
+    )
+}
+
+/// The part of `g [batch, k, 1]` within the directions that were kept: those of the columns of K,
+/// which are orthogonal where any was left out. Where none was it is `g`.
+fn projected<B: Backend>(factor: &FloatTensor<B>, g: &FloatTensor<B>) -> FloatTensor<B> {
+    let k = factor.shape()[2] as f64;
+    let squares = B::float_sum_dim(B::float_mul(factor.clone(), factor.clone()), 1);
+    // 1 for columns that were kept, 0 for others.
+    let kept = B::float_sign(squares.clone());
+    let left = B::float_add_scalar(B::float_neg(kept.clone()), 1.0.into());
+    let norms = B::float_sqrt(B::float_add(squares, left));
+    let directions = B::float_div(factor.clone(), norms);
+    let along = B::float_matmul(B::float_swap_dims(directions.clone(), 1, 2), g.clone());
+    let within = B::float_matmul(directions, along);
+    // 1 where all were kept, 0 elsewhere.
+    let all = B::float_add_scalar(B::float_sum_dim(kept, 2), (1.0 - k).into());
+    let all = B::float_clamp_min(all, 0.0.into());
+    B::float_add(
+        within.clone(),
+        B::float_mul(B::float_sub(g.clone(), within), all),
+    )
+}

@@ -1,0 +1,141 @@
+//! Weighted least squares as a differentiable burn op.
+//!
+//! One problem per image: rows are points, columns are basis functions, a row weight of 0 marks
+//! padding. GPUs solve in f32 without leaving the device; elsewhere, and for other float types, all
+//! arithmetic is f64 on the host.
+
+mod autodiff;
+#[cfg(feature = "wgpu")]
+mod composed;
+#[cfg(feature = "wgpu")]
+mod cube;
+mod host;
+#[cfg(test)]
+mod tests;
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::tensor::Tensor;
+use lsdc_core::fit::Solver;
+
+/// Backends that solve.
+#[backend_extension(
+    Autodiff,
+    Flex,
+    NdArray: cfg(feature = "ndarray"),
+    Cube: cfg(feature = "wgpu"),
+)]
+pub trait LstsqBackend: Backend {
+    /// `bases [b, n, k]`, `depths [b, n]`, `weights [b, n]` to the solution `[b, k]`, which can be
+    /// differentiated.
+    fn lstsq(
+        bases: FloatTensor<Self>,
+        depths: FloatTensor<Self>,
+        weights: FloatTensor<Self>,
+        solver: Solver,
+    ) -> FloatTensor<Self> {
+        Self::lstsq_factor(bases, depths, weights, solver).0
+    }
+
+    /// The solution `[b, k]` and K `[b, k, k]` with `K K^T` the pseudo-inverse of the normal
+    /// matrix: columns of 0 stand for directions that were left out. Not differentiated.
+    fn lstsq_factor(
+        bases: FloatTensor<Self>,
+        depths: FloatTensor<Self>,
+        weights: FloatTensor<Self>,
+        solver: Solver,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+
+    /// The gradients of `bases` and `depths` from that of the solution.
+    fn lstsq_backward(
+        bases: FloatTensor<Self>,
+        depths: FloatTensor<Self>,
+        weights: FloatTensor<Self>,
+        solution: FloatTensor<Self>,
+        factor: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        solver: Solver,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+}
+
+/// Reads the tensors, solves on the host and writes back.
+macro_rules! on_the_host {
+    ($backend:ty) => {
+        impl LstsqBackend for $backend {
+            fn lstsq_factor(
+                bases: FloatTensor<Self>,
+                depths: FloatTensor<Self>,
+                weights: FloatTensor<Self>,
+                solver: Solver,
+            ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+                host::forward::<Self>(bases, depths, weights, solver)
+            }
+
+            fn lstsq_backward(
+                bases: FloatTensor<Self>,
+                depths: FloatTensor<Self>,
+                weights: FloatTensor<Self>,
+                _: FloatTensor<Self>,
+                _: FloatTensor<Self>,
+                grad: FloatTensor<Self>,
+                solver: Solver,
+            ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+                host::backward::<Self>(bases, depths, weights, grad, solver)
+            }
+        }
+    };
+}
+
+on_the_host!(burn::backend::Flex);
+
+#[cfg(feature = "ndarray")]
+on_the_host!(burn_ndarray::NdArray);
+
+/// Minimises `sum_i weights_i (depths_i - bases_i . x)^2` for every image of a batch.
+///
+/// `bases [batch, points, k]`, `depths` and `weights [batch, points]`, result `[batch, k]`.
+/// Differentiable in `bases` and `depths`; the weights are constants. A problem without a solution
+/// (values that are not finite) yields NaN.
+pub fn lstsq(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: Solver) -> Tensor<2> {
+    Tensor::from_dispatch(Dispatch::lstsq(
+        bases.into_dispatch(),
+        depths.into_dispatch(),
+        weights.into_dispatch(),
+        solver,
+    ))
+}
+
+/// Solutions, and what tells how they were found.
+#[derive(Clone, Debug)]
+pub struct Factored {
+    /// As of [`lstsq`], `[batch, k]`, without its history.
+    pub solution: Tensor<2>,
+    /// K `[batch, k, k]`: `K K^T` is the covariance of the solution for points whose noise has
+    /// variance 1. Columns of 0 stand for directions that were left out.
+    pub factor: Tensor<3>,
+}
+
+impl Factored {
+    /// Solves, as [`lstsq`], for what cannot be differentiated.
+    pub fn new(bases: Tensor<3>, depths: Tensor<2>, weights: Tensor<2>, solver: Solver) -> Self {
+        let (solution, factor) = Dispatch::lstsq_factor(
+            bases.into_dispatch(),
+            depths.into_dispatch(),
+            weights.into_dispatch(),
+            solver,
+        );
+        Self {
+            solution: Tensor::from_dispatch(solution),
+            factor: Tensor::from_dispatch(factor),
+        }
+    }
+
+    /// The number of directions that were kept, of each problem.
+    pub fn ranks(&self) -> Vec<usize> {
+        let [batch, k, _] = self.factor.dims();
+        let largest = self.factor.clone().abs().max_dim(1).reshape([batch * k]);
+        let kept: Vec<bool> = largest.into_data().iter::<f32>().map(|v| v > 0.0).collect();
+        let count = |some: &[bool]| some.iter().filter(|kept| **kept).count();
+        kept.chunks(k.max(1)).map(count).collect()
+    }
+}

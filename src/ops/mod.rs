@@ -1,0 +1,12 @@
+//! Differentiable operations on tensors of any backend: burn extensions on top of the kernels and fits
+//! that completion uses too.
+
+pub mod conv;
+mod joint;
+mod lstsq;
+pub mod norm;
+mod reweighted;
+
+pub use joint::{JointBackend, JointFit, Scenes, joint};
+pub use lstsq::{Factored, LstsqBackend, lstsq};
+pub use reweighted::{Reweighting, RobustGradient, reweighted};
