@@ -96,13 +96,13 @@ impl<'a> Engine<'a> {
 
     /// The first part of completing a frame, which depends on its image alone.
     pub(super) fn see(&self, rgb: &RgbImage, points: &Sparse) -> Result<Seen<'_>> {
-        check_sizes(rgb, &points.depth)?;
+        check_sizes(rgb, &points.map()?)?;
         let mut completer = match &self.way {
             Way::Trained(completer) => Cow::Borrowed(completer.as_ref()),
             Way::Untrained(method) => return Ok(Seen::Untrained(*method)),
         };
         if self.args.full {
-            let input = [points.depth.height(), points.depth.width()];
+            let input = [points.size.1, points.size.0];
             completer = Cow::Owned(completer.into_owned().with_input(input));
         }
         let started = Instant::now();
@@ -121,7 +121,7 @@ impl<'a> Engine<'a> {
         points: &Sparse,
         weighed: Weighed<'_>,
     ) -> Result<Completed> {
-        let sparse = &points.depth;
+        let sparse = &points.map()?;
         let (depth, fitted) = match weighed {
             Weighed::Trained { view, fit, fitting } => {
                 let (depth, fitted) = self.fitted(&view, *fit, fitting, sparse)?;
@@ -178,8 +178,8 @@ impl<'a> Seen<'a> {
             view.completer = Cow::Owned(view.completer.after(weights)?);
         }
         let started = Instant::now();
-        let sigma = points.sigma.as_ref();
-        let fit = view.completer.fit(&view.bases, &points.depth, sigma)?;
+        let (depth, sigma) = points.maps()?;
+        let fit = view.completer.fit(&view.bases, &depth, sigma.as_ref())?;
         Ok(Weighed::Trained {
             view,
             fit: Box::new(fit),
