@@ -480,3 +480,55 @@ fn a_place_without_the_dataset_is_an_error_that_helps() {
         assert!(helps, "{}: {error}", kind.name());
     }
 }
+
+/// Export wrote one file for two frames that had one name.
+#[test]
+fn two_scenes_of_nyu_with_frames_of_one_number_keep_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    for (i, scene) in ["kitchen", "office"].into_iter().enumerate() {
+        let path = file(folder.path(), &format!("val/{scene}/00001.h5"));
+        write_h5(&path, i, 0);
+    }
+    let frames = open(DatasetKind::Nyu, folder.path(), Split::Val).unwrap();
+    let names: Vec<_> = (0..frames.len()).map(|i| frames.id(i)).collect();
+    assert_eq!(names, ["kitchen/00001", "office/00001"]);
+}
+
+#[test]
+fn frames_that_share_a_name_are_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let (rgb, depth) = frame(0);
+    for split in ["val", "test"] {
+        write_rgb(&file(folder.path(), &format!("{split}/a.png")), &rgb).unwrap();
+        let path = file(folder.path(), &format!("{split}/a_depth.png"));
+        write_depth_png(&path, &depth, 0.001).unwrap();
+    }
+    let config = DataConfig {
+        dataset: DatasetKind::Folder,
+        root: Some(folder.path().to_owned()),
+        folder: FolderConfig {
+            rgb: "{split}/{frame}.png".into(),
+            ..FolderConfig::default()
+        },
+        ..DataConfig::default()
+    };
+    let error = config.open(Split::Val, None).err().unwrap().to_string();
+    assert!(error.contains("two frames are called `a`"), "{error}");
+}
+
+#[test]
+fn names_of_a_list_cannot_lead_out_of_the_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    for (scene, scan, name) in [
+        ("s", "t", "../../../out"),
+        ("s", "t", "/tmp/out"),
+        ("..", "t", "f"),
+        ("s", "a/../../b", "f"),
+    ] {
+        let list = format!(r#"{{"val":{{"indoors":{{"{scene}":{{"{scan}":["{name}"]}}}}}}}}"#);
+        std::fs::write(folder.path().join("diode_meta.json"), list).unwrap();
+        let error = open(DatasetKind::Diode, folder.path(), Split::Val);
+        let error = error.err().unwrap().to_string();
+        assert!(error.contains("cannot be the name of a frame"), "{error}");
+    }
+}

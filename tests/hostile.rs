@@ -464,7 +464,7 @@ fn points() {
             views.is_ok_and(|views| {
                 let mut sparse = views
                     .iter()
-                    .map(|view| Sparse::of_view(view, (WIDTH, HEIGHT)));
+                    .map(|view| Sparse::of_view(view, (WIDTH, HEIGHT), None));
                 sparse.all(|sparse| sparse.is_ok())
             })
         });

@@ -28,7 +28,7 @@ fuzz_target!(|data: &[u8]| {
         }
         let folder = path.parent().expect("a folder");
         for view in Colmap::read(folder).into_iter().flat_map(|m| m.views) {
-            let _ = Sparse::of_view(&view, (64, 48));
+            let _ = Sparse::of_view(&view, (64, 48), None);
         }
     });
 });

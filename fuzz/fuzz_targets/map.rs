@@ -1,4 +1,4 @@
-//! Depth maps: npz, TIFF, EXR and PFM, by the first byte.
+//! Depth maps: npz, TIFF, EXR, PFM, PGM and HDF5, by the first byte.
 
 #![no_main]
 
@@ -10,7 +10,7 @@ fuzz_target!(|data: &[u8]| {
     let Some((&kind, data)) = data.split_first() else {
         return;
     };
-    let name = ["f.npz", "f.tiff", "f.exr", "f.pfm"][usize::from(kind % 4)];
+    let name = ["f.npz", "f.tiff", "f.exr", "f.pfm", "f.pgm", "f.h5"][usize::from(kind % 6)];
     with_file(data, name, |path| {
         let _ = Sparse::read(path, None, None, (64, 48));
     });

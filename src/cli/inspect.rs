@@ -77,12 +77,24 @@ fn bases(args: &Inspect, sheet: &Path) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// The frames of each split, and the first of them.
+/// The frames of each split that is there, and the first of them.
 fn dataset(args: &Inspect) -> Result<Exit> {
     let mut config = args.settings.load()?.data;
     args.source.apply(&mut config);
-    for split in [Split::Train, Split::Val] {
-        let frames = settings::open(&config, split)?;
+    let splits = [Split::Train, Split::Val];
+    let found = splits.map(|split| settings::open(&config, split));
+    if found.iter().all(Result::is_err) {
+        let [train, _] = found;
+        return train.map(|_| Exit::Done);
+    }
+    for (split, frames) in splits.into_iter().zip(found) {
+        let frames = match frames {
+            Ok(frames) => frames,
+            Err(error) => {
+                ui::print(&format!("{:<9} none: {error}", split.name()));
+                continue;
+            }
+        };
         ui::print(&format!(
             "{:<9} {} frames, {}",
             split.name(),
@@ -125,12 +137,15 @@ fn lines(contents: &Contents) -> Vec<String> {
             if map.sigma.is_some() {
                 lines.push("sigma     with standard deviations".to_owned());
             }
+            let remarks = map.remarks.iter();
+            lines.extend(remarks.map(|remark| format!("warning   {remark}")));
         }
         Contents::List {
             points,
             ignored,
             deviations,
             unit,
+            named,
         } => {
             let with = if *deviations {
                 ", with standard deviations"
@@ -141,6 +156,10 @@ fn lines(contents: &Contents) -> Vec<String> {
                 "points    {}, {ignored} ignored{with}",
                 points.len()
             ));
+            if !named {
+                let what = "columns   u, v, depth if these are pixels; nothing in the file says so";
+                lines.push(what.to_owned());
+            }
             lines.push(format!("unit      {unit}"));
             for (axis, name) in ["columns", "rows"].into_iter().enumerate() {
                 let values = points.iter().map(|point| point[axis]);
@@ -170,6 +189,7 @@ fn lines(contents: &Contents) -> Vec<String> {
                 seen.sum::<usize>()
             ));
         }
+        Contents::Camera(camera) => lines.push(format!("camera    {camera}")),
     }
     let mut depths = contents.depths();
     if !depths.is_empty() {
@@ -219,16 +239,17 @@ fn described(path: &Path, contents: &Contents) -> Value {
             "is": "map", "width": map.depth.width(), "height": map.depth.height(),
             "points": map.depth.count(), "ignored": map.depth.ignored(),
             "unit": map.unit.to_string(), "unit_guessed": map.guessed,
-            "deviations": map.sigma.is_some(),
+            "deviations": map.sigma.is_some(), "remarks": map.remarks,
         }),
         Contents::List {
             points,
             ignored,
             deviations,
             unit,
+            named,
         } => json!({
             "is": "list", "points": points.len(), "ignored": ignored,
-            "unit": unit.to_string(), "deviations": deviations,
+            "unit": unit.to_string(), "deviations": deviations, "named": named,
         }),
         Contents::Cloud {
             count,
@@ -242,6 +263,7 @@ fn described(path: &Path, contents: &Contents) -> Value {
             "is": "model", "images": model.views.len(),
             "points": model.views.iter().map(View::count).sum::<usize>(),
         }),
+        Contents::Camera(camera) => json!({ "is": "camera", "camera": camera.to_string() }),
     };
     let mut depths = contents.depths();
     if !depths.is_empty() {

@@ -31,7 +31,7 @@ pub(super) fn say(text: &str) {
 }
 
 /// Prints what must be read.
-fn warn(text: &str) {
+pub(super) fn warn(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 

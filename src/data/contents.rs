@@ -1,10 +1,11 @@
 //! What is in a file that nobody has described.
 
 use super::files::{
-    CLOUDS, IMAGES, Listed, has_ending, image_kind, read_array, read_cloud, read_list, read_npz,
+    CLOUDS, Columns, IMAGES, Table, has_ending, image_kind, is_grey_tiff, read_cloud,
 };
-use super::sparse::{is_list, listed};
-use super::{Colmap, DepthMap, Sparse, Unit};
+use super::sparse::is_table;
+use super::stored::{DEPTHS, KnownUnit, Stored, StoredMap, read_stored};
+use super::{Camera, Colmap, DepthMap, Unit};
 use crate::error::{Error, Result};
 use std::path::Path;
 
@@ -19,8 +20,8 @@ pub enum Contents {
         kind: String,
     },
     /// Depths by pixel.
-    Map(Box<Sparse>),
-    /// A list of points.
+    Map(Box<StoredMap>),
+    /// A table of points.
     List {
         /// u, v in pixels and depth in metres of the points with a positive and finite depth.
         points: Vec<[f64; 3]>,
@@ -30,6 +31,8 @@ pub enum Contents {
         deviations: bool,
         /// What the file is taken to be in.
         unit: Unit,
+        /// Whether the file says that its columns are u, v and depth; they may be x, y and z.
+        named: bool,
     },
     /// A cloud.
     Cloud {
@@ -44,6 +47,8 @@ pub enum Contents {
     },
     /// A sparse model of COLMAP.
     Model(Colmap),
+    /// A camera.
+    Camera(Box<Camera>),
 }
 
 impl Contents {
@@ -54,33 +59,17 @@ impl Contents {
     /// A file that is missing, damaged, or of no kind that is known.
     pub fn read(path: &Path, unit: Option<Unit>) -> Result<Self> {
         let is = |ending: &str| has_ending(path, ending);
-        let known = |integers: bool| {
-            unit.unwrap_or(if integers {
-                Unit::MILLIMETRE
-            } else {
-                Unit::METRE
-            })
-        };
         if path.is_dir() {
             return Colmap::read(path).map(Self::Model);
         }
         if CLOUDS.into_iter().any(is) {
-            return Self::of_cloud(path);
+            return read_bounds(&mut |visit| read_cloud(path, visit));
         }
-        if is("csv") || is("txt") {
-            return Ok(Self::of_list(&read_list(path)?, known(false)));
+        if CAMERAS.into_iter().any(is) {
+            return Camera::read(path).map(|camera| Self::Camera(Box::new(camera)));
         }
-        if is("npy") || is("npz") {
-            let array = if is("npy") {
-                read_array(path)?
-            } else {
-                read_npz(path)?.0
-            };
-            // As no image tells otherwise, three or four columns are a list.
-            if is_list(&array, (0, 0)) {
-                return Ok(Self::of_list(&listed(&array), known(array.integers)));
-            }
-        } else if IMAGES.into_iter().any(is) {
+        let grey = (is("tif") || is("tiff")) && is_grey_tiff(path)?;
+        if IMAGES.into_iter().any(is) && !grey {
             let (size, color) = image_kind(path)?;
             let channels = color.channel_count();
             if channels > 2 {
@@ -93,44 +82,38 @@ impl Contents {
                 let kind = format!("{bits} bits, {channels} channels{alpha}");
                 return Ok(Self::Image { size, kind });
             }
-        } else if !["exr", "pfm"].into_iter().any(is) {
+        }
+        if !DEPTHS.into_iter().any(is) {
             return Err(Error::format(path, "is of no kind that is known"));
         }
-        Sparse::read(path, unit, None, (0, 0)).map(|points| Self::Map(Box::new(points)))
-    }
-
-    fn of_list(points: &[Listed], unit: Unit) -> Self {
-        let metres = |point: &Listed| [point.u, point.v, point.depth * unit.metres()];
-        let good = |point: &[f64; 3]| point[2] > 0.0 && point.iter().all(|v| v.is_finite());
-        let found: Vec<[f64; 3]> = points.iter().map(metres).filter(good).collect();
-        Self::List {
-            ignored: points.len() - found.len(),
-            deviations: points.iter().any(|point| point.sigma.is_some()),
-            points: found,
-            unit,
+        // As no image tells otherwise, three or four columns are a table.
+        match read_stored(path, unit, |array| is_table(array, &[]))? {
+            Stored::Map(map) => Ok(Self::Map(Box::new(map))),
+            Stored::Table(table, _) if table.columns == Columns::Space => {
+                read_bounds(&mut |visit| {
+                    table.rows.iter().for_each(|row| visit(row.values));
+                    Ok(())
+                })
+            }
+            Stored::Table(table, known) => Ok(Self::of_table(&table, known)),
         }
     }
 
-    fn of_cloud(path: &Path) -> Result<Self> {
-        let (mut count, mut ignored) = (0, 0);
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        read_cloud(path, &mut |point| {
-            if point.iter().any(|v| !v.is_finite()) {
-                ignored += 1;
-                return;
-            }
-            count += 1;
-            for axis in 0..3 {
-                low[axis] = low[axis].min(point[axis]);
-                high[axis] = high[axis].max(point[axis]);
-            }
-        })?;
-        Ok(Self::Cloud {
-            count,
-            ignored,
-            low,
-            high,
-        })
+    fn of_table(table: &Table, known: KnownUnit) -> Self {
+        let metres = known.unit.metres();
+        let points = table.rows.iter().map(|row| {
+            let [u, v, depth] = row.values;
+            [u, v, depth * metres]
+        });
+        let good = |point: &[f64; 3]| point[2] > 0.0 && point.iter().all(|v| v.is_finite());
+        let found: Vec<[f64; 3]> = points.filter(good).collect();
+        Self::List {
+            ignored: table.rows.len() - found.len(),
+            deviations: table.rows.iter().any(|row| row.fourth.is_some()),
+            points: found,
+            unit: known.unit,
+            named: table.columns == Columns::Pixels,
+        }
     }
 
     /// The depths in it, in metres, in no order: those of a map or a list.
@@ -138,7 +121,9 @@ impl Contents {
         match self {
             Self::Map(map) => map.depth.points().map(|point| point.depth).collect(),
             Self::List { points, .. } => points.iter().map(|point| point[2] as f32).collect(),
-            Self::Image { .. } | Self::Cloud { .. } | Self::Model(_) => Vec::new(),
+            Self::Image { .. } | Self::Cloud { .. } | Self::Model(_) | Self::Camera(_) => {
+                Vec::new()
+            }
         }
     }
 
@@ -149,6 +134,34 @@ impl Contents {
             _ => None,
         }
     }
+}
+
+/// The endings of cameras.
+const CAMERAS: [&str; 4] = ["toml", "json", "yaml", "yml"];
+
+/// The bounds of the points of a cloud, which are visited by `visit_all`.
+fn read_bounds(
+    visit_all: &mut dyn FnMut(&mut dyn FnMut([f64; 3])) -> Result<()>,
+) -> Result<Contents> {
+    let (mut count, mut ignored) = (0, 0);
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    visit_all(&mut |point| {
+        if point.iter().any(|v| !v.is_finite()) {
+            ignored += 1;
+            return;
+        }
+        count += 1;
+        for axis in 0..3 {
+            low[axis] = low[axis].min(point[axis]);
+            high[axis] = high[axis].max(point[axis]);
+        }
+    })?;
+    Ok(Contents::Cloud {
+        count,
+        ignored,
+        low,
+        high,
+    })
 }
 
 #[cfg(test)]
@@ -166,6 +179,8 @@ mod tests {
         write_depth_png(&at("map.png"), &map, 0.001).unwrap();
         write_rgb(&at("image.png"), &RgbImage::new(4, 3)).unwrap();
         std::fs::write(at("list.csv"), "u,v,depth\n1,2,0.5\n3,4,-1\n").unwrap();
+        std::fs::write(at("cloud.csv"), "x,y,z\n1,2,3\n-1,5,nan\n0,7,1\n").unwrap();
+        std::fs::write(at("camera.toml"), "fx = 5\nfy = 5\ncx = 2\ncy = 1\n").unwrap();
         let corners = [[1.0, 2.0, 3.0], [-1.0, 5.0, f64::NAN], [0.0, 7.0, 1.0]];
         let cloud = corners.map(|place| Colored {
             place,
@@ -191,16 +206,19 @@ mod tests {
             panic!("no list");
         };
         assert_eq!(points, [[1.0, 2.0, 0.5]]);
-        let Contents::Cloud {
-            count: 2,
-            ignored: 1,
-            low,
-            high,
-        } = read("cloud.ply")
-        else {
-            panic!("no cloud");
-        };
-        assert_eq!((low, high), ([0.0, 2.0, 1.0], [1.0, 7.0, 3.0]));
+        for name in ["cloud.ply", "cloud.csv"] {
+            let Contents::Cloud {
+                count: 2,
+                ignored: 1,
+                low,
+                high,
+            } = read(name)
+            else {
+                panic!("{name} is no cloud");
+            };
+            assert_eq!((low, high), ([0.0, 2.0, 1.0], [1.0, 7.0, 3.0]));
+        }
+        assert!(matches!(read("camera.toml"), Contents::Camera(_)));
         assert!(Contents::read(&at("nothing.doc"), None).is_err());
     }
 }

@@ -8,6 +8,23 @@ use serde::{Deserialize, Serialize};
 /// The name of a frame: unique in its dataset, stable between machines.
 pub type FrameId = String;
 
+/// Refuses a name that leads out of the folder below which files are named so.
+///
+/// # Errors
+/// An absolute name, one with `..` or a backslash, or none.
+pub fn check_name(name: &str) -> Result<()> {
+    // `C:` is a folder of its own on Windows.
+    let drive = |part: &str| part.as_bytes().get(1) == Some(&b':');
+    let plain = |part: &str| !matches!(part, "" | "." | "..") && !drive(part);
+    if name.split('/').all(plain) && !name.contains(['\\', '\0']) {
+        return Ok(());
+    }
+    Err(
+        Error::config(format!("`{name}` cannot be the name of a frame"))
+            .hint("names are paths below a folder, without `..` and backslashes"),
+    )
+}
+
 /// Where a frame was taken; some protocols treat the two differently.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -83,5 +100,31 @@ impl Frame {
             "frame `{}`: the {what} is {width}x{height} but the image is {}x{}",
             self.id, image.0, image.1
         )))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stay_below_their_folder() {
+        for name in ["a", "scene/00001", "a..b/.c", "12:30", "ä b#1"] {
+            assert!(check_name(name).is_ok(), "{name}");
+        }
+        for name in [
+            "",
+            "/etc/a",
+            "../a",
+            "a/../../b",
+            "a/..",
+            "a//b",
+            "./a",
+            "a\\b",
+            "C:/a",
+            "C:",
+        ] {
+            assert!(check_name(name).is_err(), "{name}");
+        }
     }
 }

@@ -1,9 +1,8 @@
 //! Points of a cloud that a camera sees between nearer ones, through what is a closed surface.
 
+use super::surface::NEARER;
 use rayon::prelude::*;
 
-/// How much nearer a point must be to hide another: its share of the depth.
-const NEARER: f32 = 0.05;
 /// Sectors around a point, and in how many of them nearer points must lie. At a straight edge they
 /// lie in half of them.
 const SECTORS: usize = 8;

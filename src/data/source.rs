@@ -1,9 +1,10 @@
 //! Which dataset, and where it lies.
 
 use super::sets::{self, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
-use super::{Dataset, Split};
+use super::{Dataset, Split, check_name};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -80,10 +81,11 @@ impl DataConfig {
     /// Opens the dataset; `fallback` is the folder that holds datasets by name.
     ///
     /// # Errors
-    /// An unknown or unreadable folder, or no frame in it.
+    /// An unknown or unreadable folder, no frame in it, or frames whose names are not their own or
+    /// lead out of a folder.
     pub fn open(&self, split: Split, fallback: Option<&Path>) -> Result<Arc<dyn Dataset>> {
         let root = || self.folder_of(fallback);
-        Ok(match self.dataset {
+        let frames: Arc<dyn Dataset> = match self.dataset {
             DatasetKind::Rooms => Arc::new(Rooms::new(split, &self.rooms)?),
             DatasetKind::Nyu => sets::nyu(&root()?, split, self.nyu)?,
             DatasetKind::Diode => Arc::new(sets::diode(&root()?, split, self.diode)?),
@@ -92,7 +94,18 @@ impl DataConfig {
             DatasetKind::Tum => Arc::new(sets::tum(&root()?)?),
             DatasetKind::Marigold => Arc::new(sets::marigold(&root()?)?),
             DatasetKind::Folder => Arc::new(Folder::open(&root()?, split, &self.folder)?),
-        })
+        };
+        // Results are kept under the names of frames.
+        let mut names = HashSet::new();
+        for index in 0..frames.len() {
+            let name = frames.id(index);
+            check_name(&name)?;
+            if let Some(name) = names.replace(name) {
+                let what = format!("two frames are called `{name}` in {}", frames.about());
+                return Err(Error::config(what).hint("give folders or files other names"));
+            }
+        }
+        Ok(frames)
     }
 
     fn folder_of(&self, fallback: Option<&Path>) -> Result<PathBuf> {

@@ -4,15 +4,17 @@ use crate::error::{Error, Result};
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// How many stored units make a metre.
+/// How many stored units make a metre, if that is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Unit(f64);
+pub struct Unit(Option<f64>);
 
 impl Unit {
     /// Metres as they are.
-    pub const METRE: Self = Self(1.0);
+    pub const METRE: Self = Self(Some(1.0));
     /// What most 16-bit depth images hold.
-    pub const MILLIMETRE: Self = Self(1000.0);
+    pub const MILLIMETRE: Self = Self(Some(1000.0));
+    /// That of a reconstruction from images alone, whose scale nobody knows: it stays as it is.
+    pub const MODEL: Self = Self(None);
 
     /// Units with names: what is typed, and how many make a metre. KITTI, TUM and Virtual KITTI 2
     /// say so in their development kits.
@@ -25,9 +27,9 @@ impl Unit {
         ("vkitti", 100.0),
     ];
 
-    /// Metres to one stored unit.
+    /// What stored numbers are multiplied by: metres to one unit, or 1 where that is not known.
     pub fn metres(self) -> f64 {
-        1.0 / self.0
+        self.0.map_or(1.0, |count| 1.0 / count)
     }
 }
 
@@ -37,10 +39,10 @@ impl FromStr for Unit {
     /// A name, or how many make a metre.
     fn from_str(text: &str) -> Result<Self> {
         if let Some((_, count)) = Self::NAMED.iter().find(|(name, _)| *name == text) {
-            return Ok(Self(*count));
+            return Ok(Self(Some(*count)));
         }
         match text.parse::<f64>() {
-            Ok(count) if count > 0.0 && count.is_finite() => Ok(Self(count)),
+            Ok(count) if count > 0.0 && count.is_finite() => Ok(Self(Some(count))),
             _ => Err(Error::config(format!("`{text}` is no unit of depth"))
                 .hint("m, cm, mm, kitti, tum, vkitti, or how many units make a metre, as in 256")),
         }
@@ -50,10 +52,11 @@ impl FromStr for Unit {
 impl Display for Unit {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         match self.0 {
-            1.0 => write!(f, "metres"),
-            100.0 => write!(f, "centimetres"),
-            1000.0 => write!(f, "millimetres"),
-            count => write!(f, "1/{count} m"),
+            None => write!(f, "model units"),
+            Some(1.0) => write!(f, "metres"),
+            Some(100.0) => write!(f, "centimetres"),
+            Some(1000.0) => write!(f, "millimetres"),
+            Some(count) => write!(f, "1/{count} m"),
         }
     }
 }

@@ -52,7 +52,7 @@ fn prepared() -> tempfile::TempDir {
 
     std::fs::write(at("camera.toml"), camera()).unwrap();
     let seen = Camera::read(&at("camera.toml")).unwrap();
-    let seen = seen.resized((width, height));
+    let seen = seen.resized((width, height)).unwrap();
     let (mut features, mut scan) = ("u,v,depth,sigma\n".to_owned(), String::new());
     let (mut keypoints, mut landmarks) = (String::new(), String::new());
     for (i, p) in sparse.points().enumerate() {

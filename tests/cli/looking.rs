@@ -37,6 +37,48 @@ fn files_are_described() {
 }
 
 #[test]
+fn cameras_clouds_and_floats_are_described() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let depth = DepthMap::new(4, 3, vec![1.5; 12]).unwrap();
+    lsdc::data::write_tiff(&at("depth.tiff"), &depth).unwrap();
+    std::fs::write(at("scan.xyz"), "1 2 3\n-4 5 6\n").unwrap();
+    std::fs::write(at("camera.toml"), "fx = 5\nfy = 6\ncx = 2\ncy = 1\n").unwrap();
+    std::fs::write(at("points.csv"), "1,2,3000\n2,2,3100\n").unwrap();
+    for (name, words) in [
+        ("depth.tiff", &["depths    4x3, 12 pixels"][..]),
+        ("scan.xyz", &["cloud     2 points", "-4.000 to 1.000"]),
+        (
+            "camera.toml",
+            &["camera    fx 5, fy 6, cx 2, cy 1, pinhole"],
+        ),
+        ("points.csv", &["points    2", "if these are pixels"]),
+    ] {
+        let run = lsdc(folder.path()).args(["inspect", name]).assert();
+        let told = text(&run.success());
+        for word in words {
+            assert!(told.contains(word), "{told}");
+        }
+    }
+}
+
+#[test]
+fn a_dataset_with_one_split_is_described() {
+    let folder = tempfile::tempdir().unwrap();
+    let val = folder.path().join("val");
+    std::fs::create_dir(&val).unwrap();
+    let image = image::RgbImage::new(4, 3);
+    image.save(val.join("a.jpg")).unwrap();
+    let depth = DepthMap::new(4, 3, vec![1.5; 12]).unwrap();
+    lsdc::data::write_depth_png(&val.join("a_depth.png"), &depth, 0.001).unwrap();
+    let inspect = ["inspect", "--dataset", "folder", "--root", "."];
+    let run = lsdc(folder.path()).args(inspect).assert().success();
+    let told = text(&run);
+    assert!(told.contains("train     none: no `train` frame"), "{told}");
+    assert!(told.contains("val       1 frames"), "{told}");
+}
+
+#[test]
 fn base_functions_are_drawn() {
     let folder = room();
     let args = ["inspect", "rgb.png", "--bases", "functions.png"];

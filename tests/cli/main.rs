@@ -7,6 +7,7 @@ mod eval;
 mod experiment;
 mod forms;
 mod guide;
+mod inputs;
 mod looking;
 mod many;
 mod weights;

@@ -11,27 +11,31 @@ use std::path::PathBuf;
 
 #[derive(Clone, Debug, ClapArgs)]
 pub(in crate::cli) struct Complete {
-    /// Colour image (JPEG, PNG, WebP, TIFF), or several: images, a folder, a pattern such as
+    /// Colour image (JPEG, PNG, WebP, TIFF, BMP, PNM), or several: images, a folder, a pattern such as
     /// 'left/*.png', or a list (txt) with an image to a line, its points behind it or in the folder of
-    /// points. `-` is standard input.
+    /// points; quote names with blanks. `-` is standard input.
     #[arg(required = true)]
     pub(in crate::cli) rgb: Vec<PathBuf>,
-    /// Sparse depths: a map as large as the image or of its shape (npy, npz, 16-bit PNG, TIFF, EXR,
-    /// PFM), a list of points u, v, depth[, sigma] (csv, txt, npy of shape (points, 3 or 4)), u and v
-    /// in pixels from the centre of the first, a cloud (PLY, PCD, LAS, LAZ; needs --camera), or a
-    /// sparse model of COLMAP; 0, NaN, infinite and negative values mean no measurement. For several
-    /// images: a folder of such files of the same names, or a model. `-` is standard input.
+    /// Sparse depths: a map of the image's shape (npy, npz, 16-bit PNG, PGM, TIFF, EXR, PFM, HDF5); a
+    /// table of points (csv, txt, npy of shape (points, 3 or 4)) of u, v, depth[, sigma], u and v in
+    /// pixels from the centre of the first, or with --camera of x, y, z, which a first line `u,v,depth`
+    /// or `x,y,z` says (without it, a table is x, y, z if there is --camera and most of its points
+    /// cannot be pixels, and what may be either is refused); a cloud (PLY, PCD, LAS, LAZ, xyz, KITTI's
+    /// bin; needs --camera); or a sparse model of COLMAP. 0, NaN, infinite and negative values mean no
+    /// measurement. For several images: a folder of such files of the same names, or a model. `-` is
+    /// standard input.
     pub(in crate::cli) sparse: PathBuf,
     /// Folder for the results, or for one image the file, whose ending says the format, or `-`, which
     /// is standard output [default: the folder of the image].
     #[arg(short, long, value_name = "PATH")]
     pub(in crate::cli) output: Option<PathBuf>,
     /// Unit of the sparse depths: m, cm, mm, kitti (1/256 m), tum (1/5000), vkitti (1/100), or how
-    /// many make a metre [default: mm for integers, m for other numbers].
+    /// many make a metre [default: mm for integers, m for other numbers, that of the model for COLMAP].
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT")]
     pub(in crate::cli) depth_unit: Option<Unit>,
-    /// The camera, which looks at clouds and places pixels in space: a file (TOML or JSON with fx, fy,
-    /// cx, cy, distortion, pose), or FX,FY,CX,CY in pixels.
+    /// Camera intrinsics and pose, to project clouds and back-project pixels: a file (TOML or JSON with
+    /// fx, fy, cx, cy, distortion, pose, or the camera_info of ROS as YAML), or FX,FY,CX,CY in pixels.
+    /// Of an image that EXIF turns, those of the pixels as stored, unless only upright fits.
     #[arg(long, value_parser = typed::<Camera>, value_name = "CAMERA")]
     pub(in crate::cli) camera: Option<Camera>,
     /// What is written of a result: npy (float32 metres), png (16-bit millimetres), color, tiff, exr,

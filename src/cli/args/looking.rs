@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(in crate::cli) struct Inspect {
-    /// Images, depth maps, lists of points, clouds, weights, folders of a model of COLMAP.
+    /// Images, depth maps, tables of points, clouds, cameras, weights, folders of a model of COLMAP.
     #[arg(required_unless_present = "dataset")]
     pub(in crate::cli) files: Vec<PathBuf>,
     /// Unit of stored depths, as in `complete` [default: mm for integers, m for other numbers].

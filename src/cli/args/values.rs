@@ -44,10 +44,12 @@ pub(super) fn size(text: &str) -> Result<Size> {
             .filter(|n| (1..=1 << 16).contains(n))
             .ok_or_else(wrong)
     };
-    Ok(Size {
-        height: length(height)?,
-        width: length(width)?,
-    })
+    let (height, width) = (length(height)?, length(width)?);
+    // A gigabyte of depths.
+    if height * width > 1 << 28 {
+        return Err(Error::config(format!("{text} pixels are too many")).hint("as in 640x480"));
+    }
+    Ok(Size { height, width })
 }
 
 /// `LOW,HIGH` in metres.
@@ -133,7 +135,8 @@ pub(in crate::cli) enum Format {
 }
 
 impl Format {
-    const ALL: [Self; 9] = [
+    /// All formats.
+    pub(in crate::cli) const ALL: [Self; 9] = [
         Self::Npy,
         Self::Npz,
         Self::Png,

@@ -2,16 +2,20 @@
 
 use super::Complete;
 use super::many::Failures;
+use super::outputs::Format;
+use crate::cli::ui;
 use crate::data::{self, Camera, Colmap, Sparse, View};
 use crate::error::{Error, Result};
 use image::RgbImage;
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The endings of files of points, in the order in which they are looked for.
-const ENDINGS: [&str; 13] = [
-    "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "csv", "txt", "ply", "pcd", "las", "laz",
+/// The endings of files of points, in the order in which they are looked for, in small letters and in
+/// capitals.
+const ENDINGS: [&str; 18] = [
+    "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "pgm", "h5", "hdf5", "csv", "txt", "xyz",
+    "ply", "pcd", "las", "laz", "bin",
 ];
 
 /// An image and where its points are.
@@ -38,23 +42,25 @@ pub(super) struct Loaded {
 impl Job {
     pub(super) fn load(&self, args: &Complete) -> Result<Loaded> {
         let started = Instant::now();
-        let rgb = data::read_rgb(&self.image)?;
-        let size = (rgb.width() as usize, rgb.height() as usize);
-        let camera = args.camera.as_ref().map(|camera| camera.resized(size));
-        let read = |path: &Path, unit| -> Result<Sparse> {
-            Sparse::read(path, unit, camera.as_ref(), size)?.placed_on(size)
+        let (rgb, image) = data::read_upright(&self.image)?;
+        let mut assumed = None;
+        let camera = match (&args.camera, &self.points) {
+            (Some(camera), _) => {
+                let (camera, remark) = camera.for_image(&image)?;
+                assumed = remark;
+                Some(camera)
+            }
+            (None, Points::View(view)) => view.camera_of(&image, args.depth_unit)?,
+            (None, Points::File(_)) => None,
         };
         let mut points = match &self.points {
-            Points::File(path) => read(path, args.depth_unit)?,
-            Points::View(view) => Sparse::of_view(view, size)?,
+            Points::File(path) => Sparse::read(path, args.depth_unit, camera.as_ref(), image)?,
+            Points::View(view) => Sparse::of_view(view, image, args.depth_unit)?,
         };
         if let Some(path) = &args.sigma {
-            points.sigma = Some(read(path, Some(points.unit))?.depth);
+            points = points.with_sigma(path, image)?;
         }
-        let camera = camera.or_else(|| match &self.points {
-            Points::View(view) => Some(view.camera.as_ref()?.resized(size)),
-            Points::File(_) => None,
-        });
+        points.remarks.extend(assumed);
         Ok(Loaded {
             rgb,
             points,
@@ -75,16 +81,12 @@ pub(super) fn one(args: &Complete) -> Result<Job> {
     let sparse = &args.sparse;
     let points = if Colmap::is_at(sparse) {
         let views = Colmap::read(sparse)?.views;
-        let view = views.into_iter().find(|view| image.ends_with(&view.name));
-        Points::View(Box::new(view.ok_or_else(|| {
-            Error::format(sparse, format!("has no image `{}`", image.display()))
-        })?))
+        Points::View(Box::new(view_of(&image, &views).cloned().ok_or_else(
+            || Error::format(sparse, format!("has no image `{}`", image.display())),
+        )?))
     } else if sparse.is_dir() {
-        same_name(
-            sparse,
-            Path::new(image.file_name().unwrap_or_default()),
-            &image,
-        )?
+        let name = Path::new(image.file_name().unwrap_or_default());
+        Points::File(same_name(sparse, name, &image)?)
     } else {
         Points::File(sparse.clone())
     };
@@ -99,15 +101,75 @@ pub(super) fn one(args: &Complete) -> Result<Job> {
 /// Every image of folders, patterns and lists that belongs to the shard, each with its points. What
 /// has none, or no name of its own, has failed.
 pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Result<Vec<Job>> {
-    let mut jobs = Vec::new();
-    let mut names = HashSet::new();
-    let mut add = |image: PathBuf, name: PathBuf, points: Result<Points>| {
+    let holds = |name: &Path| args.shard.holds(&name.to_string_lossy());
+    let mut views = Vec::new();
+    if Colmap::is_at(&args.sparse) {
+        views = Colmap::read(&args.sparse)?.views;
+        if let ([folder], true) = (&args.rgb[..], args.rgb[0].is_dir()) {
+            let mut jobs = Jobs::new(failures);
+            for view in views {
+                let name = PathBuf::from(&view.name);
+                if holds(&name) {
+                    jobs.add(folder.join(&name), name, Ok(Points::View(Box::new(view))));
+                }
+            }
+            return Ok(jobs.found);
+        }
+    } else if !args.sparse.is_dir() {
+        let what = "is no folder of points and no model of COLMAP";
+        return Err(Error::format(&args.sparse, what));
+    }
+    let mut jobs = Jobs::new(failures);
+    let found = images(args, output)?;
+    let shared = shared_points(args, &found);
+    for Found {
+        image,
+        name,
+        points,
+    } in found
+    {
+        if !holds(&name) {
+            continue;
+        }
+        let points = if let Some(points) = points {
+            Ok(Points::File(points))
+        } else if let Some(view) = view_of(&image, &views) {
+            Ok(Points::View(Box::new(view.clone())))
+        } else {
+            same_name(&args.sparse, &name, &image).and_then(|file| match shared.get(&file) {
+                Some(error) => Err(Error::config(error.clone())
+                    .hint("put the points into subfolders as the images are, or give a list")),
+                None => Ok(Points::File(file)),
+            })
+        };
+        jobs.add(image, name, points);
+    }
+    Ok(jobs.found)
+}
+
+/// Images with their points, each of another name.
+struct Jobs<'a> {
+    found: Vec<Job>,
+    names: HashSet<PathBuf>,
+    failures: &'a Failures,
+}
+
+impl<'a> Jobs<'a> {
+    fn new(failures: &'a Failures) -> Self {
+        Self {
+            found: Vec::new(),
+            names: HashSet::new(),
+            failures,
+        }
+    }
+
+    fn add(&mut self, image: PathBuf, name: PathBuf, points: Result<Points>) {
         let inside = name
             .components()
             .all(|part| matches!(part, Component::Normal(_)));
         let points = if !inside {
             Err(Error::config("its name leads out of the folder"))
-        } else if !names.insert(name.with_extension("")) {
+        } else if !self.names.insert(name.with_extension("")) {
             Err(Error::config(
                 "another image has that name, but for the ending",
             ))
@@ -115,62 +177,67 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
             points
         };
         match points {
-            Ok(points) => jobs.push(Job {
+            Ok(points) => self.found.push(Job {
                 image,
                 name,
                 points,
             }),
-            Err(error) => failures.add(&name, &error),
+            Err(error) => self.failures.add(&name, &error),
         }
-    };
-    let holds = |name: &Path| args.shard.holds(&name.to_string_lossy());
-    let mut views = Vec::new();
-    if Colmap::is_at(&args.sparse) {
-        views = Colmap::read(&args.sparse)?.views;
-        if let ([folder], true) = (&args.rgb[..], args.rgb[0].is_dir()) {
-            for view in views {
-                let name = PathBuf::from(&view.name);
-                if holds(&name) {
-                    add(folder.join(&name), name, Ok(Points::View(Box::new(view))));
-                }
-            }
-            return Ok(jobs);
-        }
-    } else if !args.sparse.is_dir() {
-        let what = "is no folder of points and no model of COLMAP";
-        return Err(Error::format(&args.sparse, what));
     }
-    for Found {
-        image,
-        name,
-        points,
-    } in images(args, output)?
-    {
-        if !holds(&name) {
-            continue;
-        }
-        let points = if let Some(points) = points {
-            Ok(Points::File(points))
-        } else if let Some(view) = views.iter().find(|view| image.ends_with(&view.name)) {
-            Ok(Points::View(Box::new(view.clone())))
-        } else {
-            same_name(&args.sparse, &name, &image)
-        };
-        add(image, name, points);
-    }
-    Ok(jobs)
+}
+
+/// The image of a model whose path an image's ends with; of several the longest.
+fn view_of<'a>(image: &Path, views: &'a [View]) -> Option<&'a View> {
+    let length = |view: &&View| Path::new(&view.name).components().count();
+    let named = views.iter().filter(|view| image.ends_with(&view.name));
+    named.max_by_key(length)
 }
 
 /// The file of points that is called as the image, in the same subfolder or in none.
-fn same_name(folder: &Path, name: &Path, image: &Path) -> Result<Points> {
+fn same_name(folder: &Path, name: &Path, image: &Path) -> Result<PathBuf> {
     let flat = Path::new(name.file_name().unwrap_or_default());
-    let files = [name, flat].map(|name| ENDINGS.map(|e| folder.join(name).with_extension(e)));
-    let mut files = files.into_iter().flatten();
+    let capitals = ENDINGS.map(str::to_uppercase);
+    let endings = || {
+        ENDINGS
+            .into_iter()
+            .chain(capitals.iter().map(String::as_str))
+    };
+    let mut files = [name, flat]
+        .into_iter()
+        .flat_map(|name| endings().map(move |ending| folder.join(name).with_extension(ending)));
     let file = files.find(|file| file.exists() && file != image);
-    file.map(Points::File).ok_or_else(|| {
+    file.ok_or_else(|| {
         let folder = folder.display();
         Error::config(format!("there are no points of that name in `{folder}`"))
     })
+}
+
+/// Files of points that are found for several images, as these have one name in different folders,
+/// and what is wrong with that.
+fn shared_points(args: &Complete, found: &[Found]) -> HashMap<PathBuf, String> {
+    let mut images: HashMap<PathBuf, &Path> = HashMap::new();
+    let mut shared = HashMap::new();
+    for one in found.iter().filter(|one| one.points.is_none()) {
+        let Ok(file) = same_name(&args.sparse, &one.name, &one.image) else {
+            continue;
+        };
+        let same = |other: &Path| other.with_extension("") == one.name.with_extension("");
+        if let Some(other) = images.insert(file.clone(), &one.name)
+            && !same(other)
+        {
+            shared.insert(
+                file.clone(),
+                format!(
+                    "`{}` would be the points of both `{}` and `{}`",
+                    file.display(),
+                    other.display(),
+                    one.name.display()
+                ),
+            );
+        }
+    }
+    shared
 }
 
 /// An image that was named.
@@ -186,15 +253,19 @@ fn images(args: &Complete, output: &Path) -> Result<Vec<Found>> {
     for path in &args.rgb {
         let before = found.len();
         if path.is_dir() {
-            for image in data::images_below(path)? {
-                let ours = image.starts_with(output) && !path.starts_with(output);
-                if !ours {
-                    let name = image.strip_prefix(path).unwrap_or(&image).to_owned();
-                    found.push(Found::new(image, name));
-                }
+            let (images, results) = without_results(data::images_below(path)?, path, output);
+            if results > 0 {
+                ui::say(&format!(
+                    "{results} images in `{}` are results of `lsdc complete` and left out",
+                    path.display()
+                ));
+            }
+            for image in images {
+                let name = image.strip_prefix(path).unwrap_or(&image).to_owned();
+                found.push(Found::new(image, name));
             }
         } else if is_list(path) {
-            listed(path, &mut found)?;
+            read_list(path, &mut found)?;
         } else if is_pattern(path) {
             let wrong = |what: String| Error::config(format!("`{}` {what}", path.display()));
             let matches = glob::glob(&path.to_string_lossy())
@@ -208,35 +279,98 @@ fn images(args: &Complete, output: &Path) -> Result<Vec<Found>> {
         }
         if found.len() == before {
             return Err(Error::format(path, "holds no image")
-                .hint("JPEG, PNG, WebP and TIFF images are looked for"));
+                .hint("JPEG, PNG, WebP, TIFF, BMP and PNM images are looked for"));
         }
     }
     Ok(found)
 }
 
+/// The images of a folder without what an earlier run has written there, and how many those were:
+/// all below the folder of results, and where that holds the images too, what is called as results
+/// of another image are.
+fn without_results(images: Vec<PathBuf>, folder: &Path, output: &Path) -> (Vec<PathBuf>, usize) {
+    let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let (folder, output) = (real(folder), real(output));
+    let together = folder.starts_with(&output);
+    let stems: HashSet<PathBuf> = images.iter().map(|path| path.with_extension("")).collect();
+    let is_result = |path: &Path| {
+        let named = |end: &str| {
+            let name = path.file_name()?.to_str()?;
+            let stem = name.strip_suffix(end)?.strip_suffix('_')?;
+            Some(stems.contains(&path.with_file_name(stem)))
+        };
+        let ends = Format::ALL.into_iter().map(Format::end);
+        if together {
+            ends.into_iter().any(|end| named(end) == Some(true))
+        } else {
+            real(path).starts_with(&output)
+        }
+    };
+    let before = images.len();
+    let images: Vec<PathBuf> = images.into_iter().filter(|path| !is_result(path)).collect();
+    let results = before - images.len();
+    (images, results)
+}
+
 /// An image to a line, then its points, if they are not in the folder of points.
-fn listed(path: &Path, found: &mut Vec<Found>) -> Result<()> {
+fn read_list(path: &Path, found: &mut Vec<Found>) -> Result<()> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    for line in text.lines() {
-        let line = line.split('#').next().unwrap_or_default();
-        let mut fields = line
-            .split([',', ' ', '\t'])
-            .filter(|field| !field.is_empty());
-        if let Some(image) = fields.next() {
-            let relative = Path::new(image).is_relative();
-            let name = if relative {
-                PathBuf::from(image)
-            } else {
-                PathBuf::from(Path::new(image).file_name().unwrap_or_default())
-            };
-            found.push(Found {
-                points: fields.next().map(|points| folder.join(points)),
-                ..Found::new(folder.join(image), name)
-            });
-        }
+    for (number, line) in text.lines().enumerate() {
+        let fields = split(line, folder);
+        let (image, points) = match &fields[..] {
+            [] => continue,
+            [image] => (image, None),
+            [image, points] => (image, Some(folder.join(points))),
+            _ => {
+                let what = format!("line {}: {} paths", number + 1, fields.len());
+                return Err(Error::format(path, what).hint(
+                    "a line is an image and its points; quote what has blanks: \"a b.png\"",
+                ));
+            }
+        };
+        let plain: PathBuf = Path::new(image)
+            .components()
+            .filter(|part| *part != Component::CurDir)
+            .collect();
+        let image = folder.join(&plain);
+        found.push(if plain.is_relative() {
+            Found {
+                points,
+                ..Found::new(image, plain)
+            }
+        } else {
+            Found {
+                points,
+                ..Found::flat(image)
+            }
+        });
     }
     Ok(())
+}
+
+/// The paths of a line, separated by commas or blanks, or quoted; what follows a `#` before a path is
+/// a remark. A line that is the name of a file is that file, whatever is in the name.
+fn split(line: &str, folder: &Path) -> Vec<String> {
+    let line = line.trim();
+    if !line.is_empty() && folder.join(line).is_file() {
+        return vec![line.to_owned()];
+    }
+    let mut fields = Vec::new();
+    let mut rest = line;
+    loop {
+        rest = rest.trim_start_matches([',', ' ', '\t']);
+        if rest.is_empty() || rest.starts_with('#') {
+            return fields;
+        }
+        let quoted = rest.strip_prefix('"').and_then(|text| text.split_once('"'));
+        let (field, after) = quoted.unwrap_or_else(|| {
+            let end = rest.find([',', ' ', '\t']).unwrap_or(rest.len());
+            rest.split_at(end)
+        });
+        fields.push(field.to_owned());
+        rest = after;
+    }
 }
 
 impl Found {

@@ -95,6 +95,8 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
         });
         let writer = scope.spawn(move || {
             let mut done = 0;
+            // What holds for many frames is said once.
+            let mut said = HashSet::new();
             for (Frame { job, outputs, .. }, loaded, weighed) in weighed {
                 let completed = engine.dense(&loaded.rgb, &loaded.points, weighed);
                 let written = completed.and_then(|completed| {
@@ -104,6 +106,12 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
                 });
                 match written {
                     Ok(summary) => {
+                        for remark in summary.remarks() {
+                            if said.insert(remark.clone()) {
+                                let name = job.name.display();
+                                bar.suspend(|| ui::warn(&format!("warning: {name}: {remark}")));
+                            }
+                        }
                         done += 1;
                         bar.inc(1);
                         if args.json {

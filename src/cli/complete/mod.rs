@@ -31,6 +31,9 @@ fn one(args: &Complete, pipes: &Pipes) -> Result<Exit> {
     let outputs = Outputs::beside(args, &job)?;
     let found = Engine::new(args, true)?.complete(&frame.rgb, &frame.points)?;
     let summary = Summary::new(&job.name, &frame, &found);
+    for remark in summary.remarks() {
+        ui::warn(&format!("warning: {remark}"));
+    }
     outputs.write(&frame, &found, &summary)?;
     if pipes.to_stdout() {
         summary.lines().iter().for_each(|line| ui::say(line));

@@ -133,7 +133,7 @@ impl<'a> Outputs<'a> {
     /// Writes what was asked for. An existing file is replaced only by an equal one, or with
     /// `--force`; else nothing is written. So what an interrupted run has left is no obstacle.
     pub(super) fn write(&self, frame: &Loaded, found: &Completed, summary: &Summary) -> Result<()> {
-        let result = Contents::new(self.args, frame, found, summary);
+        let result = Contents::new(self.args, frame, found, summary)?;
         if frame.camera.is_none() && self.has_cloud() {
             return Err(no_camera());
         }
@@ -168,11 +168,17 @@ struct Contents<'a> {
 }
 
 impl<'a> Contents<'a> {
-    fn new(args: &Complete, frame: &'a Loaded, found: &'a Completed, summary: &'a Summary) -> Self {
+    fn new(
+        args: &Complete,
+        frame: &'a Loaded,
+        found: &'a Completed,
+        summary: &'a Summary,
+    ) -> Result<Self> {
         let depth = &found.depth;
         let fitted = found.fitted.as_ref();
-        let list = |fitted: &Fitted| fitted.outliers(&frame.points.depth);
-        Self {
+        let sparse = frame.points.map()?;
+        let list = |fitted: &Fitted| fitted.outliers(&sparse);
+        Ok(Self {
             depth,
             deviations: fitted.and_then(|fitted| fitted.deviations.as_ref()),
             range: args.range.or(depth.range()).unwrap_or((0.0, 1.0)),
@@ -183,7 +189,7 @@ impl<'a> Contents<'a> {
             weights: fitted.map(|fitted| &fitted.fit.weights[..]),
             summary,
             wanted: args.uncertainty,
-        }
+        })
     }
 
     /// Deviations that are asked for, not only needed.
@@ -249,7 +255,7 @@ impl<'a> Contents<'a> {
     fn cloud(&self) -> Result<Vec<Colored>> {
         let camera = self.camera.ok_or_else(no_camera)?;
         let (width, height) = (self.depth.width(), self.depth.height());
-        let camera = camera.resized((width, height));
+        let camera = camera.stretched((width, height));
         let shown = (self.rgb.width() as usize, self.rgb.height() as usize);
         let points = self.depth.points().filter_map(|point| {
             let sigma = self.deviations.map(|map| map.at(point.x, point.y));

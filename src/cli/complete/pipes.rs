@@ -65,10 +65,16 @@ impl Pipes {
 /// What comes from standard input as a file, whose ending says what it is.
 fn read_stdin(folder: &Path) -> Result<PathBuf> {
     let stdin = Path::new("standard input");
+    /// No image or scan is larger.
+    const MOST: u64 = 1 << 30;
     let mut bytes = Vec::new();
     std::io::stdin()
+        .take(MOST + 1)
         .read_to_end(&mut bytes)
         .map_err(|e| Error::read(stdin, e))?;
+    if bytes.len() as u64 > MOST {
+        return Err(Error::format(stdin, "is larger than a gigabyte").hint("give a file"));
+    }
     if bytes.is_empty() {
         return Err(Error::format(stdin, "is empty"));
     }

@@ -16,6 +16,9 @@ pub(super) struct Summary {
     depth: Option<Depth>,
     fit: Option<Fit>,
     seconds: Seconds,
+    /// What was assumed or left out and should be checked.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    remarks: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -74,13 +77,17 @@ impl Summary {
         Self {
             image: name.display().to_string(),
             points: Points {
-                used: points.depth.count(),
+                used: points.points.len(),
                 ignored: points.ignored,
                 outside: points.outside,
                 hidden: points.hidden,
                 unit: points.unit.to_string(),
                 unit_guessed: points.guessed,
-                deviations_used: points.sigma.as_ref().map(|_| fitted.is_some()),
+                deviations_used: points
+                    .points
+                    .iter()
+                    .any(|point| point.sigma.is_some())
+                    .then_some(fitted.is_some()),
             },
             depth: found.depth.range().map(|(lowest, highest)| Depth {
                 width: found.depth.width(),
@@ -102,7 +109,13 @@ impl Summary {
                 fit: fitted.map(|fitted| seconds(fitted.fitting)),
                 dense: fitted.map(|fitted| seconds(fitted.dense)),
             },
+            remarks: points.remarks.clone(),
         }
+    }
+
+    /// What was assumed or left out and should be checked.
+    pub(super) fn remarks(&self) -> &[String] {
+        &self.remarks
     }
 
     pub(super) fn json(&self) -> String {

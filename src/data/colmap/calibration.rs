@@ -59,13 +59,13 @@ impl Calibration {
                 Some(pinhole(fx, fy, cx, cy).with_lens(lens))
             }
             ("OPENCV_FISHEYE", &[fx, fy, cx, cy, k1, k2, k3, k4]) => {
-                Some(pinhole(fx, fy, cx, cy).with_lens(Lens::Fisheye([k1, k2, k3, k4])))
+                Some(pinhole(fx, fy, cx, cy).with_lens(Lens::fisheye([k1, k2, k3, k4])))
             }
             ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k]) => {
-                Some(pinhole(f, f, cx, cy).with_lens(Lens::Fisheye([k, 0.0, 0.0, 0.0])))
+                Some(pinhole(f, f, cx, cy).with_lens(Lens::fisheye([k, 0.0, 0.0, 0.0])))
             }
             ("RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => {
-                Some(pinhole(f, f, cx, cy).with_lens(Lens::Fisheye([k1, k2, 0.0, 0.0])))
+                Some(pinhole(f, f, cx, cy).with_lens(Lens::fisheye([k1, k2, 0.0, 0.0])))
             }
             _ => None,
         };

@@ -5,8 +5,8 @@ mod binary;
 mod calibration;
 mod text;
 
-use super::Camera;
-use super::files::{Listed, has_ending};
+use super::files::has_ending;
+use super::{Camera, Orientation, Unit};
 use crate::error::{Error, Result};
 use calibration::Calibration;
 use std::collections::HashMap;
@@ -26,12 +26,23 @@ pub struct View {
     pub name: String,
     /// Width and height in pixels.
     pub size: (usize, usize),
-    /// What it sees, in the unit of the model.
-    points: Vec<Listed>,
+    /// What it sees.
+    keypoints: Vec<Keypoint>,
     /// Observations of points that the model does not have, or that lie behind the camera.
     pub ignored: usize,
     /// The camera at its place, in the unit of the model, if its kind is known.
     pub camera: Option<Camera>,
+}
+
+/// Where an image sees a point of the model.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Keypoint {
+    /// From the centre of the first pixel, as stored.
+    pub(super) u: f64,
+    pub(super) v: f64,
+    /// In the unit of the model, as its standard deviation.
+    pub(super) depth: f64,
+    pub(super) sigma: f64,
 }
 
 /// What a file says of an image.
@@ -93,12 +104,23 @@ impl Colmap {
 impl View {
     /// The number of points that it sees.
     pub fn count(&self) -> usize {
-        self.points.len()
+        self.keypoints.len()
     }
 
-    /// The points as those of a list, their pixels counted from the centre of the first.
-    pub(super) fn listed(&self) -> &[Listed] {
-        &self.points
+    pub(super) fn keypoints(&self) -> &[Keypoint] {
+        &self.keypoints
+    }
+
+    /// The camera of the image as it is shown, if its kind is known, in the unit of the model or in
+    /// metres if that unit is given.
+    ///
+    /// # Errors
+    /// An image of another shape than that of the model.
+    pub fn camera_of(&self, image: &Orientation, unit: Option<Unit>) -> Result<Option<Camera>> {
+        let camera = self.camera.as_ref();
+        let camera = camera.map(|camera| camera.for_image(image)).transpose()?;
+        let factor = unit.unwrap_or(Unit::MODEL).metres();
+        Ok(camera.map(|(camera, _)| camera.in_unit(factor)))
     }
 }
 
@@ -112,7 +134,7 @@ impl Parts {
         })?;
         let rotation = matrix(pose.rotation);
         let row = rotation[2];
-        let mut points = Vec::with_capacity(pose.seen.len());
+        let mut keypoints = Vec::with_capacity(pose.seen.len());
         for ([u, v], point) in &pose.seen {
             let Some(landmark) = self.landmarks.get(point) else {
                 continue;
@@ -120,12 +142,12 @@ impl Parts {
             let along = row.iter().zip(landmark.place).map(|(r, x)| r * x);
             let depth = along.sum::<f64>() + pose.translation[2];
             if depth > 0.0 && depth.is_finite() {
-                points.push(Listed {
+                keypoints.push(Keypoint {
                     // COLMAP has the centre of the first pixel at 0.5.
                     u: u - 0.5,
                     v: v - 0.5,
                     depth,
-                    sigma: Some(deviation(depth, landmark, camera.focal)),
+                    sigma: deviation(depth, landmark, camera.focal),
                 });
             }
         }
@@ -141,8 +163,8 @@ impl Parts {
                     .with_size((width, height))
                     .with_pose(rotation, pose.translation)
             }),
-            ignored: pose.seen.len() - points.len(),
-            points,
+            ignored: pose.seen.len() - keypoints.len(),
+            keypoints,
         })
     }
 }

@@ -102,16 +102,16 @@ fn depths_are_those_along_the_optical_axis() {
         assert_eq!((&view.name[..], view.size), ("a view.jpg", (640, 480)));
         // Along the axis lies -x + 3: 5 and 4 before the camera, -1 behind it; 99 is unknown.
         let expected = [(100.0, 50.0, 5.0), (199.75, 300.25, 4.0)];
-        assert_eq!((view.points.len(), view.ignored), (2, 2));
-        for (point, (u, v, depth)) in view.points.iter().zip(expected) {
+        assert_eq!((view.keypoints.len(), view.ignored), (2, 2));
+        for (point, (u, v, depth)) in view.keypoints.iter().zip(expected) {
             assert_eq!((point.u, point.v), (u, v));
             assert!((point.depth - depth).abs() < 1e-12);
         }
         // 5 m x 0.5 pixels / (500 pixels x sqrt(3 - 1)); errors count as 0.3 at least.
-        let sigma = |i: usize| view.points[i].sigma.unwrap();
+        let sigma = |i: usize| view.keypoints[i].sigma;
         assert!((sigma(0) - 0.005 / 2_f64.sqrt()).abs() < 1e-12);
         assert!((sigma(1) - 4.0 * 0.3 / 500.0).abs() < 1e-12);
-        assert_eq!((&empty.name[..], empty.points.len()), ("empty.jpg", 0));
+        assert_eq!((&empty.name[..], empty.keypoints.len()), ("empty.jpg", 0));
     }
 }
 

@@ -1,6 +1,6 @@
 //! `OpenEXR` images with depths.
 
-use super::{plausible, write_atomically};
+use super::{check_pixels, write_atomically};
 use crate::data::DepthMap;
 use crate::error::{Cause, Error, Result};
 use exr::meta::MetaData;
@@ -25,16 +25,10 @@ pub(crate) fn read_exr(path: &Path, scale: f64) -> Result<(DepthMap, Option<Dept
     for header in &meta.headers {
         let pixels = header.layer_size.area() as u64;
         let each = header.channels.bytes_per_pixel as u64;
-        if !plausible(pixels.saturating_mul(each), bytes.len() as u64) {
-            let Vec2(width, height) = header.layer_size;
-            return Err(Error::format(
-                path,
-                format!(
-                    "declares {width}x{height} pixels but is only {} bytes long",
-                    bytes.len()
-                ),
-            ));
-        }
+        let Vec2(width, height) = header.layer_size;
+        let size = (width as u32, height as u32);
+        let length = bytes.len() as u64;
+        check_pixels(path, size, pixels.saturating_mul(each), length)?;
     }
     let image = read()
         .no_deep_data()

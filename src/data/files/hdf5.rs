@@ -253,3 +253,28 @@ pub(in crate::data) fn from_planes(
         Rgb([planes[i], planes[area + i], planes[2 * area + i]])
     }))
 }
+
+/// What an array of depths is called, the first that is there counts; an only array may have any name.
+const DEPTHS: [&str; 4] = ["depth", "depths", "sparse", "dataset"];
+
+/// Reads an array of floats of shape `(height, width)` as depth: metres = value x `scale`.
+pub(in crate::data) fn read_h5(path: &Path, scale: f64) -> Result<DepthMap> {
+    let file = Hdf5::open(path)?;
+    let names = file.names()?;
+    let known = DEPTHS.iter().find(|name| names.iter().any(|n| n == *name));
+    let only = names.first().filter(|_| names.len() == 1);
+    let name = known.copied().or(only.map(String::as_str)).ok_or_else(|| {
+        let found = names.join(", ");
+        Error::format(path, format!("holds {found}, none of which says depth"))
+            .hint("call the array of depths `depth`")
+    })?;
+    let [height, width] = file.shape(name)?[..] else {
+        return Err(Error::format(
+            path,
+            format!("`{name}` has another shape than (height, width)"),
+        ));
+    };
+    let values = file.rows_f32(name, &[width], 0, height)?;
+    let metres = |value: f32| (f64::from(value) * scale) as f32;
+    DepthMap::new(width, height, values.into_iter().map(metres).collect())
+}

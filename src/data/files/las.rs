@@ -1,13 +1,12 @@
 //! Clouds of laser scanners in LAS, and compressed as LAZ.
 
-use super::Visit;
+use super::{Visit, quiet};
 use crate::error::{Error, Result};
 use las::raw::Header;
 use laz::LazItemType;
 use laz::laszip::{ChunkTable, LazItem};
 use std::fs::File;
 use std::io::{BufReader, Read as _, Seek as _, SeekFrom};
-use std::panic::AssertUnwindSafe;
 use std::path::Path;
 
 /// Bytes of points in memory at a time.
@@ -45,8 +44,7 @@ pub(super) fn read_las(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
         }
     };
     // Damaged records of compression make the library panic.
-    std::panic::catch_unwind(AssertUnwindSafe(read))
-        .map_err(|_| Error::format(path, "is no sound LAS file"))?
+    quiet::catch(read).ok_or_else(|| Error::format(path, "is no sound LAS file"))?
 }
 
 /// Refuses extended records longer than the file, for which the library asks memory unread.

@@ -3,52 +3,86 @@
 mod exr;
 mod hdf5;
 mod las;
-mod list;
 mod npy;
 mod npz;
 mod pcd;
 mod pfm;
 mod picture;
 mod ply;
+mod quiet;
 mod save;
+mod table;
 mod tiff;
+mod velodyne;
 
 pub(super) use exr::read_exr;
 pub use exr::write_exr;
-pub(super) use hdf5::{Hdf5, from_planes, read_pair};
-pub(super) use list::{Listed, read_list};
+pub(super) use hdf5::{Hdf5, from_planes, read_h5, read_pair};
 pub(super) use npy::{Array, read_array};
 pub use npy::{read_npy, write_npy};
 pub(super) use npz::read_npz;
 pub use npz::write_npz;
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
-pub(super) use picture::image_kind;
-pub use picture::{read_depth_png, read_rgb, write_depth_png, write_rgb};
+pub(super) use picture::{image_kind, read_grey};
+pub use picture::{read_depth_png, read_rgb, read_upright, write_depth_png, write_rgb};
 pub use ply::{Colored, write_ply};
 pub use save::{remove_leftovers, write_atomically};
-pub(super) use tiff::read_tiff;
+pub(super) use table::{Columns, Row, Table, read_table};
 pub use tiff::write_tiff;
+pub(super) use tiff::{is_grey_tiff, read_tiff};
 
 use super::DepthMap;
 use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
+/// What a file stores numbers as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Numbers {
+    Truths,
+    /// Integers of 8 bits.
+    Bytes,
+    /// Integers of more bits.
+    Integers,
+    Floats,
+}
+
+/// No image or scan at a time is so large.
+const LARGEST: u64 = 1 << 30;
+
 /// Whether a file of `size` bytes can hold `bytes` of values: deflate makes at most 1032 of one
-/// (zlib), what is small may be asked for in any case, and no image or scan at a time is so large as
-/// a gigabyte. Damaged headers promise much more.
+/// (zlib), and what is small may be asked for in any case. Damaged headers promise much more.
 fn plausible(bytes: u64, size: u64) -> bool {
-    bytes <= (1 << 20).max(size.saturating_mul(1100)).min(1 << 30)
+    bytes <= (1 << 20).max(size.saturating_mul(1100)).min(LARGEST)
+}
+
+/// Refuses an image that is too large, or larger than a file of `size` bytes can hold.
+fn check_pixels(path: &Path, (width, height): (u32, u32), bytes: u64, size: u64) -> Result<()> {
+    if plausible(bytes, size) {
+        return Ok(());
+    }
+    if bytes <= size.saturating_mul(1100) {
+        let what = format!(
+            "is too large: {width}x{height} pixels take {} MiB, at most {} are read",
+            bytes >> 20,
+            LARGEST >> 20
+        );
+        return Err(Error::format(path, what).hint("make the image smaller, or cut it"));
+    }
+    let what = format!("declares {width}x{height} pixels but is only {size} bytes long");
+    Err(Error::format(path, what).hint("the file is damaged; write it again"))
 }
 
 /// The endings of colour images.
-pub(super) const IMAGES: [&str; 6] = ["jpg", "jpeg", "png", "webp", "tif", "tiff"];
+pub(super) const IMAGES: [&str; 9] = [
+    "jpg", "jpeg", "png", "webp", "tif", "tiff", "bmp", "ppm", "pgm",
+];
 
 /// What is done with each point of a cloud: x, y, z in stored units, maybe not finite.
 pub(super) type Visit<'a> = dyn FnMut([f64; 3]) + 'a;
 
 /// The endings of clouds.
-pub(super) const CLOUDS: [&str; 4] = ["ply", "pcd", "las", "laz"];
+pub(super) const CLOUDS: [&str; 5] = ["ply", "pcd", "las", "laz", "bin"];
 
 /// Visits every point of a cloud, which is read by its ending and never whole.
 pub(super) fn read_cloud(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
@@ -56,6 +90,8 @@ pub(super) fn read_cloud(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
         ply::read_ply(path, visit)
     } else if has_ending(path, "pcd") {
         pcd::read_pcd(path, visit)
+    } else if has_ending(path, "bin") {
+        velodyne::read_velodyne(path, visit)
     } else {
         las::read_las(path, visit)
     }
@@ -67,26 +103,41 @@ pub(super) fn has_ending(path: &Path, ending: &str) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case(ending))
 }
 
-/// The images in a folder and those below it, in the order of their paths.
+/// The images in a folder and those below it, in the order of their paths. A link that leads back to
+/// a folder above it is not followed.
 ///
 /// # Errors
 /// A folder that cannot be read.
 pub fn images_below(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut images = Vec::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        let entries = std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))?;
-        for entry in entries {
-            let path = entry.map_err(|e| Error::read(&folder, e))?.path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if IMAGES.iter().any(|e| has_ending(&path, e)) {
-                images.push(path);
-            }
-        }
-    }
+    walk(folder, &mut Vec::new(), &mut images)?;
     images.sort();
     Ok(images)
+}
+
+/// `above` holds the folders that lead here, by their real paths.
+fn walk(folder: &Path, above: &mut Vec<PathBuf>, images: &mut Vec<PathBuf>) -> Result<()> {
+    let unreadable = |e| Error::read(folder, e);
+    let real = folder.canonicalize().map_err(unreadable)?;
+    if above.contains(&real) {
+        return Ok(());
+    }
+    above.push(real);
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
+        if path.is_dir() {
+            walk(&path, above, images)?;
+        } else if is_image(&path) {
+            images.push(path);
+        }
+    }
+    above.pop();
+    Ok(())
+}
+
+/// Whether a path ends as those of images do.
+pub fn is_image(path: &Path) -> bool {
+    IMAGES.iter().any(|ending| has_ending(path, ending))
 }
 
 /// Reads depths from `.npy` or 16-bit grey PNG, by the file's ending: metres = value x `scale`.

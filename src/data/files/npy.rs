@@ -1,6 +1,6 @@
 //! NumPy `.npy` arrays of depths.
 
-use super::write_atomically;
+use super::{Numbers, write_atomically};
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
@@ -14,12 +14,12 @@ pub(crate) struct Array {
     pub(crate) columns: usize,
     /// Row by row.
     pub(crate) values: Vec<f32>,
-    /// Whether they are stored as integers.
-    pub(crate) integers: bool,
+    /// What they are stored as.
+    pub(crate) numbers: Numbers,
 }
 
-/// Reads a depth map of shape `[height, width]` or `[height, width, 1]`, as metres = value x
-/// `scale`.
+/// Reads a depth map of shape `[height, width]`, with or without an axis of length 1 before or behind
+/// them, as metres = value x `scale`.
 ///
 /// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, bool. NaN, infinite
 /// and negative values mean no measurement.
@@ -33,7 +33,7 @@ pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
     Ok(DepthMap::new(array.columns, array.rows, values)?)
 }
 
-/// Reads an array of shape `[rows, columns]` or `[rows, columns, 1]`.
+/// Reads an array of shape `[rows, columns]`, or with another axis of length 1 before or behind them.
 pub(crate) fn read_array(path: &Path) -> Result<Array> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     parse(path, &bytes)
@@ -51,7 +51,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Array> {
     }
     let npy = NpyFile::new(bytes).map_err(|e| no_array().because(e))?;
     let (rows, columns) = match npy.shape()[..] {
-        [rows, columns] | [rows, columns, 1] => (rows, columns),
+        [rows, columns] | [1, rows, columns] | [rows, columns, 1] => (rows, columns),
         ref other => {
             return Err(Error::format(
                 path,
@@ -94,7 +94,12 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Array> {
         rows,
         columns,
         values,
-        integers: element.contains(['u', 'i']),
+        numbers: match element.trim_start_matches(['<', '>', '|', '=']) {
+            "b1" => Numbers::Truths,
+            "u1" | "i1" => Numbers::Bytes,
+            other if other.starts_with(['u', 'i']) => Numbers::Integers,
+            _ => Numbers::Floats,
+        },
     })
 }
 

@@ -3,7 +3,9 @@
 use super::{Visit, write_atomically};
 use crate::error::{Error, Result};
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{
+    ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType,
+};
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -48,26 +50,33 @@ pub(super) fn read_ply(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
     let parser = Parser::<Vertex>::new();
     let mut reader = Reader::new(BufReader::new(file));
     let header = parser.read_header(&mut reader).map_err(damaged)?;
+    let mut line = String::new();
+    let mut number = header_lines(path)?;
     for (name, element) in &header.elements {
         check(path, element, size)?;
         let is_vertex = name == "vertex";
-        let mut line = String::new();
         for _ in 0..element.count {
             let source = reader.get_mut();
-            let vertex = match header.encoding {
+            let place = match header.encoding {
                 Encoding::Ascii => {
                     line.clear();
-                    source
-                        .read_line(&mut line)
-                        .map_err(|e| Error::read(path, e))?;
-                    parser.read_ascii_element(&line, element)
+                    number += 1;
+                    let length = source.read_line(&mut line);
+                    length.map_err(|e| Error::read(path, e))?;
+                    place_in(&line, element)
+                        .map_err(|what| Error::format(path, format!("line {number}: {what}")))?
                 }
-                Encoding::BinaryBigEndian => parser.read_big_endian_element(source, element),
-                Encoding::BinaryLittleEndian => parser.read_little_endian_element(source, element),
+                Encoding::BinaryBigEndian => {
+                    let vertex = parser.read_big_endian_element(source, element);
+                    vertex.map_err(damaged)?.0
+                }
+                Encoding::BinaryLittleEndian => {
+                    let vertex = parser.read_little_endian_element(source, element);
+                    vertex.map_err(damaged)?.0
+                }
             };
-            let vertex = vertex.map_err(damaged)?;
             if is_vertex {
-                visit(vertex.0);
+                visit(place);
             }
         }
         if is_vertex {
@@ -75,6 +84,53 @@ pub(super) fn read_ply(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
         }
     }
     Err(Error::format(path, "has no vertices"))
+}
+
+/// The lines of the header.
+fn header_lines(path: &Path) -> Result<usize> {
+    let unreadable = |e| Error::read(path, e);
+    let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
+    let mut line = Vec::new();
+    let mut lines = 0;
+    loop {
+        line.clear();
+        let length = file.read_until(b'\n', &mut line).map_err(unreadable)?;
+        lines += 1;
+        if length == 0 || line.trim_ascii() == b"end_header" {
+            return Ok(lines);
+        }
+    }
+}
+
+/// x, y and z in the line of an element. The library refuses what C prints and reads as numbers: nan,
+/// inf, `.5` and `5.`.
+fn place_in(line: &str, element: &ElementDef) -> std::result::Result<[f64; 3], String> {
+    let mut words = line.split_ascii_whitespace();
+    let mut next = |name: &str| -> std::result::Result<f64, String> {
+        let word = words.next().ok_or_else(|| format!("`{name}` is missing"))?;
+        let value = word.parse();
+        value.map_err(|_| format!("`{word}` in the place of `{name}` is not a number"))
+    };
+    let mut place = [f64::NAN; 3];
+    for (name, property) in &element.properties {
+        let value = next(name)?;
+        match (&property.data_type, &name[..]) {
+            (PropertyType::List(..), _) => {
+                // Each takes at least a digit and a blank.
+                if !(value >= 0.0 && value <= line.len() as f64) {
+                    return Err(format!("`{name}` cannot have {value} entries"));
+                }
+                for _ in 0..value as usize {
+                    next(name)?;
+                }
+            }
+            (_, "x") => place[0] = value,
+            (_, "y") => place[1] = value,
+            (_, "z") => place[2] = value,
+            _ => {}
+        }
+    }
+    Ok(place)
 }
 
 /// Refuses more elements than the file has bytes, and vertices without a place.
@@ -136,4 +192,42 @@ pub fn write_ply(path: &Path, points: &[Colored]) -> Result<()> {
         }
         Ok(())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(body: &str) -> Result<Vec<[f64; 3]>> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scan.ply");
+        let head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+            property float z\nproperty list uchar int more\nend_header\n";
+        std::fs::write(&path, format!("{head}{body}")).unwrap();
+        let mut points = Vec::new();
+        read_ply(&path, &mut |point| points.push(point)).map(|()| points)
+    }
+
+    #[test]
+    fn text_may_hold_every_number_that_c_prints() {
+        let found = read(".5 5. -1e-3 0\nnan inf 1 2 7 8\n-.25 +2 -inf 0\n").unwrap();
+        assert_eq!(found[0], [0.5, 5.0, -1e-3]);
+        assert!(found[1][0].is_nan() && found[1][1] == f64::INFINITY);
+        assert_eq!(found[2], [-0.25, 2.0, f64::NEG_INFINITY]);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_text_is_said_with_its_line() {
+        for (body, what) in [
+            (
+                "1 2 3 0\n1 2 x 0\n1 2 3 0\n",
+                "line 10: `x` in the place of `z`",
+            ),
+            ("1 2 3 0\n1 2 3 0\n1 2\n", "line 11: `z` is missing"),
+            ("1 2 3 -4\n", "line 9: `more` cannot have -4 entries"),
+        ] {
+            let error = read(body).unwrap_err().to_string();
+            assert!(error.contains(what), "{error}");
+        }
+    }
 }

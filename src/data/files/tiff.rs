@@ -1,6 +1,6 @@
 //! TIFF images of one channel.
 
-use super::{plausible, write_atomically};
+use super::{Numbers, check_pixels, write_atomically};
 use crate::data::DepthMap;
 use crate::error::{Cause, Error, Result};
 use std::fs::File;
@@ -12,8 +12,11 @@ use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::Gray32Float;
 
 /// Reads an image of one channel, integers or floats of any width, as depth: metres = value x
-/// `scale`. Says too whether it holds integers.
-pub(crate) fn read_tiff(path: &Path, scale: impl Fn(bool) -> f64) -> Result<(DepthMap, bool)> {
+/// `scale` for such numbers. Says too which they are.
+pub(crate) fn read_tiff(
+    path: &Path,
+    scale: impl Fn(Numbers) -> f64,
+) -> Result<(DepthMap, Numbers)> {
     let damaged = |e: tiff::TiffError| {
         Error::format(path, "is not a readable TIFF")
             .because(e)
@@ -28,22 +31,19 @@ pub(crate) fn read_tiff(path: &Path, scale: impl Fn(bool) -> f64) -> Result<(Dep
         return Err(Error::format(path, "has more than one channel")
             .hint("depths are images of one channel"));
     };
-    let bytes = u64::from(width) * u64::from(height) * u64::from(bits.div_ceil(8));
-    if !plausible(bytes, size) {
-        return Err(Error::format(
-            path,
-            format!("declares {width}x{height} pixels but is only {size} bytes long"),
-        ));
-    }
+    let area = u64::from(width) * u64::from(height);
+    let bytes = area.saturating_mul(u64::from(bits.div_ceil(8)));
+    check_pixels(path, (width, height), bytes, size)?;
     let mut limits = Limits::default();
     limits.decoding_buffer_size = bytes as usize;
     limits.intermediate_buffer_size = (bytes as usize).max(1 << 20);
     let image = decoder.with_limits(limits).read_image().map_err(damaged)?;
-    let integers = !matches!(
-        image,
-        DecodingResult::F16(_) | DecodingResult::F32(_) | DecodingResult::F64(_)
-    );
-    let scale = scale(integers);
+    let numbers = match image {
+        DecodingResult::F16(_) | DecodingResult::F32(_) | DecodingResult::F64(_) => Numbers::Floats,
+        DecodingResult::U8(_) | DecodingResult::I8(_) => Numbers::Bytes,
+        _ => Numbers::Integers,
+    };
+    let scale = scale(numbers);
     macro_rules! metres {
         ($values:expr) => {
             $values
@@ -67,8 +67,16 @@ pub(crate) fn read_tiff(path: &Path, scale: impl Fn(bool) -> f64) -> Result<(Dep
     };
     Ok((
         DepthMap::new(width as usize, height as usize, values)?,
-        integers,
+        numbers,
     ))
+}
+
+/// Whether an image has one channel, and so may hold depths.
+pub(crate) fn is_grey_tiff(path: &Path) -> Result<bool> {
+    check_tags(path)?;
+    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    let colour = Decoder::new(BufReader::new(file)).and_then(|mut decoder| decoder.colortype());
+    Ok(matches!(colour, Ok(ColorType::Gray(_))))
 }
 
 /// Refuses tags with more numbers than the file has bytes, for which the library makes room unread

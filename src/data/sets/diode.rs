@@ -3,7 +3,7 @@
 
 use super::Folder;
 use super::folder::{Files, FolderConfig, find};
-use crate::data::{Place, Split};
+use crate::data::{Place, Split, check_name};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -105,6 +105,9 @@ fn by_list(root: &Path, list: &Path, split: Split) -> Result<Vec<Files>> {
                     let Some(frame) = frame.as_str() else {
                         return Err(Error::format(list, format!("`{scan}` lists no names")));
                     };
+                    for part in [scene, scan, frame] {
+                        check_name(part).map_err(|e| Error::format(list, e))?;
+                    }
                     let folder = root.join(split.name()).join(name).join(scene).join(scan);
                     frames.push(Files {
                         id: format!("{name}/{frame}"),

@@ -1,19 +1,31 @@
 //! The files below a folder, as paths with `/` between folders.
 
 use crate::error::{Error, Result};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// All files below `root`, sorted: exactly `levels` deep, or anywhere without `levels`. Names that
-/// are no Unicode are left out.
+/// are no Unicode are left out, and links that lead back to a folder above them are not followed.
 pub(super) fn files_below(root: &Path, levels: Option<usize>) -> Result<Vec<String>> {
     let mut paths = Vec::new();
-    walk(root, "", levels, &mut paths)?;
+    walk(root, "", levels, &mut Vec::new(), &mut paths)?;
     paths.sort_unstable();
     Ok(paths)
 }
 
-fn walk(root: &Path, below: &str, levels: Option<usize>, paths: &mut Vec<String>) -> Result<()> {
+/// `above` holds the folders that lead here, by their real paths.
+fn walk(
+    root: &Path,
+    below: &str,
+    levels: Option<usize>,
+    above: &mut Vec<PathBuf>,
+    paths: &mut Vec<String>,
+) -> Result<()> {
     let folder = root.join(below);
+    let real = folder.canonicalize().map_err(|e| Error::read(&folder, e))?;
+    if above.contains(&real) {
+        return Ok(());
+    }
+    above.push(real);
     for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
         let entry = entry.map_err(|e| Error::read(&folder, e))?;
         let Ok(name) = entry.file_name().into_string() else {
@@ -26,11 +38,32 @@ fn walk(root: &Path, below: &str, levels: Option<usize>, paths: &mut Vec<String>
         };
         if entry.path().is_dir() {
             if levels != Some(1) {
-                walk(root, &path, levels.map(|n| n - 1), paths)?;
+                walk(root, &path, levels.map(|n| n - 1), above, paths)?;
             }
         } else if levels.is_none_or(|n| n == 1) {
             paths.push(path);
         }
     }
+    above.pop();
     Ok(())
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use crate::data::images_below;
+    use std::os::unix::fs::symlink;
+
+    #[test]
+    fn links_in_a_circle_end_and_links_aside_are_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        std::fs::create_dir_all(root.join("a/b")).unwrap();
+        std::fs::write(root.join("a/b/c.png"), b"").unwrap();
+        symlink(root, root.join("a/b/back")).unwrap();
+        symlink(root.join("a"), root.join("twin")).unwrap();
+        let found = files_below(root, None).unwrap();
+        assert_eq!(found, ["a/b/c.png", "twin/b/c.png"]);
+        assert_eq!(images_below(root).unwrap().len(), 2);
+    }
 }

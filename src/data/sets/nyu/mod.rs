@@ -14,6 +14,7 @@ use crate::data::files::has_ending;
 use crate::data::{Dataset, Split};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -123,9 +124,7 @@ pub(in crate::data) fn nyu(
         };
         let mut frames = find(root, split, &config)?;
         if !frames.is_empty() {
-            for files in &mut frames {
-                rename(files, tree, split);
-            }
+            rename(&mut frames, tree, split);
             let about = format!("NYU Depth v2, {}", tree.about);
             return Ok(Arc::new(Folder::of(about, "nyu", tree.depth_scale, frames)));
         }
@@ -133,16 +132,25 @@ pub(in crate::data) fn nyu(
     Err(unknown(root, split))
 }
 
-/// Gives a frame of the official test split its official name.
-fn rename(files: &mut Files, tree: &Tree, split: Split) {
-    let number = files.id.rsplit('/').next().and_then(|n| n.parse().ok());
-    let official = tree
-        .official
-        .zip(number)
-        .and_then(|(offset, n): (usize, usize)| n.checked_add(offset))
-        .filter(|&n| split == Split::Val && official::is_test(n));
-    if let Some(number) = official {
-        files.id = official::name(number);
+/// Gives the frames of the official test split their official names. Where two scenes have a frame of
+/// that number, it is not the official one, and names tell them apart.
+fn rename(frames: &mut [Files], tree: &Tree, split: Split) {
+    let official = |files: &Files| {
+        let number = files.id.rsplit('/').next().and_then(|n| n.parse().ok());
+        tree.official
+            .zip(number)
+            .and_then(|(offset, n): (usize, usize)| n.checked_add(offset))
+            .filter(|&n| split == Split::Val && official::is_test(n))
+    };
+    let numbers: Vec<Option<usize>> = frames.iter().map(official).collect();
+    let mut counts = HashMap::new();
+    for number in numbers.iter().flatten() {
+        *counts.entry(*number).or_insert(0_usize) += 1;
+    }
+    for (files, number) in frames.iter_mut().zip(numbers) {
+        if let Some(number) = number.filter(|number| counts[number] == 1) {
+            files.id = official::name(number);
+        }
     }
 }
 

@@ -1,0 +1,176 @@
+//! Cameras as they are written in files.
+
+use super::{Camera, IDENTITY, Lens, Pose, dot, ros};
+use crate::data::files::has_ending;
+use crate::error::{Error, Result};
+use serde::Deserialize;
+use std::path::Path;
+use std::str::FromStr;
+
+impl Camera {
+    /// Reads a camera from TOML or JSON: `fx, fy, cx, cy`, or `intrinsic_matrix` of 9 numbers column
+    /// by column as `Open3D` writes it; `width, height`; `model` (`pinhole`, `radtan`, `fisheye`) with
+    /// its `distortion`; `world_to_camera` or `camera_to_world`, 3 or 4 rows of 4 numbers. Or from
+    /// YAML, the `camera_info` of ROS: the camera of the image before it was rectified.
+    ///
+    /// # Errors
+    /// A file that is missing or no camera.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        let is = |ending: &str| has_ending(path, ending);
+        let stored: Stored = if is("yaml") || is("yml") {
+            ros::parse(&text).map_err(|what| Error::format(path, what))
+        } else if is("json") {
+            serde_json::from_str(&text).map_err(|e| Error::format(path, "is no camera").because(e))
+        } else {
+            toml::from_str(&text).map_err(|e| Error::format(path, "is no camera").because(e))
+        }
+        .map_err(|e| e.hint("a camera is TOML or JSON with fx, fy, cx, cy, or the camera_info of ROS; see docs/guide.md"))?;
+        Self::try_from(stored).map_err(|what| Error::format(path, what))
+    }
+}
+
+impl FromStr for Camera {
+    type Err = Error;
+
+    /// `FX,FY,CX,CY`, or the path of a file.
+    fn from_str(text: &str) -> Result<Self> {
+        let numbers: Vec<Option<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+        let [fx @ Some(_), fy @ Some(_), cx @ Some(_), cy @ Some(_)] = numbers[..] else {
+            return Self::read(Path::new(text));
+        };
+        let stored = Stored {
+            fx,
+            fy,
+            cx,
+            cy,
+            ..Stored::default()
+        };
+        Self::try_from(stored).map_err(|what| Error::config(format!("`{text}` {what}")))
+    }
+}
+
+/// A camera as it is written in a file.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Stored {
+    pub(super) width: Option<usize>,
+    pub(super) height: Option<usize>,
+    pub(super) fx: Option<f64>,
+    pub(super) fy: Option<f64>,
+    pub(super) cx: Option<f64>,
+    pub(super) cy: Option<f64>,
+    pub(super) intrinsic_matrix: Option<[f64; 9]>,
+    #[serde(default)]
+    pub(super) model: Model,
+    #[serde(default)]
+    pub(super) distortion: Vec<f64>,
+    pub(super) world_to_camera: Option<Vec<[f64; 4]>>,
+    pub(super) camera_to_world: Option<Vec<[f64; 4]>>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Model {
+    #[default]
+    Pinhole,
+    Radtan,
+    Fisheye,
+}
+
+impl TryFrom<Stored> for Camera {
+    type Error = String;
+
+    fn try_from(stored: Stored) -> std::result::Result<Self, String> {
+        let numbers = [stored.fx, stored.fy, stored.cx, stored.cy];
+        let [fx, fy, cx, cy] = match (numbers, stored.intrinsic_matrix) {
+            ([Some(fx), Some(fy), Some(cx), Some(cy)], None) => [fx, fy, cx, cy],
+            ([None, None, None, None], Some(m)) => [m[0], m[4], m[6], m[7]],
+            _ => return Err("needs fx, fy, cx and cy, or an intrinsic_matrix".to_owned()),
+        };
+        let sound = fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|v| v.is_finite());
+        if !sound {
+            return Err(format!("cannot have fx {fx}, fy {fy}, cx {cx}, cy {cy}"));
+        }
+        let mut camera = Self::pinhole([fx, fy], [cx, cy]);
+        camera.size = match (stored.width, stored.height) {
+            (Some(width), Some(height)) if width > 0 && height > 0 => Some((width, height)),
+            (None, None) => None,
+            _ => return Err("needs both width and height, or neither".to_owned()),
+        };
+        camera.lens = stored.model.lens(&stored.distortion)?;
+        camera.pose = match (stored.world_to_camera, stored.camera_to_world) {
+            (None, None) => camera.pose,
+            (Some(rows), None) => pose(&rows)?,
+            (None, Some(rows)) => inverse(pose(&rows)?),
+            (Some(_), Some(_)) => {
+                return Err("has both world_to_camera and camera_to_world".to_owned());
+            }
+        };
+        Ok(camera)
+    }
+}
+
+impl Model {
+    fn lens(self, distortion: &[f64]) -> std::result::Result<Lens, String> {
+        let few = |counts: &str| {
+            let found = distortion.len();
+            Err(format!(
+                "has {found} distortion coefficients, {self:?} takes {counts}"
+            ))
+        };
+        if let Some(bad) = distortion.iter().find(|v| !v.is_finite()) {
+            return Err(format!("cannot have a distortion of {bad}"));
+        }
+        match (self, distortion.len()) {
+            (Self::Pinhole, 0) => Ok(Lens::Pinhole),
+            (Self::Pinhole, _) => few("none; say model radtan or fisheye"),
+            (Self::Radtan, 4 | 5 | 8) => {
+                let mut coefficients = [0.0; 8];
+                coefficients[..distortion.len()].copy_from_slice(distortion);
+                Ok(Lens::radtan(coefficients))
+            }
+            (Self::Radtan, _) => few("4, 5 or 8: k1, k2, p1, p2, k3, k4, k5, k6"),
+            (Self::Fisheye, _) => match *distortion {
+                [k1, k2, k3, k4] => Ok(Lens::fisheye([k1, k2, k3, k4])),
+                _ => few("4: k1 to k4"),
+            },
+        }
+    }
+}
+
+/// A pose in the rows of a matrix, whose rotation is one.
+fn pose(rows: &[[f64; 4]]) -> std::result::Result<Pose, String> {
+    /// How far the product with its transpose may be from one; files round.
+    const NEAR: f64 = 1e-3;
+    let (Some(&[a, b, c]), 3 | 4) = (rows.first_chunk(), rows.len()) else {
+        return Err(format!(
+            "has a pose of {} rows, expected 3 or 4",
+            rows.len()
+        ));
+    };
+    let rotation = [a, b, c].map(|row| [row[0], row[1], row[2]]);
+    for i in 0..3 {
+        for j in 0..3 {
+            let off = (dot(rotation[i], rotation[j]) - IDENTITY[i][j]).abs();
+            if off.is_nan() || off > NEAR {
+                return Err("has a pose whose first three columns are no rotation".to_owned());
+            }
+        }
+    }
+    let [x, y, z] = rotation;
+    let cross = [
+        x[1] * y[2] - x[2] * y[1],
+        x[2] * y[0] - x[0] * y[2],
+        x[0] * y[1] - x[1] * y[0],
+    ];
+    if dot(cross, z) < 0.0 {
+        return Err("has a pose that mirrors the world: its axes are left-handed".to_owned());
+    }
+    Ok((rotation, [a[3], b[3], c[3]]))
+}
+
+fn inverse((rotation, translation): Pose) -> Pose {
+    let transposed = [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[j][i]));
+    (transposed, transposed.map(|row| -dot(row, translation)))
+}

@@ -1,0 +1,142 @@
+//! Lenses: how they move the picture of a point.
+
+/// How a lens moves the picture of a point.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::data) enum Lens {
+    Pinhole,
+    /// Brown's radial and tangential distortion as in OpenCV: k1, k2, p1, p2, k3, k4, k5, k6.
+    /// Beyond the radius (the tangent of the angle), pictures fold back.
+    Radtan {
+        coefficients: [f64; 8],
+        radius: f64,
+    },
+    /// Kannala and Brandt (2006) as in OpenCV's fisheye module: k1 to k4. Beyond the angle, pictures
+    /// fold back.
+    Fisheye {
+        coefficients: [f64; 4],
+        angle: f64,
+    },
+}
+
+/// Newton's steps to find where a pixel came from.
+const STEPS: usize = 20;
+
+impl Lens {
+    pub(in crate::data) fn radtan(coefficients: [f64; 8]) -> Self {
+        /// The tangent of 84 degrees.
+        const LAST: f64 = 10.0;
+        Self::Radtan {
+            coefficients,
+            radius: fold(LAST, |r| r * radial(&coefficients, r * r)),
+        }
+    }
+
+    pub(in crate::data) fn fisheye(coefficients: [f64; 4]) -> Self {
+        Self::Fisheye {
+            coefficients,
+            angle: fold(std::f64::consts::FRAC_PI_2, |a| bent(&coefficients, a)),
+        }
+    }
+
+    /// As files of cameras call it.
+    pub(super) fn name(&self) -> &'static str {
+        match self {
+            Self::Pinhole => "pinhole",
+            Self::Radtan { .. } => "radtan",
+            Self::Fisheye { .. } => "fisheye",
+        }
+    }
+
+    /// Where a ray through (x, y, 1) appears, in focal lengths from the centre.
+    pub(super) fn distort(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
+        let square = x * x + y * y;
+        match self {
+            Self::Pinhole => Some([x, y]),
+            Self::Radtan {
+                coefficients,
+                radius,
+            } => {
+                if square > radius * radius {
+                    return None;
+                }
+                let [_, _, p1, p2, ..] = *coefficients;
+                let radial = radial(coefficients, square);
+                Some([
+                    x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x),
+                    y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y,
+                ])
+            }
+            Self::Fisheye {
+                coefficients,
+                angle: last,
+            } => {
+                let radius = square.sqrt();
+                if radius < 1e-12 {
+                    return Some([x, y]);
+                }
+                let angle = radius.atan();
+                if angle > *last {
+                    return None;
+                }
+                let seen = bent(coefficients, angle);
+                Some([x * seen / radius, y * seen / radius])
+            }
+        }
+    }
+
+    /// The ray that appears there, by Newton's method.
+    pub(super) fn undistort(&self, seen: [f64; 2]) -> Option<[f64; 2]> {
+        const DIFFERENCE: f64 = 1e-6;
+        const NEAR: f64 = 1e-9;
+        if *self == Self::Pinhole {
+            return Some(seen);
+        }
+        let mut ray = match self {
+            // Straight ahead a fisheye sees angles, which tangents outgrow.
+            Self::Fisheye { angle: last, .. } => {
+                let angle = (seen[0].powi(2) + seen[1].powi(2)).sqrt();
+                let factor = angle.clamp(1e-12, last.min(1.5)).tan() / angle.max(1e-12);
+                seen.map(|v| v * factor)
+            }
+            _ => seen,
+        };
+        for _ in 0..STEPS {
+            let here = self.distort(ray)?;
+            let off = [here[0] - seen[0], here[1] - seen[1]];
+            if off[0].abs().max(off[1].abs()) < NEAR {
+                return Some(ray);
+            }
+            let right = self.distort([ray[0] + DIFFERENCE, ray[1]])?;
+            let below = self.distort([ray[0], ray[1] + DIFFERENCE])?;
+            let [a, c] = [0, 1].map(|axis| (right[axis] - here[axis]) / DIFFERENCE);
+            let [b, d] = [0, 1].map(|axis| (below[axis] - here[axis]) / DIFFERENCE);
+            let determinant = a * d - b * c;
+            ray[0] -= (d * off[0] - b * off[1]) / determinant;
+            ray[1] -= (a * off[1] - c * off[0]) / determinant;
+        }
+        None
+    }
+}
+
+/// The last value up to which pictures move outwards as rays do; infinite if that is `last`.
+fn fold(last: f64, seen: impl Fn(f64) -> f64) -> f64 {
+    /// Of the search.
+    const STEPS: usize = 1000;
+    let at = |step: usize| last * step as f64 / STEPS as f64;
+    let rising = (1..=STEPS).take_while(|&step| seen(at(step)) > seen(at(step - 1)));
+    match rising.last() {
+        Some(STEPS) => f64::INFINITY,
+        step => at(step.unwrap_or(0)),
+    }
+}
+
+/// Where a fisheye lens shows what is at an angle from the axis, in focal lengths.
+fn bent([k1, k2, k3, k4]: &[f64; 4], angle: f64) -> f64 {
+    let s = angle * angle;
+    angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
+}
+
+fn radial([k1, k2, _, _, k3, k4, k5, k6]: &[f64; 8], square: f64) -> f64 {
+    (1.0 + square * (k1 + square * (k2 + square * k3)))
+        / (1.0 + square * (k4 + square * (k5 + square * k6)))
+}

@@ -1,0 +1,213 @@
+use super::file::Stored;
+use super::*;
+
+fn stored(text: &str) -> std::result::Result<Camera, String> {
+    let stored: Stored = toml::from_str(text).map_err(|e| e.to_string())?;
+    Camera::try_from(stored)
+}
+
+const RADTAN: &str = "fx = 500\nfy = 510\ncx = 320\ncy = 240\nmodel = 'radtan'\n\
+    distortion = [-0.28, 0.07, 0.0002, 0.00002, 0.0]\n";
+const FISHEYE: &str = "fx = 380\nfy = 380\ncx = 319.5\ncy = 239.5\nmodel = 'fisheye'\n\
+    distortion = [-0.01, 0.02, -0.015, 0.003]\n";
+
+/// Answers of cv2.projectPoints and cv2.fisheye.projectPoints (OpenCV 5.0).
+#[test]
+fn points_appear_where_opencv_says() {
+    for (text, expected) in [(RADTAN, OPENCV_RADTAN), (FISHEYE, OPENCV_FISHEYE)] {
+        let camera = stored(text).unwrap();
+        for (point, pixel) in POINTS.into_iter().zip(expected) {
+            let (found, depth) = camera.project(point).unwrap();
+            assert_eq!(depth, point[2]);
+            for axis in 0..2 {
+                assert!(
+                    (found[axis] - pixel[axis]).abs() < 1e-6,
+                    "{found:?} {pixel:?}"
+                );
+            }
+        }
+    }
+}
+
+const POINTS: [[f64; 3]; 3] = [[0.3, -0.2, 1.5], [-1.0, 0.7, 2.0], [0.0, 0.0, 3.0]];
+const OPENCV_RADTAN: [[f64; 2]; 3] = [
+    [418.401_634_567_901_2, 173.093_174_716_049_4],
+    [93.620_490_625, 401.675_624_343_75],
+    [320.0, 240.0],
+];
+const OPENCV_FISHEYE: [[f64; 2]; 3] = [
+    [394.047_958_355_071_96, 189.801_361_096_618_68],
+    [149.179_457_827_459_34, 358.724_379_521_836_85],
+    [319.5, 239.5],
+];
+
+#[test]
+fn pixels_lie_where_points_were() {
+    let turned = "camera_to_world = [[0,0,1,2],[-1,0,0,3],[0,-1,0,1.5]]\n";
+    for text in [RADTAN, FISHEYE] {
+        let camera = stored(&format!("{text}{turned}")).unwrap();
+        for [x, y] in [[0.0, 0.0], [100.0, 400.0], [639.0, 479.0]] {
+            let point = camera.unproject([x, y], 2.5).unwrap();
+            let ([u, v], depth) = camera.project(point).unwrap();
+            assert!((u - x).abs() + (v - y).abs() < 1e-5, "{u} {v}");
+            assert!((depth - 2.5).abs() < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn poses_lead_from_the_world() {
+    // The camera stands at (2, 3, 1.5) and looks along the world's x, whose z is up.
+    let camera = stored(
+        "fx = 100\nfy = 100\ncx = 50\ncy = 40\n\
+         camera_to_world = [[0,0,1,2],[-1,0,0,3],[0,-1,0,1.5],[0,0,0,1]]\n",
+    )
+    .unwrap();
+    let (pixel, depth) = camera.project([6.0, 2.0, 2.5]).unwrap();
+    assert!((depth - 4.0).abs() < 1e-12);
+    assert!((pixel[0] - 75.0).abs() < 1e-9 && (pixel[1] - 15.0).abs() < 1e-9);
+    assert!(camera.project([1.0, 3.0, 1.5]).is_none(), "behind it");
+}
+
+/// r (1 + k r^2) rises up to r = 1 / sqrt(-3 k), here 1.091.
+#[test]
+fn beyond_the_fold_nothing_is_seen() {
+    let lens = "model = 'radtan'\ndistortion = [-0.28, 0.0, 0.0, 0.0]";
+    let camera = stored(&format!("fx = 500\nfy = 500\ncx = 0\ncy = 0\n{lens}")).unwrap();
+    for (x, seen) in [(0.5, true), (1.07, true), (1.11, false), (5.0, false)] {
+        assert_eq!(camera.project([x, 0.0, 1.0]).is_some(), seen, "{x}");
+    }
+}
+
+#[test]
+fn another_size_is_the_same_view() {
+    let camera = stored(&format!("{RADTAN}width = 640\nheight = 480\n")).unwrap();
+    let half = camera.resized((320, 240)).unwrap();
+    let [full, half] = [camera, half].map(|c| c.project([0.3, -0.2, 1.5]).unwrap().0);
+    for axis in 0..2 {
+        assert!((0.5 * (full[axis] + 0.5) - 0.5 - half[axis]).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn what_is_no_camera_is_refused() {
+    for (text, what) in [
+        ("fx = 1\nfy = 1\ncx = 0", "needs fx"),
+        ("fx = 0\nfy = 1\ncx = 0\ncy = 0", "cannot have fx 0"),
+        (
+            "fx = 1\nfy = 1\ncx = 0\ncy = 0\ndistortion = [1.0]",
+            "radtan or fisheye",
+        ),
+        (
+            "fx = 1\nfy = 1\ncx = 0\ncy = 0\nwidth = 3",
+            "both width and height",
+        ),
+        (
+            "fx = 1\nfy = 1\ncx = 0\ncy = 0\nworld_to_camera = [[2,0,0,0],[0,1,0,0],[0,0,1,0]]",
+            "no rotation",
+        ),
+        ("fx = 1\nfy = 1\ncx = 0\ncy = 0\nk1 = 3", "unknown field"),
+    ] {
+        let error = stored(text).unwrap_err();
+        assert!(error.contains(what), "{error}");
+    }
+}
+
+#[test]
+fn a_camera_of_another_shape_is_refused() {
+    let camera = stored(&format!("{RADTAN}width = 640\nheight = 480\n")).unwrap();
+    for size in [(480, 480), (640, 477), (480, 640)] {
+        let error = camera.resized(size).unwrap_err();
+        assert!(error.to_string().contains("640x480"), "{error}");
+        assert!(error.advice().is_some());
+        assert!(camera.for_image(&size.into()).is_err());
+    }
+    // Rounded to whole pixels.
+    assert!(camera.resized((1000, 751)).is_ok());
+}
+
+/// The reference is the image library's turn of the pixels: `orientation.rs`.
+#[test]
+fn a_camera_is_turned_with_the_image_in_all_eight_orientations() {
+    let sized = format!("{RADTAN}width = 640\nheight = 480\n");
+    let point = [0.3, -0.2, 1.5];
+    for text in [&sized[..], RADTAN] {
+        let camera = stored(text).unwrap();
+        let stored_place = camera.project(point).unwrap().0;
+        for exif in 1..=8 {
+            let image = Orientation::new((640, 480), exif);
+            let (turned, said) = camera.for_image(&image).unwrap();
+            assert_eq!(said.is_some(), exif > 1);
+            let (place, depth) = turned.project(point).unwrap();
+            assert_eq!(place, image.turned(stored_place), "{exif}");
+            let found = turned.unproject(place, depth).unwrap();
+            for axis in 0..3 {
+                assert!((found[axis] - point[axis]).abs() < 1e-8, "{exif}");
+            }
+            // At half the size the same is seen.
+            let (width, height) = image.upright();
+            let half = turned.resized((width / 2, height / 2)).unwrap();
+            let small = half.project(point).unwrap().0;
+            for axis in 0..2 {
+                assert!((0.5 * (place[axis] + 0.5) - 0.5 - small[axis]).abs() < 1e-9);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_camera_of_the_upright_image_stays() {
+    let camera = stored(&format!("{RADTAN}width = 640\nheight = 480\n")).unwrap();
+    let image = Orientation::new((480, 640), 6);
+    let (same, said) = camera.for_image(&image).unwrap();
+    assert_eq!(same, camera);
+    assert!(said.is_some_and(|said| said.contains("upright image")));
+}
+
+/// theta + k theta^3 rises up to theta = 1 / sqrt(-3 k), here 0.9129.
+#[test]
+fn beyond_the_fold_a_fisheye_sees_nothing() {
+    let lens = "model = 'fisheye'\ndistortion = [-0.4, 0.0, 0.0, 0.0]";
+    let camera = stored(&format!("fx = 500\nfy = 500\ncx = 0\ncy = 0\n{lens}")).unwrap();
+    for (angle, seen) in [(0.5_f64, true), (0.9, true), (0.93, false), (1.5, false)] {
+        let found = camera.project([angle.tan(), 0.0, 1.0]);
+        assert_eq!(found.is_some(), seen, "{angle}");
+    }
+}
+
+#[test]
+fn mirrors_are_no_poses() {
+    let text = "fx = 1\nfy = 1\ncx = 0\ncy = 0\n\
+        world_to_camera = [[-1,0,0,0],[0,1,0,0],[0,0,1,0]]";
+    let error = stored(text).unwrap_err();
+    assert!(error.contains("mirrors"), "{error}");
+}
+
+const CALIBRATED: &str = "image_width: 640\nimage_height: 480\ncamera_name: left\n\
+    camera_matrix:\n  rows: 3\n  cols: 3\n  data: [500., 0., 320., 0., 510., 240., 0., 0., 1.]\n\
+    distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n\
+    \x20 data: [-0.28, 0.07,\n    0.0002, 0.00002, 0.0]\nrectification_matrix:\n  rows: 3\n\
+    \x20 cols: 3\n  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]\n";
+const ECHOED: &str = "header:\n  seq: 3\n  frame_id: \"left\"\nheight: 480\nwidth: 640\n\
+    distortion_model: \"plumb_bob\"\nd:\n- -0.28\n- 0.07\n- 0.0002\n- 0.00002\n- 0.0\n\
+    k: [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]\nroi:\n  height: 0\n  width: 0\n---\n";
+
+#[test]
+fn the_camera_info_of_ros_is_read() {
+    let expected = stored(&format!("{RADTAN}width = 640\nheight = 480\n")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("left.yaml");
+    for text in [CALIBRATED, ECHOED] {
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(Camera::read(&path).unwrap(), expected);
+    }
+    for (from, to, what) in [
+        ("500.", "wide", "`wide` is not a number"),
+        ("plumb_bob", "mirror_ball", "`mirror_ball`"),
+        ("camera_matrix", "matrix", "no camera_matrix"),
+    ] {
+        std::fs::write(&path, CALIBRATED.replace(from, to)).unwrap();
+        let error = Camera::read(&path).unwrap_err().to_string();
+        assert!(error.contains(what), "{error}");
+    }
+}

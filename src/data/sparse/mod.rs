@@ -1,0 +1,387 @@
+//! Sparse depths in an image, from maps, tables of points, clouds and models of COLMAP.
+
+mod points;
+
+use super::columns::meaning;
+use super::files::{Array, CLOUDS, Columns, Numbers, Row, Table, has_ending, read_cloud};
+use super::grid::{is_plausible, nearest_pixels, pixel, rescaled, same_shape};
+use super::stored::{KnownUnit, Stored, StoredMap, read_stored};
+use super::surface::{fronts, is_behind};
+use super::{Camera, DepthMap, Orientation, Unit, View};
+use crate::error::{Error, Result};
+use lsdc_core::{Observation, Observations};
+use points::Points;
+use std::path::Path;
+
+/// Known depths of an image, and how they were read.
+#[derive(Clone, Debug)]
+pub struct Sparse {
+    /// Depths in metres (or in the unit of a model) at their places in the upright image.
+    pub points: Observations,
+    /// Width and height of the upright image.
+    pub size: (usize, usize),
+    /// The unit of the file.
+    pub unit: Unit,
+    /// `true` if the unit was inferred.
+    pub guessed: bool,
+    /// Points without a positive and finite depth, or with an unusable standard deviation.
+    pub ignored: usize,
+    /// Points outside the image.
+    pub outside: usize,
+    /// Points behind a nearer surface in the same pixel, and those of a cloud that nearer ones
+    /// surround.
+    pub hidden: usize,
+    /// What was assumed or left out and should be checked, a sentence each.
+    pub remarks: Vec<String>,
+}
+
+impl Sparse {
+    /// Reads sparse depths for an image, by the file's ending.
+    ///
+    /// - Maps of the image's shape, of as many pixels or not: `png`, `pgm`, `npy`, `npz`, `tiff`,
+    ///   `exr`, `pfm`, `h5`.
+    /// - Tables, `csv`, `txt` and arrays `[points, 3 or 4]`: of `u, v, depth[, sigma]`, u and v in
+    ///   pixels from the centre of the first, or of x, y, z. Names in the first line say which; without
+    ///   names the columns are x, y, z if there is a camera and most points could not be pixels, and
+    ///   what may be either is refused.
+    /// - Clouds, which need the camera of the upright image: `ply`, `pcd`, `las`, `laz`, `xyz`, `bin`.
+    ///
+    /// Without a unit integers are taken for millimetres, other numbers and clouds for metres.
+    ///
+    /// # Errors
+    /// A file that is missing, damaged, ambiguous or of another kind or shape; a table without a point
+    /// in the image; a cloud without a camera.
+    pub fn read(
+        path: &Path,
+        unit: Option<Unit>,
+        camera: Option<&Camera>,
+        image: impl Into<Orientation>,
+    ) -> Result<Self> {
+        let image = image.into();
+        let size = image.upright();
+        check(size)?;
+        let camera = camera.map(|camera| camera.resized(size)).transpose()?;
+        let camera = camera.as_ref();
+        if CLOUDS.into_iter().any(|ending| has_ending(path, ending)) {
+            let known = KnownUnit::new(unit, Numbers::Floats);
+            let mut points = Points::new(size);
+            let seeing = seeing(path, camera)?;
+            let metres = known.unit.metres();
+            read_cloud(path, &mut |point| {
+                points.project(seeing, point, metres, None)
+            })?;
+            return cloud(path, points, known);
+        }
+        let sizes = [size, image.stored()];
+        match read_stored(path, unit, |array| is_table(array, &sizes))? {
+            Stored::Map(map) => Self::of_map(path, map, &image),
+            Stored::Table(table, known) => {
+                let columns = meaning(path, &table, camera, size, known.unit.metres())?;
+                if columns == Columns::Space {
+                    Self::of_space(path, &table, seeing(path, camera)?, known, size)
+                } else {
+                    Self::of_pixels(path, &table, known, &image)
+                }
+            }
+        }
+    }
+
+    /// What a view of a model sees in its image. Depths stay in the unit of the model if none is given.
+    ///
+    /// # Errors
+    /// An image of another shape than that of the model; no point in the image.
+    pub fn of_view(view: &View, image: impl Into<Orientation>, unit: Option<Unit>) -> Result<Self> {
+        let image = image.into();
+        check(image.upright())?;
+        // COLMAP knows the pixels as they are stored.
+        let as_stored = same_shape(view.size, image.stored());
+        if !as_stored && !same_shape(view.size, image.upright()) {
+            let ((a, b), (c, d)) = (view.size, image.stored());
+            let what = format!(
+                "`{}` is {a}x{b} in the model, but the image is {c}x{d}",
+                view.name
+            );
+            return Err(Error::shape(what)
+                .hint("give the images that the model was made of, neither cut nor undistorted"));
+        }
+        let shown = if as_stored {
+            image.stored()
+        } else {
+            image.upright()
+        };
+        let unit = unit.unwrap_or(Unit::MODEL);
+        let mut points = Points::new(image.upright());
+        for (number, point) in view.keypoints().iter().enumerate() {
+            let mut place = [
+                rescaled(point.u, view.size.0, shown.0),
+                rescaled(point.v, view.size.1, shown.1),
+            ];
+            if as_stored {
+                place = image.turned(place);
+            }
+            let [depth, sigma] = [point.depth, point.sigma].map(|v| v * unit.metres());
+            points.add(place, depth, Some(sigma), number);
+        }
+        points.ignored += view.ignored;
+        if points.found.is_empty() {
+            return Err(points.none(Path::new(&view.name), "keypoints"));
+        }
+        Ok(points.sparse(unit, false, "keypoint"))
+    }
+
+    /// The same depths with standard deviations from a map of the image's shape, in the same unit.
+    ///
+    /// # Errors
+    /// A file that is missing, damaged, or no map of this shape; no point with a standard deviation.
+    pub fn with_sigma(self, path: &Path, image: impl Into<Orientation>) -> Result<Self> {
+        let image = image.into();
+        let Stored::Map(map) = read_stored(path, Some(self.unit), |_| false)? else {
+            return Err(Error::format(path, "is a table").hint("standard deviations are a map"));
+        };
+        let map = map.depth;
+        let own = (map.width(), map.height());
+        let upright = same_shape(own, image.upright());
+        if !upright && !same_shape(own, image.stored()) {
+            return Err(other_shape(path, own, &image));
+        }
+        let shown = if upright {
+            image.upright()
+        } else {
+            image.stored()
+        };
+        let mut points = Points::new(self.size);
+        for (number, point) in self.points.iter().enumerate() {
+            let mut place = [point.u, point.v];
+            if !upright {
+                place = image.turned_back(place);
+            }
+            let place = [
+                rescaled(place[0], shown.0, own.0),
+                rescaled(place[1], shown.1, own.1),
+            ];
+            let sigma = pixel(place, own).map_or(0.0, |i| map.values()[i]);
+            let depth = f64::from(point.depth);
+            points.add([point.u, point.v], depth, Some(f64::from(sigma)), number);
+        }
+        if points.found.is_empty() && !self.points.is_empty() {
+            return Err(points.none(path, "points"));
+        }
+        let found = points.sparse(self.unit, self.guessed, "point");
+        Ok(Self {
+            ignored: self.ignored + found.ignored,
+            outside: self.outside,
+            hidden: self.hidden + found.hidden,
+            remarks: [self.remarks, found.remarks].concat(),
+            ..found
+        })
+    }
+
+    /// One depth to a pixel, for methods that know no places between them: that of the nearest point,
+    /// and of several on the nearest surface their mean, weighted by their precision. A point between
+    /// pixels counts for each of them.
+    ///
+    /// # Errors
+    /// An image without pixels.
+    pub fn map(&self) -> Result<DepthMap> {
+        self.maps().map(|(depth, _)| depth)
+    }
+
+    /// As [`Self::map`], and the standard deviations of the means, if all points have one.
+    ///
+    /// # Errors
+    /// An image without pixels.
+    pub fn maps(&self) -> Result<(DepthMap, Option<DepthMap>)> {
+        let (width, height) = self.size;
+        let area = width * height;
+        let pixels = || {
+            let each = |point: &Observation| nearest_pixels([point.u, point.v], self.size);
+            let points = self.points.iter();
+            points.flat_map(move |point| each(point).map(move |pixel| (pixel, point)))
+        };
+        let fronts = fronts(pixels(), area);
+        let weighted = !self.points.is_empty() && self.points.iter().all(|p| p.sigma.is_some());
+        // Sums of weights, and of weighted depths.
+        let mut sums = vec![[0.0_f64; 2]; area];
+        for (pixel, point) in pixels() {
+            if !is_behind(point, fronts[pixel]) {
+                let sigma = point.sigma.filter(|_| weighted).map_or(1.0, f64::from);
+                let weight = sigma.powi(-2);
+                sums[pixel][0] += weight;
+                sums[pixel][1] += weight * f64::from(point.depth);
+            }
+        }
+        let map = |value: &dyn Fn(&[f64; 2]) -> f64| {
+            let value = |sum: &[f64; 2]| if sum[0] > 0.0 { value(sum) as f32 } else { 0.0 };
+            DepthMap::new(width, height, sums.iter().map(value).collect())
+        };
+        let depth = map(&|sum| sum[1] / sum[0])?;
+        let sigma = weighted.then(|| map(&|sum| sum[0].sqrt().recip()));
+        Ok((depth, sigma.transpose()?))
+    }
+
+    fn of_map(path: &Path, map: StoredMap, image: &Orientation) -> Result<Self> {
+        let (depth, size) = (&map.depth, image.upright());
+        let own = (depth.width(), depth.height());
+        let upright = same_shape(own, size);
+        let as_stored = same_shape(own, image.stored());
+        if !upright && !as_stored {
+            return Err(other_shape(path, own, image));
+        }
+        let mut points = Points::new(size);
+        points.ignored = depth.ignored();
+        let shown = if upright { size } else { image.stored() };
+        for point in depth.points() {
+            let mut place = [
+                rescaled(point.x as f64, own.0, shown.0),
+                rescaled(point.y as f64, own.1, shown.1),
+            ];
+            if !upright {
+                place = image.turned(place);
+            }
+            let sigma = map
+                .sigma
+                .as_ref()
+                .map(|map| f64::from(map.at(point.x, point.y)));
+            let number = point.y * own.0 + point.x;
+            points.add(place, f64::from(point.depth), sigma, number);
+        }
+        let mut found = points.sparse(map.unit, map.guessed, "pixel");
+        found.remarks.extend(map.remarks);
+        if !image.is_upright() {
+            found.remarks.push(if upright {
+                upright_as_shown("the map is", image)
+            } else {
+                format!(
+                    "the map is turned upright with the image (EXIF orientation {})",
+                    image.exif()
+                )
+            });
+        }
+        Ok(found)
+    }
+
+    fn of_pixels(
+        path: &Path,
+        table: &Table,
+        known: KnownUnit,
+        image: &Orientation,
+    ) -> Result<Self> {
+        let metres = known.unit.metres();
+        let mut points = Points::new(image.upright());
+        for Row {
+            number,
+            values: [u, v, depth],
+            fourth,
+        } in &table.rows
+        {
+            points.add(
+                [*u, *v],
+                depth * metres,
+                fourth.map(|sigma| sigma * metres),
+                *number,
+            );
+        }
+        if points.found.is_empty() {
+            let error = points.none(path, "points");
+            return Err(error.hint("columns are u, v, depth: u to the right, v down, in pixels"));
+        }
+        let mut found = points.sparse(known.unit, known.is_guessed(), table.row);
+        found.remarks.extend(known.doubt(found.depths()));
+        if !image.is_upright() {
+            found.remarks.push(upright_as_shown("u and v are", image));
+        }
+        Ok(found)
+    }
+
+    fn of_space(
+        path: &Path,
+        table: &Table,
+        camera: &Camera,
+        known: KnownUnit,
+        size: (usize, usize),
+    ) -> Result<Self> {
+        // Without names a fourth column is an intensity or a colour.
+        let with_sigma = table.columns == Columns::Space;
+        let metres = known.unit.metres();
+        let mut points = Points::new(size);
+        for row in &table.rows {
+            let sigma = row
+                .fourth
+                .filter(|_| with_sigma)
+                .map(|sigma| sigma * metres);
+            points.project(camera, row.values, metres, sigma);
+        }
+        let mut found = cloud(path, points, known)?;
+        if !with_sigma {
+            let what = "the columns without names are taken for x, y, z, as they cannot be pixels";
+            found.remarks.push(what.to_owned());
+        }
+        Ok(found)
+    }
+
+    fn depths(&self) -> Vec<f32> {
+        self.points.iter().map(|point| point.depth).collect()
+    }
+}
+
+/// What the camera sees of a cloud.
+fn cloud(path: &Path, points: Points, known: KnownUnit) -> Result<Sparse> {
+    if points.found.is_empty() {
+        return Err(points.none(path, "points").hint(
+            "check the camera: its pose leads from the cloud's axes to x right, y down, z forwards, in \
+             metres",
+        ));
+    }
+    let mut found = points.sparse(known.unit, known.is_guessed(), "point");
+    found.remarks.extend(known.doubt(found.depths()));
+    Ok(found)
+}
+
+/// The camera that a cloud needs.
+fn seeing<'a>(path: &Path, camera: Option<&'a Camera>) -> Result<&'a Camera> {
+    camera.ok_or_else(|| {
+        Error::format(path, "is a point cloud; pass --camera to project it").hint(
+            "give --camera FILE, or --camera FX,FY,CX,CY; columns of pixels are called u, v, depth",
+        )
+    })
+}
+
+fn check(size: (usize, usize)) -> Result<()> {
+    if is_plausible(size) {
+        return Ok(());
+    }
+    let (width, height) = size;
+    Err(Error::shape(format!(
+        "an image of {width}x{height} is too large"
+    )))
+}
+
+fn other_shape(path: &Path, own: (usize, usize), image: &Orientation) -> Error {
+    let (width, height) = image.upright();
+    Error::shape(format!(
+        "`{}` is a map of {}x{} but the image is {width}x{height}",
+        path.display(),
+        own.0,
+        own.1
+    ))
+    .hint(
+        "a map shows what the image shows, with as many pixels or others, but of the same shape; a \
+         table is an array of shape (points, 3 or 4)",
+    )
+}
+
+fn upright_as_shown(what: &str, image: &Orientation) -> String {
+    format!(
+        "{what} taken to be of the upright image, which the file stores turned (EXIF orientation {})",
+        image.exif()
+    )
+}
+
+/// Whether an array is a table of points rather than a map: a map is as large as the image, of which
+/// sizes are given.
+pub(super) fn is_table(array: &Array, images: &[(usize, usize)]) -> bool {
+    matches!(array.columns, 3 | 4) && !images.contains(&(array.columns, array.rows))
+}
+
+#[cfg(test)]
+mod tests;

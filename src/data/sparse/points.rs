@@ -1,0 +1,145 @@
+//! Points on their way into an image.
+
+use super::Sparse;
+use crate::data::grid::pixel;
+use crate::data::occlusion::remove_hidden;
+use crate::data::surface::{fronts, is_behind};
+use crate::data::{Camera, Unit};
+use crate::error::Error;
+use lsdc_core::Observation;
+use std::path::Path;
+
+/// Points on their way into an image, and what is left out.
+pub(super) struct Points {
+    size: (usize, usize),
+    pub(super) found: Vec<Observation>,
+    all: usize,
+    pub(super) ignored: usize,
+    outside: usize,
+    /// Without a usable standard deviation, and which came first.
+    vague: usize,
+    first_vague: usize,
+    /// A camera sees through between the points of a cloud.
+    is_cloud: bool,
+}
+
+impl Points {
+    /// Into an image of this width and height.
+    pub(super) fn new(size: (usize, usize)) -> Self {
+        Self {
+            size,
+            found: Vec::new(),
+            all: 0,
+            ignored: 0,
+            outside: 0,
+            vague: 0,
+            first_vague: 0,
+            is_cloud: false,
+        }
+    }
+
+    /// Takes in the point of that number: its place (u, v), depth and standard deviation in metres.
+    pub(super) fn add(&mut self, [u, v]: [f64; 2], depth: f64, sigma: Option<f64>, number: usize) {
+        let sound = |value: f32| value > 0.0 && value.is_finite();
+        let (depth, sigma) = (depth as f32, sigma.map(|sigma| sigma as f32));
+        self.all += 1;
+        if !sound(depth) {
+            self.ignored += 1;
+        } else if pixel([u, v], self.size).is_none() {
+            self.outside += 1;
+        } else if !sigma.is_none_or(sound) {
+            if self.vague == 0 {
+                self.first_vague = number;
+            }
+            self.vague += 1;
+        } else {
+            self.found.push(Observation { u, v, depth, sigma });
+        }
+    }
+
+    /// Takes in a point of a cloud, in stored units.
+    pub(super) fn project(
+        &mut self,
+        camera: &Camera,
+        point: [f64; 3],
+        metres: f64,
+        sigma: Option<f64>,
+    ) {
+        let number = self.all;
+        self.is_cloud = true;
+        if point.iter().any(|v| !v.is_finite()) {
+            self.all += 1;
+            self.ignored += 1;
+            return;
+        }
+        match camera.project(point.map(|v| v * metres)) {
+            Some((place, depth)) => self.add(place, depth, sigma, number),
+            None => {
+                self.all += 1;
+                self.outside += 1;
+            }
+        }
+    }
+
+    /// Takes out what nearer surfaces hide in the same pixel and, of a cloud, around it, and says how
+    /// many points that were. What is left does not depend on the order of the points.
+    fn remove_hidden(&mut self) -> usize {
+        let (width, height) = self.size;
+        let at = |point: &Observation| pixel([point.u, point.v], self.size).unwrap_or(0);
+        let points = self.found.iter().map(|point| (at(point), point));
+        let fronts = fronts(points, width * height);
+        let mut seen: Vec<f32> = Vec::new();
+        if self.is_cloud {
+            let nearest = |front: &f32| if front.is_finite() { *front } else { 0.0 };
+            seen = fronts.iter().map(nearest).collect();
+            remove_hidden(width, &mut seen);
+        }
+        let stays = |point: &&Observation| {
+            let pixel = at(point);
+            !is_behind(point, fronts[pixel]) && seen.get(pixel).is_none_or(|&depth| depth > 0.0)
+        };
+        let stay: Vec<Observation> = self.found.iter().filter(stays).copied().collect();
+        let hidden = self.found.len() - stay.len();
+        self.found = stay;
+        hidden
+    }
+
+    /// What is left; `row` is what a point is called in the file.
+    pub(super) fn sparse(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
+        let hidden = self.remove_hidden();
+        let vague = (self.vague > 0).then(|| {
+            format!(
+                "{} points are left out, as their standard deviations are not positive and finite; \
+                 the first is {row} {}",
+                self.vague, self.first_vague
+            )
+        });
+        Sparse {
+            points: self.found.into_iter().collect(),
+            size: self.size,
+            unit,
+            guessed,
+            ignored: self.ignored + self.vague,
+            outside: self.outside,
+            hidden,
+            remarks: vague.into_iter().collect(),
+        }
+    }
+
+    /// That nothing is left.
+    pub(super) fn none(&self, path: &Path, points: &str) -> Error {
+        let (all, (width, height)) = (self.all, self.size);
+        let sigma = if self.vague > 0 {
+            " and standard deviation"
+        } else {
+            ""
+        };
+        Error::format(
+            path,
+            format!(
+                "none of its {all} {points} lies in the image of {width}x{height} with a positive \
+                 depth{sigma}"
+            ),
+        )
+    }
+}
