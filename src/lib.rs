@@ -36,6 +36,7 @@ pub mod nearest;
 #[allow(unsafe_code)]
 pub mod norm;
 pub mod predict;
+pub mod provenance;
 pub mod report;
 pub mod rng;
 pub mod sample;

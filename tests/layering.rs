@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 const ALLOWED: &[(&str, &[&str])] = &[
     ("error", &[]),
     ("rng", &[]),
+    ("provenance", &["error"]),
     ("device", &["error"]),
     ("data", &["error", "rng"]),
     ("sample", &["data", "error", "rng"]),
@@ -35,7 +36,15 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "eval",
         &[
-            "report", "predict", "classic", "metrics", "sample", "data", "error", "rng",
+            "report",
+            "predict",
+            "classic",
+            "metrics",
+            "sample",
+            "data",
+            "provenance",
+            "error",
+            "rng",
         ],
     ),
     (
@@ -47,7 +56,16 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "experiment",
         &[
-            "train", "eval", "report", "predict", "metrics", "model", "fit", "sample", "data",
+            "train",
+            "eval",
+            "report",
+            "predict",
+            "metrics",
+            "model",
+            "fit",
+            "sample",
+            "data",
+            "provenance",
             "error",
         ],
     ),
@@ -71,6 +89,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "sample",
             "data",
             "simd",
+            "provenance",
             "error",
         ],
     ),

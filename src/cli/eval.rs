@@ -3,13 +3,14 @@
 use super::args::Eval;
 use super::{Exit, settings, ui};
 use crate::config::FitSettings;
-use crate::data::{write_atomically, write_npy};
+use crate::data::{DataConfig, write_atomically, write_npy};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
-use crate::predict::{Completer, Method, weights_name};
+use crate::predict::{Completer, Method, weights_hash, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -61,11 +62,28 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     let weights = network
         .as_ref()
         .map(|(_, name)| format!("{name}{measured}"));
-    let heading = evaluation.heading(&name, &followed, weights);
+    let weights_file = args.model.weights.as_deref();
+    let contents = network.as_ref().map(|_| weights_hash(weights_file));
+    let inputs = json!({
+        "data": DataConfig { root: None, ..config.data.clone() },
+        "split": args.draws.split,
+        "weights": contents.transpose()?,
+    });
+    let heading = evaluation.heading(&name, &followed, weights, inputs)?;
+    let place = json!({
+        "folder": settings::folder(&config.data),
+        "device": network.as_ref().map(|_| &args.model.device),
+    });
     let journal = match &folder {
         None => Journal::none(),
-        Some(folder) => journal(folder, &heading, args.force)?,
+        Some(folder) => journal(folder, &heading, &place, args.force)?,
     };
+    if !journal.is_empty() {
+        ui::say(&format!(
+            "{} results of an earlier run are used again; --force measures them anew",
+            journal.len()
+        ));
+    }
     let stop = ui::stop_flag();
     let bar = ui::bar(frames.len(), "frames");
     let report = evaluation.run(heading, args.shard, journal, |done, total| {
@@ -111,13 +129,13 @@ fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     Ok((completer, name))
 }
 
-fn journal(folder: &Path, heading: &Heading, anew: bool) -> Result<Journal> {
+fn journal(folder: &Path, heading: &Heading, place: &Value, anew: bool) -> Result<Journal> {
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
     let path = folder.join(JOURNAL);
-    if anew && path.exists() {
-        std::fs::remove_file(&path).map_err(|e| Error::write(&path, e))?;
+    if anew {
+        Journal::forget(&path)?;
     }
-    Journal::open(&path, heading)
+    Journal::open(&path, heading, place)
 }
 
 /// The methods that are asked for, and the predictions of others; with predictions alone, only

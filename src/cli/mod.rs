@@ -12,6 +12,7 @@ mod inspect;
 mod manual;
 mod report;
 mod settings;
+mod signals;
 mod train;
 mod ui;
 mod weights;
@@ -50,10 +51,14 @@ pub fn main() -> ExitCode {
     let args = Args::parse();
     ui::start_log(args.verbose);
     ui::be_quiet(args.quiet);
-    let exit = run(args).unwrap_or_else(|error| {
+    let failed = |error: Error| {
         ui::print_error(&error);
         Exit::from(&error)
-    });
+    };
+    let exit = run(args).unwrap_or_else(failed);
+    let printed = ui::finish().map_or_else(failed, |()| Exit::Done);
+    // What went wrong before says more than a result that could not be printed.
+    let exit = if exit == Exit::Done { printed } else { exit };
     ExitCode::from(exit as u8)
 }
 

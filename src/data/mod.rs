@@ -8,6 +8,7 @@ mod files;
 mod frame;
 mod occlusion;
 mod sets;
+mod shard;
 mod source;
 mod sparse;
 mod unit;
@@ -17,12 +18,14 @@ pub use colmap::{Colmap, View};
 pub use contents::Contents;
 pub use depth::{DepthMap, Point};
 pub use files::{
-    Colored, images_below, read_depth, read_depth_png, read_mask, read_npy, read_rgb,
-    remove_leftovers, write_atomically, write_depth_png, write_exr, write_npy, write_npz,
-    write_pfm, write_ply, write_rgb, write_tiff,
+    Colored, check_writable, images_below, png_unit, read_depth, read_depth_png, read_mask,
+    read_npy, read_rgb, remove_leftovers, stored_unit, write_atomically, write_depth_png,
+    write_exr, write_folder_atomically, write_npy, write_npz, write_pfm, write_ply, write_rgb,
+    write_tiff,
 };
 pub use frame::{Frame, FrameId, Place};
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
+pub use shard::Shard;
 pub use source::{DataConfig, DatasetKind};
 pub use sparse::Sparse;
 pub use unit::Unit;

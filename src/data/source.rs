@@ -82,7 +82,7 @@ impl DataConfig {
     /// # Errors
     /// An unknown or unreadable folder, or no frame in it.
     pub fn open(&self, split: Split, fallback: Option<&Path>) -> Result<Arc<dyn Dataset>> {
-        let root = || self.folder_of(fallback);
+        let root = || self.folder(fallback);
         Ok(match self.dataset {
             DatasetKind::Rooms => Arc::new(Rooms::new(split, &self.rooms)?),
             DatasetKind::Nyu => sets::nyu(&root()?, split, self.nyu)?,
@@ -95,7 +95,11 @@ impl DataConfig {
         })
     }
 
-    fn folder_of(&self, fallback: Option<&Path>) -> Result<PathBuf> {
+    /// Where the files of the dataset lie: its `root`, or below `fallback`.
+    ///
+    /// # Errors
+    /// Neither is known.
+    pub fn folder(&self, fallback: Option<&Path>) -> Result<PathBuf> {
         if let Some(root) = &self.root {
             return Ok(root.clone());
         }

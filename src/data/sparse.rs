@@ -2,7 +2,7 @@
 
 use super::files::{
     Array, CLOUDS, Listed, has_ending, read_array, read_cloud, read_depth_png, read_exr, read_list,
-    read_npz, read_pfm, read_tiff,
+    read_npz, read_pfm, read_tiff, stored_unit,
 };
 use super::occlusion::remove_hidden;
 use super::{Camera, DepthMap, Unit, View};
@@ -46,6 +46,7 @@ impl Sparse {
         camera: Option<&Camera>,
         size: (usize, usize),
     ) -> Result<Self> {
+        let unit = unit.or_else(|| stored_unit(path));
         let known = |integers: bool| {
             unit.unwrap_or(if integers {
                 Unit::MILLIMETRE

@@ -60,6 +60,7 @@ fn lab(folder: &Path) -> Lab {
             frames: Box::new(move || Ok(Arc::new(Rooms::new(Split::Train, &config)?))),
         },
         device: (Device::flex(), "cpu".into()),
+        place: serde_json::Value::Null,
         trial: Duration::ZERO,
     }
 }

@@ -10,7 +10,7 @@ pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
 pub use weights::{
     Calibration, Embedded, embedded, open_weights, record_fit, record_prior, recorded_fit,
-    recorded_prior, weights_name,
+    recorded_prior, weights_hash, weights_name,
 };
 
 use crate::data::DepthMap;

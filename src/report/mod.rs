@@ -60,6 +60,10 @@ pub struct Heading {
     pub rules: Rules,
     /// Frames in all, whichever shard measured them.
     pub frames: usize,
+    /// Everything that the numbers depend on, whether the words above say it or not: see
+    /// [`Evaluation::heading`](crate::eval::Evaluation::heading). Null in reports of older versions.
+    #[serde(default)]
+    pub made_from: serde_json::Value,
 }
 
 /// How one method did on one frame with one draw of points.

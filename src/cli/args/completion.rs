@@ -2,8 +2,7 @@
 
 use super::values::{Format, range, size, typed};
 use super::{FitFlags, Model};
-use crate::data::{Camera, Unit};
-use crate::eval::Shard;
+use crate::data::{Camera, Shard, Unit};
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
 use clap::Args as ClapArgs;

@@ -2,8 +2,8 @@
 
 use super::values::{named_folder, typed};
 use super::{Draws, FitFlags, Model, Settings, Source};
-use crate::data::Split;
-use crate::eval::{EvalConfig, Shard};
+use crate::data::{Shard, Split};
+use crate::eval::EvalConfig;
 use crate::predict::Method;
 use crate::sample::{Interpolation, Noise, Pattern};
 use clap::Args as ClapArgs;

@@ -1,7 +1,6 @@
 //! One frame: an image and its points to depth, and what belongs to it.
 
-use super::Complete;
-use super::outputs::Format;
+use crate::cli::args::{Complete, Format};
 use crate::data::{DepthMap, Sparse};
 use crate::device::device;
 use crate::error::{Error, Result};

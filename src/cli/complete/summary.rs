@@ -3,8 +3,10 @@
 use super::frame::Completed;
 use super::inputs::Loaded;
 use crate::cli::ui;
+use crate::data::Unit;
 use crate::fit::root_mean_square;
 use serde::Serialize;
+use serde_json::Value;
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,8 +14,12 @@ use std::time::Duration;
 #[derive(Debug, Serialize)]
 pub(super) struct Summary {
     image: String,
+    status: &'static str,
     points: Points,
     depth: Option<Depth>,
+    /// How many stored units of the PNG make a metre, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    png_units_per_metre: Option<f64>,
     fit: Option<Fit>,
     seconds: Seconds,
 }
@@ -67,12 +73,14 @@ struct Seconds {
 }
 
 impl Summary {
-    pub(super) fn new(name: &Path, frame: &Loaded, found: &Completed) -> Self {
+    /// `png` is the unit of the 16-bit PNG, if there is one.
+    pub(super) fn new(name: &Path, frame: &Loaded, found: &Completed, png: Option<Unit>) -> Self {
         let Loaded { points, .. } = frame;
         let fitted = found.fitted.as_ref();
         let seconds = |stage: Duration| stage.as_secs_f64();
         Self {
             image: name.display().to_string(),
+            status: "completed",
             points: Points {
                 used: points.depth.count(),
                 ignored: points.ignored,
@@ -88,6 +96,7 @@ impl Summary {
                 lowest,
                 highest,
             }),
+            png_units_per_metre: png.map(|unit| 1.0 / unit.metres()),
             fit: fitted.map(|fitted| Fit {
                 method: fitted.method.name(),
                 residual: fitted.fit.rms(),
@@ -105,19 +114,25 @@ impl Summary {
         }
     }
 
-    pub(super) fn json(&self) -> String {
+    pub(super) fn value(&self) -> Value {
         // Numbers and names always have a form.
-        serde_json::to_string(self).unwrap_or_default()
+        serde_json::to_value(self).unwrap_or_default()
+    }
+
+    /// The unit of the 16-bit PNG, if it is not the usual one.
+    pub(super) fn unusual_png_unit(&self) -> Option<Unit> {
+        let unit = self.png_units_per_metre.and_then(Unit::per_metre);
+        unit.filter(|unit| *unit != Unit::MILLIMETRE)
     }
 
     /// Whether a text is the same but for times.
     pub(super) fn is_but_for_times(&self, text: &str) -> bool {
         let parsed = |text: &str| {
-            let mut value: serde_json::Value = serde_json::from_str(text).ok()?;
+            let mut value: Value = serde_json::from_str(text).ok()?;
             value.as_object_mut()?.remove("seconds");
             Some(value)
         };
-        parsed(text).is_some_and(|old| Some(old) == parsed(&self.json()))
+        parsed(text).is_some_and(|old| Some(old) == parsed(&self.value().to_string()))
     }
 
     pub(super) fn lines(&self) -> Vec<String> {
@@ -154,6 +169,9 @@ impl Summary {
                 "depth     {:.3} to {:.3} m, {}x{}",
                 depth.lowest, depth.highest, depth.width, depth.height
             ));
+        }
+        if let Some(unit) = self.unusual_png_unit() {
+            lines.push(format!("png       {unit} to a value: these depths do not fit in millimetres"));
         }
         if let Some(fit) = &self.fit {
             let left_out = fit.left_out.map_or(String::new(), |left_out| {

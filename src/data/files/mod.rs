@@ -1,5 +1,6 @@
 //! Single files: one reader or writer per format.
 
+mod depth_png;
 mod exr;
 mod hdf5;
 mod las;
@@ -13,6 +14,7 @@ mod ply;
 mod save;
 mod tiff;
 
+pub use depth_png::{png_unit, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
 pub use exr::write_exr;
 pub(super) use hdf5::{Hdf5, from_planes, read_pair};
@@ -24,9 +26,9 @@ pub use npz::write_npz;
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
 pub(super) use picture::image_kind;
-pub use picture::{read_depth_png, read_rgb, write_depth_png, write_rgb};
+pub use picture::{read_depth_png, read_rgb, write_rgb};
 pub use ply::{Colored, write_ply};
-pub use save::{remove_leftovers, write_atomically};
+pub use save::{check_writable, remove_leftovers, write_atomically, write_folder_atomically};
 pub(super) use tiff::read_tiff;
 pub use tiff::write_tiff;
 
