@@ -32,7 +32,12 @@ fn collect(found: &mut Vec<String>, name: &str, before: &Value, now: &Value) {
             };
             let value = |of: &serde_json::Map<String, Value>| of.get(key).cloned();
             let (old, new) = (value(old), value(new));
-            collect(found, &name, &old.unwrap_or_default(), &new.unwrap_or_default());
+            collect(
+                found,
+                &name,
+                &old.unwrap_or_default(),
+                &new.unwrap_or_default(),
+            );
         }
     } else if before != now {
         found.push(format!("{name}: {before}, now {now}"));

@@ -30,7 +30,9 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
     let sections = experiment::run(&experiments, &lab, |event| {
         match event {
             Event::Resumed(count) => {
-                bar.suspend(|| ui::say(&format!("{count} results of an earlier run are used again")));
+                bar.suspend(|| {
+                    ui::say(&format!("{count} results of an earlier run are used again"))
+                });
             }
             Event::Trying { done, total, cell } => {
                 bar.set_length(total as u64);

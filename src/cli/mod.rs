@@ -63,6 +63,9 @@ pub fn main() -> ExitCode {
 }
 
 fn run(args: Args) -> Result<Exit> {
+    if let Some(remark) = args.command.remark() {
+        ui::say(remark);
+    }
     match args.command {
         Command::Complete(args) => complete::run(&args),
         Command::Inspect(args) => inspect::run(&args),

@@ -8,8 +8,8 @@ use std::fs::File;
 use std::io::{ErrorKind, Write as _};
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// The first failure to print a result.
@@ -37,9 +37,10 @@ pub(super) fn finish() -> Result<()> {
     note(std::io::stdout().flush());
     match UNPRINTED.get() {
         None => Ok(()),
-        Some(error) => Err(
-            Error::new(Cause::Write, "cannot write to standard output").because(error.to_string()),
-        ),
+        Some(error) => {
+            Err(Error::new(Cause::Write, "cannot write to standard output")
+                .because(error.to_string()))
+        }
     }
 }
 

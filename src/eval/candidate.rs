@@ -2,8 +2,8 @@
 
 use crate::data::{DepthMap, Frame, Unit, read_depth, stored_unit};
 use crate::error::{Cause, Error, Result};
-use crate::provenance;
 use crate::predict::{Completer, Completion, ImageBases, Method, complete_classic};
+use crate::provenance;
 use crate::sample::{Interpolation, Size, move_points, resize_depth, resize_rgb};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

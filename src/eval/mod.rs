@@ -126,7 +126,7 @@ impl Evaluation<'_> {
         let mine: Vec<usize> = (0..self.total())
             .filter(|&i| shard.holds(&self.frames.id(i)))
             .collect();
-        let mut report = Report::new(heading);
+        let mut report = Report::new(heading).of_part(shard);
         let done = journal.take();
         let finished = |index: &usize| {
             let id = self.frames.id(*index);

@@ -40,7 +40,8 @@ pub enum FitMethod {
     /// Base functions alone: the paper's least squares.
     #[default]
     Lse,
-    /// A field that is smooth but for edges, alone: weighted least squares.
+    /// A field that is smooth but for edges, alone; earlier versions called it "wls".
+    #[serde(rename = "field", alias = "wls")]
     Wls,
     /// Both, fitted together.
     Joint,
@@ -54,7 +55,7 @@ impl FitMethod {
     pub fn name(self) -> &'static str {
         match self {
             Self::Lse => "lse",
-            Self::Wls => "wls",
+            Self::Wls => "field",
             Self::Joint => "joint",
         }
     }
@@ -64,7 +65,7 @@ impl FitMethod {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitConfig {
-    /// What depth is made of: "lse" (the paper's base functions), "wls" (a field that is smooth but
+    /// What depth is made of: "lse" (the paper's base functions), "field" (one that is smooth but
     /// for edges) or "joint" (both).
     pub method: FitMethod,
     /// How base functions and field share the depths.

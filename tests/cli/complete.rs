@@ -276,7 +276,7 @@ fn depth_is_made_of_base_functions_a_field_or_both() {
     let folder = room();
     let at = folder.path();
     let mut residuals = Vec::new();
-    for fit in ["lse", "wls", "joint"] {
+    for fit in ["lse", "field", "joint"] {
         let run = lsdc(at)
             .args([
                 "complete",

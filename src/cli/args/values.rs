@@ -49,14 +49,15 @@ pub(super) fn size(text: &str) -> Result<Size> {
     })
 }
 
-/// `LOW,HIGH` in metres.
+/// `LOW,HIGH` in metres, neither below 0.
 pub(super) fn range(text: &str) -> Result<(f32, f32)> {
     let numbers = text.split_once(',').and_then(|(low, high)| {
         let numbers = (
             low.trim().parse::<f32>().ok()?,
             high.trim().parse::<f32>().ok()?,
         );
-        (numbers.0 < numbers.1 && numbers.1.is_finite()).then_some(numbers)
+        let sound = 0.0 <= numbers.0 && numbers.0 < numbers.1 && numbers.1.is_finite();
+        sound.then_some(numbers)
     });
     numbers
         .ok_or_else(|| Error::config(format!("`{text}` is no range of depths")).hint("as in 0.5,8"))
@@ -210,13 +211,47 @@ by_name!(
         Self(Some(Loss::Tukey)),
     ]
 );
-by_name!(FitMethod, Self::ALL);
 by_name!(PriorKind, Self::ALL);
 by_name!(Space, Self::ALL);
 by_name!(Precision, [Self::Half, Self::Single]);
 by_name!(Preserve, Self::ALL);
 by_name!(Split, [Self::Train, Self::Val]);
 by_name!(DatasetKind, Self::ALL);
+
+/// What the field was called before; `--method wls` is something else.
+const OLD_FIELD: &str = "wls";
+
+/// What depth is made of, by its name or an old one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::cli) struct NamedFit {
+    pub(in crate::cli) method: FitMethod,
+    by_old_name: bool,
+}
+
+impl FromStr for NamedFit {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let by_old_name = text == OLD_FIELD;
+        let name = if by_old_name { "field" } else { text };
+        let method = FitMethod::ALL.into_iter().find(|m| m.name() == name);
+        let method = method.ok_or_else(|| {
+            Error::config(format!("`{text}` is no fit")).hint("lse, field or joint")
+        })?;
+        Ok(Self {
+            method,
+            by_old_name,
+        })
+    }
+}
+
+impl NamedFit {
+    /// What is said of an old name.
+    pub(in crate::cli) fn remark(self) -> Option<&'static str> {
+        self.by_old_name
+            .then_some("`--fit wls` is called `--fit field` now")
+    }
+}
 
 impl ValueEnum for Interpolation {
     fn value_variants<'a>() -> &'a [Self] {

@@ -30,10 +30,10 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             .hint("give lists with a fourth column, or a model of COLMAP"));
     }
     if args.temporal && args.shard != Shard::WHOLE {
-        return Err(
-            Error::config("`--temporal` cannot be combined with `--shard`: a frame needs the one before")
-                .hint("give either of them"),
-        );
+        return Err(Error::config(
+            "`--temporal` cannot be combined with `--shard`: a frame needs the one before",
+        )
+        .hint("give either of them"));
     }
     let failures = Failures::new(args.json);
     let jobs = inputs::many(args, output, &failures)?;
@@ -265,7 +265,8 @@ mod tests {
 
     #[test]
     fn a_thread_that_panics_is_an_error() {
-        let result = std::thread::scope(|scope| finished(scope.spawn(|| -> usize { panic!("full") })));
+        let result =
+            std::thread::scope(|scope| finished(scope.spawn(|| -> usize { panic!("full") })));
         assert_eq!(result.unwrap_err().cause(), Cause::Write);
         let result = std::thread::scope(|scope| finished(scope.spawn(|| 3)));
         assert_eq!(result.unwrap(), 3);

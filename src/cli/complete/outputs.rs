@@ -71,8 +71,11 @@ impl<'a> Outputs<'a> {
 
     /// Of one image among many.
     pub(super) fn below(args: &'a Complete, output: &Path, job: &Job) -> Result<Self> {
-        let folder = output.join(job.name.parent().unwrap_or(Path::new("")));
-        Self::of(args, &folder, job)
+        let folder = match job.name.parent() {
+            Some(below) if !below.as_os_str().is_empty() => &output.join(below),
+            _ => output,
+        };
+        Self::of(args, folder, job)
     }
 
     fn of(args: &'a Complete, folder: &Path, job: &Job) -> Result<Self> {

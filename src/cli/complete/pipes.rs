@@ -67,7 +67,10 @@ fn check_one_file(args: &Complete) -> Result<()> {
     }
     let formats = args.formats.as_deref().unwrap_or(&[Format::Npy]);
     let [format] = formats else {
-        return refused("these are several formats", "give one of --formats, or -o DIR");
+        return refused(
+            "these are several formats",
+            "give one of --formats, or -o DIR",
+        );
     };
     if args.uncertainty && !matches!(format, Format::Npz | Format::Exr) {
         let hint = "give --formats npz or exr, which hold both, or -o DIR";
@@ -77,7 +80,10 @@ fn check_one_file(args: &Complete) -> Result<()> {
         return refused("`--outliers` and `--temporal` write another", "give -o DIR");
     }
     if args.json {
-        return refused("`--json` prints there too", "give --formats json, or -o DIR");
+        return refused(
+            "`--json` prints there too",
+            "give --formats json, or -o DIR",
+        );
     }
     Ok(())
 }

@@ -148,7 +148,9 @@ impl Record {
 
 /// Size and time of the last change of a file.
 fn stamp(path: &Path) -> Option<(u64, u64)> {
-    let found = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file)?;
+    let found = std::fs::metadata(path)
+        .ok()
+        .filter(std::fs::Metadata::is_file)?;
     let changed = found.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
     Some((found.len(), changed.as_nanos() as u64))
 }

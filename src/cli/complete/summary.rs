@@ -171,7 +171,9 @@ impl Summary {
             ));
         }
         if let Some(unit) = self.unusual_png_unit() {
-            lines.push(format!("png       {unit} to a value: these depths do not fit in millimetres"));
+            lines.push(format!(
+                "png       {unit} to a value: these depths do not fit in millimetres"
+            ));
         }
         if let Some(fit) = &self.fit {
             let left_out = fit.left_out.map_or(String::new(), |left_out| {
