@@ -36,6 +36,8 @@ pub mod nearest;
 #[allow(unsafe_code)]
 pub mod norm;
 pub mod predict;
+#[allow(unsafe_code)]
+pub mod process;
 pub mod provenance;
 pub mod report;
 pub mod rng;

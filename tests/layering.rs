@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 const ALLOWED: &[(&str, &[&str])] = &[
     ("error", &[]),
     ("rng", &[]),
+    ("process", &[]),
     ("provenance", &["error"]),
     ("device", &["error"]),
     ("data", &["error", "rng"]),

@@ -1,6 +1,7 @@
 //! `lsdc eval`: methods side by side on a dataset.
 
 use super::args::Eval;
+use super::names::Names;
 use super::{Exit, settings, ui};
 use crate::config::FitSettings;
 use crate::data::{DataConfig, write_atomically, write_npy};
@@ -11,6 +12,7 @@ use crate::predict::{Completer, Method, weights_hash, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -178,6 +180,9 @@ fn exhibits(evaluation: &Evaluation, report: &Report) -> Result<Vec<Exhibit>> {
 
 /// Writes every prediction as `METHOD/seedN/FRAME.npy`, as `--predictions` reads them.
 fn save(evaluation: &Evaluation, report: &Report, folder: &Path) -> Result<()> {
+    let frames: BTreeSet<&str> = report.frames().keys().map(|(frame, _)| &**frame).collect();
+    let mut names = Names::default();
+    frames.into_iter().try_for_each(|frame| names.add(frame))?;
     for (frame, seed) in report.frames().keys() {
         let exhibit = evaluation.exhibit("saved", frame, *seed)?;
         for (method, _, depth) in &exhibit.predictions {

@@ -10,6 +10,7 @@ mod experiment;
 mod export;
 mod inspect;
 mod manual;
+mod names;
 mod report;
 mod settings;
 mod signals;

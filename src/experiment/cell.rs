@@ -198,7 +198,7 @@ impl<'a> Measured<'a> {
             .ok_or_else(|| Error::config(format!("`{}` has measured nothing", self.name)))
     }
 
-    /// The frame on which the first method is neither good nor bad.
+    /// The frame with the first method's median RMSE.
     pub(super) fn median_frame(&self) -> Result<Option<(String, u64)>> {
         let report = self.report()?;
         let remarkable = report.remarkable();
