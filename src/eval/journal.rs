@@ -6,7 +6,7 @@ use crate::report::{Heading, Record};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Read as _, Seek as _, Write as _};
+use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Records by frame and seed.
@@ -34,10 +34,12 @@ impl Journal {
     /// The file cannot be read or written, is open in another evaluation, or belongs to one with
     /// other settings.
     pub fn open(path: &Path, heading: &Heading, place: &Value) -> Result<Self> {
-        let (mut file, text) = open_alone(path)?;
+        let (mut file, bytes) = open_alone(path)?;
         let made_from = json!({ "heading": heading, "place": place });
-        let whole = text.rfind('\n').map_or(0, |end| end + 1);
-        let mut lines = text[..whole].lines();
+        let end = bytes.iter().rposition(|&byte| byte == b'\n');
+        let whole = end.map_or(0, |end| end + 1);
+        let text = String::from_utf8_lossy(&bytes[..whole]);
+        let mut lines = text.lines();
         let mut records = Records::new();
         let write = |e: std::io::Error| Error::write(path, e);
         if let Some(first) = lines.next() {
@@ -46,8 +48,10 @@ impl Journal {
                 records.insert((record.frame.clone(), record.seed), record);
             }
             file.set_len(whole as u64).map_err(write)?;
+            file.seek(SeekFrom::End(0)).map_err(write)?;
         } else {
             file.set_len(0).map_err(write)?;
+            file.rewind().map_err(write)?;
             writeln!(file, "{made_from}").map_err(write)?;
         }
         file.sync_all().map_err(write)?;
@@ -95,13 +99,14 @@ impl Journal {
     }
 }
 
-/// The file, locked until it is closed, and its text; ready to append.
-fn open_alone(path: &Path) -> Result<(File, String)> {
+/// The file, locked until it is closed, and what it holds.
+fn open_alone(path: &Path) -> Result<(File, Vec<u8>)> {
     let mut options = OpenOptions::new();
     let mut file = options
         .create(true)
         .read(true)
-        .append(true)
+        .write(true)
+        .truncate(false)
         .open(path)
         .map_err(|e| Error::write(path, e))?;
     match file.try_lock() {
@@ -116,10 +121,9 @@ fn open_alone(path: &Path) -> Result<(File, String)> {
         Ok(()) | Err(TryLockError::Error(_)) => {}
     }
     let mut bytes = Vec::new();
-    file.rewind()
-        .and_then(|()| file.read_to_end(&mut bytes))
+    file.read_to_end(&mut bytes)
         .map_err(|e| Error::read(path, e))?;
-    Ok((file, String::from_utf8_lossy(&bytes).into_owned()))
+    Ok((file, bytes))
 }
 
 /// Checks the first line of a journal.

@@ -82,6 +82,19 @@ fn every_pair_is_in_a_row() {
     }
 }
 
+/// A row that is refused hides the pairs in it: the same row with as many of its last values replaced
+/// by the first of their factor as it takes to be accepted.
+fn accepted(factors: &[Factor], row: &Row, refused: impl Fn(&Choice) -> bool) -> Row {
+    let mut row = row.clone();
+    for factor in (0..row.len()).rev() {
+        if !refused(&Choice(factors, &row)) {
+            break;
+        }
+        row[factor] = 0;
+    }
+    row
+}
+
 /// The value of a factor in a row.
 struct Choice<'a>(&'a [Factor], &'a Row);
 
@@ -104,15 +117,24 @@ impl Choice<'_> {
     }
 }
 
-/// Calls `check` for every row on two threads; all that fails is told at the end.
-fn each(factors: &[Factor], check: impl Fn(&Choice, &Path) -> Result<(), String> + Sync) {
-    let rows = Mutex::new(pairs(factors));
+/// Calls `check` for every row, and for those that are refused once more as they are accepted, on two
+/// threads; all that fails is told at the end.
+fn each(
+    factors: &[Factor],
+    refused: impl Fn(&Choice) -> bool,
+    check: impl Fn(&Choice, &Path) -> Result<(), String> + Sync,
+) {
+    let rows: BTreeSet<Row> = pairs(factors)
+        .into_iter()
+        .flat_map(|row| [accepted(factors, &row, &refused), row])
+        .collect();
+    let rows = Mutex::new(rows);
     let failures = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
         for _ in 0..2 {
             scope.spawn(|| {
                 loop {
-                    let row = rows.lock().unwrap().pop();
+                    let row = rows.lock().unwrap().pop_first();
                     let Some(row) = row else { break };
                     let choice = Choice(factors, &row);
                     let folder = tempfile::tempdir().unwrap();
@@ -245,6 +267,9 @@ fn refusal(row: &Choice) -> Option<&'static str> {
         if yes("uncertainty") && !room {
             return Some("only one file fits");
         }
+    }
+    if several && row.is("output", "file") {
+        return Some("names no folder");
     }
     if several && yes("temporal") && !row.is("shard", "0/1") {
         return Some("cannot be combined");
@@ -532,69 +557,73 @@ fn check_report(report: &Value, count: usize) -> Result<(), String> {
 #[test]
 fn every_pair_of_flags_of_complete() {
     let done = Mutex::new((0, 0));
-    each(&COMPLETE, |row, at| {
-        let (args, stdin, count) = command(row, at);
-        let before = files(at);
-        let first = run(at, &args, stdin.as_ref());
-        let code = check_words(&first)?;
-        let said = String::from_utf8_lossy(&first.stderr);
-        let after = files(at);
-        if let Some(word) = refusal(row) {
-            ensure(code == 2 && said.contains(word), || {
-                format!("not refused for `{word}`: {code} {said}")
-            })?;
-            ensure(before == after, || "it left files behind".into())?;
-            done.lock().unwrap().1 += 1;
-            return Ok(());
-        }
-        let several = matches!(row.of("images"), "folder" | "list");
-        let cloud = row.is("points", "ply") || formats(row).contains(&"ply");
-        // Of many images each fails on its own, and a name with an ending is no folder.
-        if several && (row.is("output", "file") || (cloud && !row.is("camera", "yes"))) {
-            ensure(code != 0, || "it succeeded".into())?;
-            return ensure(before == after, || "it left files behind".into());
-        }
-        ensure(code == 0, || format!("{code}: {args:?} {said}"))?;
-        let new: BTreeSet<String> = after
-            .keys()
-            .filter(|name| !before.contains_key(*name))
-            .cloned()
-            .collect();
-        ensure(new == promised(row), || {
-            format!("{new:?} instead of {:?}", promised(row))
-        })?;
-        check_files(row, at, count)?;
-        if row.is("json", "yes") {
-            let text = String::from_utf8_lossy(&first.stdout);
-            for line in text.lines() {
-                check_report(
-                    &serde_json::from_str(line).map_err(|e| e.to_string())?,
-                    count,
-                )?;
+    each(
+        &COMPLETE,
+        |row| refusal(row).is_some(),
+        |row, at| {
+            let (args, stdin, count) = command(row, at);
+            let before = files(at);
+            let first = run(at, &args, stdin.as_ref());
+            let code = check_words(&first)?;
+            let said = String::from_utf8_lossy(&first.stderr);
+            let after = files(at);
+            if let Some(word) = refusal(row) {
+                ensure(code == 2 && said.contains(word), || {
+                    format!("not refused for `{word}`: {code} {said}")
+                })?;
+                ensure(before == after, || "it left files behind".into())?;
+                done.lock().unwrap().1 += 1;
+                return Ok(());
             }
-        }
-        let again = run(at, &args, stdin.as_ref());
-        let code = check_words(&again)?;
-        ensure(code == 0, || {
-            String::from_utf8_lossy(&again.stderr).into_owned()
-        })?;
-        let mut now = files(at);
-        // Reports say how long it took.
-        now.retain(|name, _| !name.ends_with(".json") || name.ends_with("weights.json"));
-        let changed: Vec<_> = now
-            .iter()
-            .filter(|(name, bytes)| after[*name] != **bytes)
-            .collect();
-        ensure(changed.is_empty(), || {
-            format!("{} files changed", changed.len())
-        })?;
-        if row.is("output", "pipe") && !row.is("formats", "json") {
-            ensure(first.stdout == again.stdout, || "another result".into())?;
-            ensure(!first.stdout.is_empty(), || "no result".into())?;
-        }
-        done.lock().unwrap().0 += 1;
-        Ok(())
-    });
+            let several = matches!(row.of("images"), "folder" | "list");
+            let cloud = row.is("points", "ply") || formats(row).contains(&"ply");
+            // Of many images each fails on its own.
+            if several && cloud && !row.is("camera", "yes") {
+                ensure(code != 0, || "it succeeded".into())?;
+                return ensure(before == after, || "it left files behind".into());
+            }
+            ensure(code == 0, || format!("{code}: {args:?} {said}"))?;
+            let new: BTreeSet<String> = after
+                .keys()
+                .filter(|name| !before.contains_key(*name))
+                .cloned()
+                .collect();
+            ensure(new == promised(row), || {
+                format!("{new:?} instead of {:?}", promised(row))
+            })?;
+            check_files(row, at, count)?;
+            if row.is("json", "yes") {
+                let text = String::from_utf8_lossy(&first.stdout);
+                for line in text.lines() {
+                    check_report(
+                        &serde_json::from_str(line).map_err(|e| e.to_string())?,
+                        count,
+                    )?;
+                }
+            }
+            let again = run(at, &args, stdin.as_ref());
+            let code = check_words(&again)?;
+            ensure(code == 0, || {
+                String::from_utf8_lossy(&again.stderr).into_owned()
+            })?;
+            let mut now = files(at);
+            // Reports say how long it took.
+            now.retain(|name, _| !name.ends_with(".json") || name.ends_with("weights.json"));
+            let changed: Vec<_> = now
+                .iter()
+                .filter(|(name, bytes)| after[*name] != **bytes)
+                .collect();
+            ensure(changed.is_empty(), || {
+                format!("{} files changed", changed.len())
+            })?;
+            if row.is("output", "pipe") && !row.is("formats", "json") {
+                ensure(first.stdout == again.stdout, || "another result".into())?;
+                ensure(!first.stdout.is_empty(), || "no result".into())?;
+            }
+            done.lock().unwrap().0 += 1;
+            Ok(())
+        },
+    );
     let (done, refused) = done.into_inner().unwrap();
     assert!(
         done >= 20 && refused >= 10,
@@ -616,66 +645,70 @@ const EVAL: [Factor; 9] = [
 
 #[test]
 fn every_pair_of_flags_of_eval() {
-    each(&EVAL, |row, at| {
-        let frames = 3;
-        let fixed = "eval --dataset rooms --set data.rooms.width=48 --set data.rooms.height=36 \
+    each(
+        &EVAL,
+        |_| false,
+        |row, at| {
+            let frames = 3;
+            let fixed = "eval --dataset rooms --set data.rooms.width=48 --set data.rooms.height=36 \
                      --weights small --limit 3";
-        let mut args: Vec<String> = fixed.split_whitespace().map(str::to_owned).collect();
-        for name in [
-            "method", "points", "noise", "seeds", "shard", "fit", "robust",
-        ] {
-            if !row.is(name, "") {
-                args.extend([format!("--{name}"), row.of(name).to_owned()]);
+            let mut args: Vec<String> = fixed.split_whitespace().map(str::to_owned).collect();
+            for name in [
+                "method", "points", "noise", "seeds", "shard", "fit", "robust",
+            ] {
+                if !row.is(name, "") {
+                    args.extend([format!("--{name}"), row.of(name).to_owned()]);
+                }
             }
-        }
-        if row.is("uncertainty", "yes") {
-            args.push("--uncertainty".into());
-        }
-        let shard: Shard = row.of("shard").parse().unwrap();
-        let outputs = match row.of("output") {
-            "folder" => "-o run",
-            _ => "--json r.json --csv r.csv --html r.html --save saved",
-        };
-        args.extend(outputs.split(' ').map(str::to_owned));
-        let ours = (0..frames)
-            .filter(|i| shard.holds(&format!("val/{i:05}")))
-            .count();
-        let first = run(at, &args, None);
-        let code = check_words(&first)?;
-        ensure(code == 0, || {
-            String::from_utf8_lossy(&first.stderr).into_owned()
-        })?;
-        let report = match (row.of("output"), shard == Shard::WHOLE) {
-            ("files", _) => at.join("r.json"),
-            (_, true) => at.join("run/report.json"),
-            (_, false) => at.join(format!("run/{shard}/report.json")),
-        };
-        let read = json(&report);
-        let seeds: usize = row.of("seeds").parse().unwrap();
-        let found = read["frames"].as_array().unwrap();
-        ensure(found.len() == ours * seeds, || {
-            format!("{} frames", found.len())
-        })?;
-        for frame in found {
-            for (method, scores) in frame["scores"].as_object().unwrap() {
-                let rmse = scores["rmse"].as_f64().unwrap_or(f64::NAN);
-                ensure(rmse > 0.0 && rmse.is_finite(), || {
-                    format!("{method}: {rmse}")
-                })?;
+            if row.is("uncertainty", "yes") {
+                args.push("--uncertainty".into());
             }
-        }
-        let before = files(at);
-        let again = run(at, &args, None);
-        let said = String::from_utf8_lossy(&again.stderr);
-        let code = check_words(&again)?;
-        ensure(files(at) == before, || "files changed".into())?;
-        if row.is("output", "files") {
-            return ensure(code == 2 && said.contains("exists"), || said.into_owned());
-        }
-        let kept = format!("{} results of an earlier run", ours * seeds);
-        ensure(code == 0 && (ours == 0 || said.contains(&kept)), || {
-            said.into_owned()
-        })?;
-        ensure(again.stdout == first.stdout, || "another table".into())
-    });
+            let shard: Shard = row.of("shard").parse().unwrap();
+            let outputs = match row.of("output") {
+                "folder" => "-o run",
+                _ => "--json r.json --csv r.csv --html r.html --save saved",
+            };
+            args.extend(outputs.split(' ').map(str::to_owned));
+            let ours = (0..frames)
+                .filter(|i| shard.holds(&format!("val/{i:05}")))
+                .count();
+            let first = run(at, &args, None);
+            let code = check_words(&first)?;
+            ensure(code == 0, || {
+                String::from_utf8_lossy(&first.stderr).into_owned()
+            })?;
+            let report = match (row.of("output"), shard == Shard::WHOLE) {
+                ("files", _) => at.join("r.json"),
+                (_, true) => at.join("run/report.json"),
+                (_, false) => at.join(format!("run/{shard}/report.json")),
+            };
+            let read = json(&report);
+            let seeds: usize = row.of("seeds").parse().unwrap();
+            let found = read["frames"].as_array().unwrap();
+            ensure(found.len() == ours * seeds, || {
+                format!("{} frames", found.len())
+            })?;
+            for frame in found {
+                for (method, scores) in frame["scores"].as_object().unwrap() {
+                    let rmse = scores["rmse"].as_f64().unwrap_or(f64::NAN);
+                    ensure(rmse > 0.0 && rmse.is_finite(), || {
+                        format!("{method}: {rmse}")
+                    })?;
+                }
+            }
+            let before = files(at);
+            let again = run(at, &args, None);
+            let said = String::from_utf8_lossy(&again.stderr);
+            let code = check_words(&again)?;
+            ensure(files(at) == before, || "files changed".into())?;
+            if row.is("output", "files") {
+                return ensure(code == 2 && said.contains("exists"), || said.into_owned());
+            }
+            let kept = format!("{} results of an earlier run", ours * seeds);
+            ensure(code == 0 && (ours == 0 || said.contains(&kept)), || {
+                said.into_owned()
+            })?;
+            ensure(again.stdout == first.stdout, || "another table".into())
+        },
+    );
 }

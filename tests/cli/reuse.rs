@@ -219,3 +219,21 @@ fn json_has_a_line_for_every_frame_whatever_became_of_it() {
         (&"c.png".into(), &"failed".into())
     );
 }
+
+#[test]
+fn a_forced_run_that_broke_off_leaves_no_wrong_record() {
+    let folder = completed();
+    let at = |name: &str| folder.path().join(name);
+    // In the way of the last file of a frame whose first is already replaced.
+    std::fs::remove_file(at("out/a_depth_color.png")).unwrap();
+    std::fs::create_dir(at("out/a_depth_color.png")).unwrap();
+    let forced = [&COMPLETE[..], &["--method", "nearest", "--force"]].concat();
+    lsdc(folder.path()).args(forced).assert().code(3);
+    std::fs::remove_dir(at("out/a_depth_color.png")).unwrap();
+    std::fs::write(at("out/a_depth_color.png"), "").unwrap();
+    // The depths of `a` are those of the other method: they are not taken for these.
+    std::fs::remove_file(at("points/b.npy")).unwrap();
+    let run = lsdc(folder.path()).args(COMPLETE).assert().code(3);
+    assert!(text(&run).contains("0 there already"), "{}", text(&run));
+    assert!(said(&run).contains("a_depth.npy` exists"), "{}", said(&run));
+}

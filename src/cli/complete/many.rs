@@ -91,6 +91,7 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
                 let summary = completed.and_then(|completed| {
                     let unit = outputs.png_unit(&completed)?;
                     let summary = Summary::new(&job.name, &loaded, &completed, unit);
+                    records.forget(job)?;
                     outputs.write(&loaded, &completed, &summary)?;
                     records.write(job, inputs, &summary)?;
                     Ok(summary)

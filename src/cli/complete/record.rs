@@ -12,6 +12,7 @@ use crate::provenance::{self, differences};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::UNIX_EPOCH;
@@ -96,6 +97,16 @@ impl Records {
         let files = job.files(args).into_iter();
         let sources = files.map(|(role, path)| Ok((role.to_owned(), self.source(path)?)));
         sources.collect::<Result<_>>().map(Inputs)
+    }
+
+    /// Removes the record of a frame whose results are about to be replaced: a run that breaks off
+    /// in between leaves results without a record rather than with a wrong one.
+    pub(super) fn forget(&self, job: &Job) -> Result<()> {
+        let path = self.path(job);
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(Error::write(&path, e)),
+            _ => Ok(()),
+        }
     }
 
     /// Keeps the record of a frame whose results are written.
