@@ -105,10 +105,10 @@ def loss(**weights: float) -> dict:
 
 VARIANTS = {
     "edges": edges(),
-    "edges, field alone": Variant(weights="edges", flags=("--fit", "wls")),
+    "edges, field alone": Variant(weights="edges", flags=("--fit", "field")),
     "edges, base functions alone": Variant(weights="edges", flags=("--fit", "lse")),
     "colours alone": Variant(weights="start"),
-    "colours and field alone": Variant(weights="start", flags=("--fit", "wls")),
+    "colours and field alone": Variant(weights="start", flags=("--fit", "field")),
     "half as wide": edges(network={"edges": 8}),
     "wider by half": edges(network={"edges": 24}),
     "likelihood of steps": edges(train=loss(l1=0.0, rmse=0.0, edges=1.0)),

@@ -116,6 +116,19 @@ impl Error {
         self.cause
     }
 
+    /// The error and its causes on one line.
+    pub fn with_causes(&self) -> String {
+        let mut text = self.message.clone();
+        let mut source = std::error::Error::source(self);
+        while let Some(cause) = source {
+            let line = cause.to_string();
+            text.push_str(": ");
+            text.push_str(line.lines().next().unwrap_or_default());
+            source = cause.source();
+        }
+        text
+    }
+
     /// What to do about it, where that is known.
     pub fn advice(&self) -> Option<&str> {
         self.hint.as_deref()

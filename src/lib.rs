@@ -29,6 +29,9 @@ pub mod metrics;
 pub mod model;
 pub mod ops;
 pub mod predict;
+#[allow(unsafe_code)]
+pub mod process;
+pub mod provenance;
 pub mod report;
 pub mod sample;
 pub mod train;

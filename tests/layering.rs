@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 const ALLOWED: &[(&str, &[&str])] = &[
     ("error", &[]),
     ("rng", &[]),
+    ("process", &[]),
+    ("provenance", &["error"]),
     ("device", &["error"]),
     ("data", &["error", "rng"]),
     ("sample", &["data", "error", "rng"]),
@@ -35,7 +37,15 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "eval",
         &[
-            "report", "predict", "classic", "metrics", "sample", "data", "error", "rng",
+            "report",
+            "predict",
+            "classic",
+            "metrics",
+            "sample",
+            "data",
+            "provenance",
+            "error",
+            "rng",
         ],
     ),
     (
@@ -47,7 +57,16 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "experiment",
         &[
-            "train", "eval", "report", "predict", "metrics", "model", "fit", "sample", "data",
+            "train",
+            "eval",
+            "report",
+            "predict",
+            "metrics",
+            "model",
+            "fit",
+            "sample",
+            "data",
+            "provenance",
             "error",
         ],
     ),
@@ -71,6 +90,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "sample",
             "data",
             "simd",
+            "provenance",
             "error",
         ],
     ),

@@ -106,7 +106,7 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
     let completer = open_completer(args.model.weights.as_deref(), &device(&args.model.device)?)?;
     let mut settings = *completer.fit_config();
     args.fit.apply(&mut settings);
-    let mut completer = completer.with_fit(settings)?;
+    let mut completer = completer.with_fit(settings);
     if args.full {
         completer = completer.with_working_size(size.height, size.width)?;
     }

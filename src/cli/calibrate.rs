@@ -17,8 +17,8 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     }
     let mut weights = open_weights(args.model.weights.as_deref())?;
     let mut fit = weights.fit()?.unwrap_or_default();
-    if let Some(method) = args.fit_method {
-        fit.method = method;
+    if let Some(named) = args.fit_method {
+        fit.method = named.method;
         fit.lambda = Lambda::Evidence;
     }
     fit.joint.cosines = args.waves.unwrap_or(fit.joint.cosines);

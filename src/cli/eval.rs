@@ -1,16 +1,19 @@
 //! `lsdc eval`: methods side by side on a dataset.
 
 use super::args::Eval;
+use super::names::Names;
 use super::{Exit, settings, ui};
 use crate::config::FitSettings;
-use crate::data::{write_atomically, write_npy};
+use crate::data::{DataConfig, write_atomically, write_npy};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
-use crate::predict::{Method, open_completer, weights_name};
+use crate::predict::{Method, open_completer, weights_hash, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;
 use lsdc_core::Completer;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -62,11 +65,28 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     let weights = network
         .as_ref()
         .map(|(_, name)| format!("{name}{measured}"));
-    let heading = evaluation.heading(&name, &followed, weights);
+    let weights_file = args.model.weights.as_deref();
+    let contents = network.as_ref().map(|_| weights_hash(weights_file));
+    let inputs = json!({
+        "data": DataConfig { root: None, ..config.data.clone() },
+        "split": args.draws.split,
+        "weights": contents.transpose()?,
+    });
+    let heading = evaluation.heading(&name, &followed, weights, inputs)?;
+    let place = json!({
+        "folder": settings::folder(&config.data),
+        "device": network.as_ref().map(|_| &args.model.device),
+    });
     let journal = match &folder {
         None => Journal::none(),
-        Some(folder) => journal(folder, &heading, args.force)?,
+        Some(folder) => journal(folder, &heading, &place, args.force)?,
     };
+    if !journal.is_empty() {
+        ui::say(&format!(
+            "{} results of an earlier run are used again; --force measures them anew",
+            journal.len()
+        ));
+    }
     let stop = ui::stop_flag();
     let bar = ui::bar(frames.len(), "frames");
     let report = evaluation.run(heading, args.shard, journal, |done, total| {
@@ -107,18 +127,18 @@ fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let completer = open_completer(weights, &device(&args.model.device)?)?;
     let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
-    let completer = completer.with_fit(fit)?;
+    let completer = completer.with_fit(fit);
     let name = format!("{}; {}", weights_name(weights)?, completer.fit_config());
     Ok((completer, name))
 }
 
-fn journal(folder: &Path, heading: &Heading, anew: bool) -> Result<Journal> {
+fn journal(folder: &Path, heading: &Heading, place: &Value, anew: bool) -> Result<Journal> {
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
     let path = folder.join(JOURNAL);
-    if anew && path.exists() {
-        std::fs::remove_file(&path).map_err(|e| Error::write(&path, e))?;
+    if anew {
+        Journal::forget(&path)?;
     }
-    Journal::open(&path, heading)
+    Journal::open(&path, heading, place)
 }
 
 /// The methods that are asked for, and the predictions of others; with predictions alone, only
@@ -161,6 +181,9 @@ fn exhibits(evaluation: &Evaluation, report: &Report) -> Result<Vec<Exhibit>> {
 
 /// Writes every prediction as `METHOD/seedN/FRAME.npy`, as `--predictions` reads them.
 fn save(evaluation: &Evaluation, report: &Report, folder: &Path) -> Result<()> {
+    let frames: BTreeSet<&str> = report.frames().keys().map(|(frame, _)| &**frame).collect();
+    let mut names = Names::default();
+    frames.into_iter().try_for_each(|frame| names.add(frame))?;
     for (frame, seed) in report.frames().keys() {
         let exhibit = evaluation.exhibit("saved", frame, *seed)?;
         for (method, _, depth) in &exhibit.predictions {

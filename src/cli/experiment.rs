@@ -11,6 +11,7 @@ use crate::predict::{completer, open_weights, weights_name};
 use crate::report::write_page;
 use crate::sample::Preset;
 use lsdc_core::fit::{FitConfig, FitMethod};
+use serde_json::json;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -28,6 +29,11 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
     let experiments = Chosen::experiments(&args.names);
     let sections = experiment::run(&experiments, &lab, |event| {
         match event {
+            Event::Resumed(count) => {
+                bar.suspend(|| {
+                    ui::say(&format!("{count} results of an earlier run are used again"))
+                });
+            }
             Event::Trying { done, total, cell } => {
                 bar.set_length(total as u64);
                 bar.set_position(done as u64);
@@ -130,6 +136,13 @@ fn lab(args: &Experiments) -> Result<Lab> {
             train: config.train,
             frames: Box::new(move || settings::open(&data, Split::Train)),
         },
+        place: json!({
+            "data": config.data,
+            "folder": settings::folder(&config.data),
+            "split": args.draws.split,
+            "diode": args.diode.as_deref().map(settings::absolute),
+            "device": args.model.device,
+        }),
         device: (device_of_all, args.model.device.clone()),
         trial: TRIAL,
     })

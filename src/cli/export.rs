@@ -1,6 +1,7 @@
 //! `lsdc export`: frames of a dataset as files, for other programs.
 
 use super::args::Export;
+use super::names::Names;
 use super::{Exit, settings, ui};
 use crate::data::{DepthMap, Frame, write_npy, write_rgb};
 use crate::error::{Error, Result};
@@ -41,7 +42,9 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
     };
     let count = indices.len();
     let bar = ui::bar(count, "frames");
+    let mut names = Names::default();
     for index in indices {
+        names.add(&frames.id(index))?;
         let files = Files::of(&args.output, &frames.id(index));
         files.check(args.force)?;
         let frame = evaluation.frame(index)?;

@@ -10,8 +10,10 @@ mod experiment;
 mod export;
 mod inspect;
 mod manual;
+mod names;
 mod report;
 mod settings;
+mod signals;
 mod train;
 mod ui;
 mod weights;
@@ -50,14 +52,21 @@ pub fn main() -> ExitCode {
     let args = Args::parse();
     ui::start_log(args.verbose);
     ui::be_quiet(args.quiet);
-    let exit = run(args).unwrap_or_else(|error| {
+    let failed = |error: Error| {
         ui::print_error(&error);
         Exit::from(&error)
-    });
+    };
+    let exit = run(args).unwrap_or_else(failed);
+    let printed = ui::finish().map_or_else(failed, |()| Exit::Done);
+    // What went wrong before says more than a result that could not be printed.
+    let exit = if exit == Exit::Done { printed } else { exit };
     ExitCode::from(exit as u8)
 }
 
 fn run(args: Args) -> Result<Exit> {
+    if let Some(remark) = args.command.remark() {
+        ui::say(remark);
+    }
     match args.command {
         Command::Complete(args) => complete::run(&args),
         Command::Inspect(args) => inspect::run(&args),

@@ -17,6 +17,7 @@ pub(super) fn merge(args: &Merge) -> Result<Exit> {
         }
     }
     let whole = whole.ok_or_else(|| Error::config("there is no report to join"))?;
+    let whole = whole.complete()?;
     if let Some(folder) = &args.output {
         let existing = folder.join("report.json");
         if existing.exists() && !args.force {

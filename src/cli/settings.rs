@@ -4,7 +4,7 @@ use super::args::{Settings, Source};
 use crate::config::Config;
 use crate::data::{DataConfig, Dataset, Split};
 use crate::error::Result;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 impl Settings {
@@ -26,8 +26,22 @@ impl Source {
     }
 }
 
+/// Where the files of a dataset are looked for, by its full path; nothing if there are none.
+pub(super) fn folder(data: &DataConfig) -> Option<PathBuf> {
+    let folder = data.folder(fallback().as_deref()).ok()?;
+    Some(absolute(&folder))
+}
+
+/// A path that means the same in every working folder.
+pub(super) fn absolute(path: &Path) -> PathBuf {
+    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
+}
+
+fn fallback() -> Option<PathBuf> {
+    std::env::var_os("LSDC_DATA").map(PathBuf::from)
+}
+
 /// Opens a dataset, looking below `LSDC_DATA` if the configuration names no folder.
 pub(super) fn open(data: &DataConfig, split: Split) -> Result<Arc<dyn Dataset>> {
-    let fallback = std::env::var_os("LSDC_DATA").map(PathBuf::from);
-    data.open(split, fallback.as_deref())
+    data.open(split, fallback().as_deref())
 }

@@ -1,19 +1,47 @@
-//! Everything that the program prints: results on stdout, talk on stderr.
+//! Everything that the program prints: results on stdout, diagnostics on stderr.
 
-use crate::error::{Error, Result};
+use super::signals;
+use crate::error::{Cause, Error, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::error::Error as _;
 use std::fs::File;
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// Prints a result. A closed pipe is no failure: the reader has seen enough.
+/// The first failure to print a result.
+static UNPRINTED: OnceLock<std::io::Error> = OnceLock::new();
+
+/// Prints a result. What cannot be printed is an error at the end of the program.
 pub(super) fn print(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
+    note(writeln!(std::io::stdout(), "{}", text.trim_end()));
+}
+
+/// A closed pipe is no failure: the reader has seen enough.
+fn note(result: std::io::Result<()>) {
+    if let Err(error) = result
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        let _ = UNPRINTED.set(error);
+    }
+}
+
+/// Prints what is left to print.
+///
+/// # Errors
+/// A result could not be printed.
+pub(super) fn finish() -> Result<()> {
+    note(std::io::stdout().flush());
+    match UNPRINTED.get() {
+        None => Ok(()),
+        Some(error) => {
+            Err(Error::new(Cause::Write, "cannot write to standard output")
+                .because(error.to_string()))
+        }
+    }
 }
 
 /// Prints how it went: a result that `--quiet` can spare.
@@ -30,7 +58,7 @@ pub(super) fn say(text: &str) {
     }
 }
 
-/// Prints what must be read.
+/// Prints a warning, even with `--quiet`.
 pub(super) fn warn(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
@@ -49,12 +77,8 @@ fn is_quiet() -> bool {
 /// Sends a file to stdout.
 pub(super) fn pass_on(path: &Path) -> Result<()> {
     let mut file = File::open(path).map_err(|e| Error::read(path, e))?;
-    match std::io::copy(&mut file, &mut std::io::stdout()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Error::write(Path::new("standard output"), e))
-        }
-        _ => Ok(()),
-    }
+    note(std::io::copy(&mut file, &mut std::io::stdout()).map(|_| ()));
+    Ok(())
 }
 
 /// Says that one of many could not be done, and why.
@@ -110,16 +134,19 @@ pub(super) fn millis(duration: Duration) -> String {
     format!("{:.0} ms", duration.as_secs_f64() * 1e3)
 }
 
-/// A flag that Ctrl-C sets; pressed again, it ends the program at once.
+/// A flag that Ctrl-C sets; pressed again, it ends the program at once. A signal that the program was
+/// started to ignore, as by `nohup`, stays ignored.
 pub(super) fn stop_flag() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let handler = flag.clone();
+    let ignored = signals::ignored();
     let installed = ctrlc::set_handler(move || {
         if handler.swap(true, Ordering::Relaxed) {
             std::process::exit(super::Exit::Interrupted as i32);
         }
         say("stopping; press Ctrl-C again to end at once");
     });
+    signals::ignore(&ignored);
     if installed.is_err() {
         say("Ctrl-C cannot be caught here; it will end the program at once");
     }

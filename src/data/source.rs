@@ -84,7 +84,7 @@ impl DataConfig {
     /// An unknown or unreadable folder, no frame in it, or frames whose names are not their own or
     /// lead out of a folder.
     pub fn open(&self, split: Split, fallback: Option<&Path>) -> Result<Arc<dyn Dataset>> {
-        let root = || self.folder_of(fallback);
+        let root = || self.folder(fallback);
         let frames: Arc<dyn Dataset> = match self.dataset {
             DatasetKind::Rooms => Arc::new(Rooms::new(split, &self.rooms)?),
             DatasetKind::Nyu => sets::nyu(&root()?, split, self.nyu)?,
@@ -108,7 +108,11 @@ impl DataConfig {
         Ok(frames)
     }
 
-    fn folder_of(&self, fallback: Option<&Path>) -> Result<PathBuf> {
+    /// Where the files of the dataset lie: its `root`, or below `fallback`.
+    ///
+    /// # Errors
+    /// Neither is known.
+    pub fn folder(&self, fallback: Option<&Path>) -> Result<PathBuf> {
         if let Some(root) = &self.root {
             return Ok(root.clone());
         }

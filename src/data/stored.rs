@@ -162,7 +162,7 @@ fn check_sizes(path: &Path, depth: &DepthMap, sigma: &DepthMap) -> Result<()> {
 fn map(array: &Array, scale: f64) -> Result<DepthMap> {
     let metres = |value: &f32| (f64::from(*value) * scale) as f32;
     let values = array.values.iter().map(metres).collect();
-    DepthMap::new(array.columns, array.rows, values)
+    Ok(DepthMap::new(array.columns, array.rows, values)?)
 }
 
 fn table(array: &Array) -> Table {

@@ -27,6 +27,11 @@ impl Unit {
         ("vkitti", 100.0),
     ];
 
+    /// The unit of which so many make a metre, if that is a positive number.
+    pub fn per_metre(count: f64) -> Option<Self> {
+        (count > 0.0 && count.is_finite()).then_some(Self(Some(count)))
+    }
+
     /// What stored numbers are multiplied by: metres to one unit, or 1 where that is not known.
     pub fn metres(self) -> f64 {
         self.0.map_or(1.0, |count| 1.0 / count)
@@ -41,11 +46,11 @@ impl FromStr for Unit {
         if let Some((_, count)) = Self::NAMED.iter().find(|(name, _)| *name == text) {
             return Ok(Self(Some(*count)));
         }
-        match text.parse::<f64>() {
-            Ok(count) if count > 0.0 && count.is_finite() => Ok(Self(Some(count))),
-            _ => Err(Error::config(format!("`{text}` is no unit of depth"))
-                .hint("m, cm, mm, kitti, tum, vkitti, or how many units make a metre, as in 256")),
-        }
+        let count = text.parse().ok().and_then(Self::per_metre);
+        count.ok_or_else(|| {
+            Error::config(format!("`{text}` is no unit of depth"))
+                .hint("m, cm, mm, kitti, tum, vkitti, or how many units make a metre, as in 256")
+        })
     }
 }
 

@@ -1,10 +1,12 @@
 //! What is measured: our own methods, or the depth maps of any other program.
 
-use crate::data::{DepthMap, Frame, read_depth};
+use crate::data::{DepthMap, Frame, Unit, read_depth, stored_unit};
 use crate::error::{Cause, Error, Result};
 use crate::predict::{Method, complete_classic, scene};
+use crate::provenance;
 use crate::sample::{Interpolation, Size, move_points, resize_depth, resize_rgb};
 use lsdc_core::{Completer, Observations, Scene};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// A source of predictions.
@@ -21,8 +23,25 @@ pub enum Candidate {
         /// By what.
         by: Enlargement,
     },
-    /// `FRAME.npy` (metres) or `FRAME.png` (millimetres) in this folder, or in its `seedN`.
+    /// `FRAME.npy` (metres) or `FRAME.png` (millimetres, or the unit that the file says) in this
+    /// folder, or in its `seedN`.
     Files(PathBuf),
+}
+
+impl Candidate {
+    /// What its predictions depend on, beside the network and its fit: files by their contents.
+    ///
+    /// # Errors
+    /// A folder that cannot be read.
+    pub(super) fn made_from(&self) -> Result<Value> {
+        Ok(match self {
+            Self::Method(method) => json!({ "method": method }),
+            Self::Enlarged { method, from, by } => {
+                json!({ "method": method, "from": from, "by": format!("{by:?}") })
+            }
+            Self::Files(folder) => json!({ "files": provenance::folder(folder, &["npy", "png"])? }),
+        })
+    }
 }
 
 /// How a result comes to a larger size than what it was computed from.
@@ -134,6 +153,7 @@ fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
         for (ending, scale) in [("npy", 1.0), ("png", 0.001)] {
             let path = folder.join(format!("{name}.{ending}"));
             if path.is_file() {
+                let scale = stored_unit(&path).map_or(scale, Unit::metres);
                 return read_depth(&path, scale);
             }
         }
@@ -151,7 +171,16 @@ fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
 fn check(prediction: &DepthMap, frame: &Frame, folder: &Path) -> Result<()> {
     let size = |map: &DepthMap| (map.width(), map.height());
     if size(prediction) == size(&frame.depth) {
-        return Ok(());
+        let pairs = prediction.values().iter().zip(frame.depth.values());
+        if pairs.into_iter().any(|(&p, &truth)| p > 0.0 && truth > 0.0) {
+            return Ok(());
+        }
+        return Err(Error::shape(format!(
+            "the prediction for `{}` in `{}` has no depth where there is a true one",
+            frame.id,
+            folder.display()
+        ))
+        .hint("0, NaN, infinite and negative values are no depths"));
     }
     Err(Error::shape(format!(
         "the prediction for `{}` in `{}` is {}x{} but the frame is {}x{}",

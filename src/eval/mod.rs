@@ -3,22 +3,22 @@
 mod candidate;
 mod config;
 mod journal;
-mod shard;
 
 pub use candidate::{Candidate, Enlargement};
 pub use config::EvalConfig;
 pub use journal::Journal;
-pub use shard::Shard;
 
 use crate::classic::distances;
-use crate::data::{Dataset, DepthMap, Frame};
+use crate::data::{Dataset, DepthMap, Frame, Shard};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Metric, Profile, Rules, Scores};
+use crate::provenance;
 use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
 use crate::sample::{Noise, Pattern, Protocol};
 use candidate::Prepared;
 use lsdc_core::{Completer, RANGE};
 use rayon::prelude::*;
+use serde_json::{Map, Value, json};
 use std::ops::ControlFlow;
 
 /// Everything that decides the outcome.
@@ -46,10 +46,44 @@ pub struct Evaluation<'a> {
 }
 
 impl Evaluation<'_> {
-    /// The heading of the report; `dataset`, `protocol` and `weights` are words about what the
-    /// evaluation was made from.
-    pub fn heading(&self, dataset: &str, protocol: &str, weights: Option<String>) -> Heading {
-        Heading {
+    /// The heading of the report. `dataset`, `protocol` and `weights` are words for people. What the
+    /// numbers depend on goes into [`Heading::made_from`]: the program, protocol, points, frames,
+    /// methods with the complete settings of the fit, predictions by their contents, and `inputs`,
+    /// which has what only the caller knows: the settings of the dataset and the weights by their
+    /// contents.
+    ///
+    /// # Errors
+    /// A folder of predictions or points that cannot be read.
+    pub fn heading(
+        &self,
+        dataset: &str,
+        protocol: &str,
+        weights: Option<String>,
+        inputs: Value,
+    ) -> Result<Heading> {
+        let mut methods = Map::new();
+        for (name, candidate) in &self.candidates {
+            methods.insert(name.clone(), candidate.made_from()?);
+        }
+        let point_files = match &self.points {
+            Pattern::Files(folder) => Some(provenance::folder(folder, &["npy", "png"])?),
+            _ => None,
+        };
+        let ids: Vec<_> = (0..self.total()).map(|i| self.frames.id(i)).collect();
+        let made_from = json!({
+            "program": provenance::program(),
+            "inputs": inputs,
+            "frames": lsdc_rng::hash(&ids),
+            "protocol": self.protocol,
+            "points": self.points,
+            "point_files": point_files,
+            "noise": self.noise,
+            "methods": methods,
+            "fit": self.completer.map(Completer::fit_config),
+            "uncertainty": self.uncertainty,
+        });
+        Ok(Heading {
+            made_from,
             dataset: dataset.to_owned(),
             found: self.frames.about(),
             protocol: protocol.to_owned(),
@@ -66,7 +100,7 @@ impl Evaluation<'_> {
             limits: format!("predictions of lsdc within {RANGE} x the range of the points"),
             rules: self.rules,
             frames: self.total(),
-        }
+        })
     }
 
     /// The number of frames in all.
@@ -92,7 +126,7 @@ impl Evaluation<'_> {
         let mine: Vec<usize> = (0..self.total())
             .filter(|&i| shard.holds(&self.frames.id(i)))
             .collect();
-        let mut report = Report::new(heading);
+        let mut report = Report::new(heading).of_part(shard);
         let done = journal.take();
         let finished = |index: &usize| {
             let id = self.frames.id(*index);
@@ -123,7 +157,7 @@ impl Evaluation<'_> {
                     Err(error) => {
                         report.fail(Failure {
                             frame: self.frames.id(index),
-                            error: in_words(&error),
+                            error: error.with_causes(),
                         });
                         first.get_or_insert(error);
                     }
@@ -228,17 +262,4 @@ impl Evaluation<'_> {
             Some(noise) => noise.apply(&sparse, seed, &frame.id),
         }
     }
-}
-
-/// An error and its causes on one line.
-fn in_words(error: &Error) -> String {
-    let mut text = error.to_string();
-    let mut source = std::error::Error::source(error);
-    while let Some(cause) = source {
-        let line = cause.to_string();
-        text.push_str(": ");
-        text.push_str(line.lines().next().unwrap_or_default());
-        source = cause.source();
-    }
-    text
 }

@@ -87,7 +87,7 @@ impl Study for Benchmark<'_> {
                 .into(),
         );
         section.notes = published::notes(&published::TABLE_1_NOTES);
-        let caption = "The frame on which lsdc is neither good nor bad.";
+        let caption = "The frame with lsdc's median RMSE.";
         self.methods.show(&mut section, caption)?;
         Ok(section)
     }

@@ -1,17 +1,19 @@
 //! The parts of experiments: what each has done is on disk.
 
 use super::Lab;
-use crate::data::{Dataset, write_atomically};
+use crate::data::{Dataset, Shard, write_atomically};
 use crate::error::{Error, Result};
-use crate::eval::{Candidate, Evaluation, Journal, Shard};
+use crate::eval::{Candidate, Evaluation, Journal};
 use crate::metrics::Scores;
 use crate::model::NetworkConfig;
-use crate::predict::{Method, open_completer};
+use crate::predict::{Method, open_completer, weights_hash};
+use crate::provenance::{self, differences};
 use crate::report::{Exhibit, Failure, Heading, Panels, Report, Section};
 use crate::sample::{Noise, Pattern, Preset, Protocol};
 use crate::train::{Event, Outcome, TrainConfig, Trainer};
 use lsdc_core::Completer;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
+use serde_json::json;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -24,6 +26,9 @@ pub(super) type Progress<'a> = dyn FnMut(f64) -> ControlFlow<()> + 'a;
 pub(super) trait Cell {
     /// Its name in files.
     fn name(&self) -> &str;
+
+    /// The number of results that an earlier run has left.
+    fn kept(&self) -> Result<usize>;
 
     /// Goes on with what is left to do.
     fn run(&self, progress: &mut Progress<'_>) -> Result<()>;
@@ -41,6 +46,8 @@ pub(super) struct Measured<'a> {
     dataset: String,
     frames: Arc<dyn Dataset>,
     completer: Completer,
+    /// The weights of the completer, in words that change with every bit of them.
+    weights: String,
     candidates: Vec<(String, Candidate)>,
     followed: String,
     protocol: Protocol,
@@ -57,6 +64,7 @@ impl<'a> Measured<'a> {
             dataset: lab.dataset.clone(),
             frames: lab.frames.clone(),
             completer: lab.completer.clone(),
+            weights: lab.weights.clone(),
             candidates: vec![("lsdc".to_owned(), Candidate::Method(Method::Lsdc))],
             followed: format!("{}: {}", lab.preset.name, lab.preset.source),
             protocol: lab.preset.protocol,
@@ -117,7 +125,7 @@ impl<'a> Measured<'a> {
     pub(super) fn fit(mut self, change: impl FnOnce(&mut FitConfig)) -> Self {
         let mut fit = *self.completer.fit_config();
         change(&mut fit);
-        self.completer = self.completer.with_fit(fit)?;
+        self.completer = self.completer.with_fit(fit);
         self
     }
 
@@ -129,8 +137,9 @@ impl<'a> Measured<'a> {
         })
     }
 
-    pub(super) fn completer(mut self, completer: Completer) -> Self {
-        self.completer = completer;
+    /// Another network than that of the lab.
+    pub(super) fn completer(mut self, completer: Completer, weights: String) -> Self {
+        (self.completer, self.weights) = (completer, weights);
         self
     }
 
@@ -149,15 +158,21 @@ impl<'a> Measured<'a> {
         }
     }
 
-    fn heading(&self, evaluation: &Evaluation<'_>) -> Heading {
-        let weights = format!("{}; {}", self.lab.weights, self.completer.fit_config());
-        evaluation.heading(&self.dataset, &self.followed, Some(weights))
+    fn heading(&self, evaluation: &Evaluation<'_>) -> Result<Heading> {
+        let weights = format!("{}; {}", self.weights, self.completer.fit_config());
+        let inputs = json!({ "weights": self.weights });
+        evaluation.heading(&self.dataset, &self.followed, Some(weights), inputs)
+    }
+
+    fn journal(&self, heading: &Heading) -> Result<Journal> {
+        let path = self.lab.cell(&self.name, "jsonl");
+        Journal::open(&path, heading, &self.lab.place)
     }
 
     fn go_on(&self, progress: &mut Progress<'_>) -> Result<Report> {
         let evaluation = self.evaluation();
-        let heading = self.heading(&evaluation);
-        let journal = Journal::open(&self.lab.cell(&self.name, "jsonl"), &heading)?;
+        let heading = self.heading(&evaluation)?;
+        let journal = self.journal(&heading)?;
         evaluation.run(heading, Shard::WHOLE, journal, |done, total| {
             progress(done as f64 / total.max(1) as f64)
         })
@@ -184,7 +199,7 @@ impl<'a> Measured<'a> {
             .ok_or_else(|| Error::config(format!("`{}` has measured nothing", self.name)))
     }
 
-    /// The frame on which the first method is neither good nor bad.
+    /// The frame with the first method's median RMSE.
     pub(super) fn median_frame(&self) -> Result<Option<(String, u64)>> {
         let report = self.report()?;
         let remarkable = report.remarkable();
@@ -213,6 +228,11 @@ impl<'a> Measured<'a> {
 impl Cell for Measured<'_> {
     fn name(&self) -> &str {
         &self.name
+    }
+
+    fn kept(&self) -> Result<usize> {
+        let heading = self.heading(&self.evaluation())?;
+        Ok(self.journal(&heading)?.len())
     }
 
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
@@ -295,16 +315,29 @@ impl<'a> Trained<'a> {
         let path = folder.join("recipe.json");
         let frames = (self.frames.about(), self.frames.len());
         let fit = &self.lab.recipe.fit;
-        let recipe = serde_json::to_string(&(&self.network, fit, self.config(), frames))
-            .map_err(|e| Error::write(&path, e.into()))?;
+        let recipe = json!({
+            "program": provenance::program(),
+            "network": self.network,
+            "fit": fit,
+            "training": self.config(),
+            "frames": frames,
+            "place": self.lab.place,
+        });
         match std::fs::read_to_string(&path) {
-            Ok(there) if there == recipe => Ok(()),
-            Ok(_) => Err(Error::config(format!(
-                "`{}` belongs to a training by other settings",
-                path.display()
-            ))
-            .hint("choose another folder, or give --force to begin anew")),
-            Err(_) => write_atomically(&path, |out| out.write_all(recipe.as_bytes())),
+            Ok(there) => {
+                // Numbers are compared as they are read back.
+                let read = |text: &str| serde_json::from_str(text).unwrap_or_default();
+                let differences = differences(&read(&there), &read(&recipe.to_string()));
+                match differences.first() {
+                    None => Ok(()),
+                    Some(first) => Err(Error::config(format!(
+                        "`{}` belongs to a training by other settings: {first}",
+                        path.display()
+                    ))
+                    .hint("choose another folder, or give --force to begin anew")),
+                }
+            }
+            Err(_) => write_atomically(&path, |out| write!(out, "{recipe}")),
         }
     }
 
@@ -312,13 +345,22 @@ impl<'a> Trained<'a> {
     pub(super) fn measured(&self) -> Result<Measured<'a>> {
         let weights = self.weights();
         let completer = open_completer(Some(&weights), &self.lab.device.0)?;
-        Ok(Measured::new(self.lab, &self.name).completer(completer))
+        let name = format!("trained, {}", weights_hash(Some(&weights))?);
+        Ok(Measured::new(self.lab, &self.name).completer(completer, name))
     }
 }
 
 impl Cell for Trained<'_> {
     fn name(&self) -> &str {
         &self.name
+    }
+
+    fn kept(&self) -> Result<usize> {
+        if !self.weights().exists() {
+            return Ok(0);
+        }
+        self.keep_to_recipe()?;
+        Ok(1 + self.measured()?.kept()?)
     }
 
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {

@@ -6,11 +6,13 @@ use crate::data::{Dataset as _, Frame, Rooms, RoomsConfig, Split, write_atomical
 use crate::error::{Error, Result};
 use crate::model::{InitNetwork as _, NetworkConfig, Normalisation, parameter_count, weights_of};
 use crate::predict::{self, complete, complete_classic};
+use crate::provenance::{self, differences};
 use crate::report::{Column, Contest, Row, Section, Table};
 use crate::sample::{Pattern, Size};
 use burn::module::Module as _;
 use lsdc_core::Completer;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -107,11 +109,11 @@ enum Subject {
     Classic(crate::predict::Classic),
 }
 
-/// What a cell keeps.
+/// The times that a cell keeps.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Kept {
-    /// Weights and device.
-    of: String,
+struct KeptTimes {
+    /// Program, weights, device and machine.
+    of: Value,
     times: Times,
     /// Trained parameters, and multiply-adds at this size.
     parameters: Option<usize>,
@@ -123,26 +125,34 @@ impl Timed<'_> {
         self.lab.cell(&self.name, "json")
     }
 
-    fn of(&self) -> String {
-        format!("{} on {}", self.lab.weights, self.lab.device.1)
+    fn of(&self) -> Value {
+        json!({
+            "program": provenance::program(),
+            "weights": self.lab.weights,
+            "device": self.lab.device.1,
+            "fit": self.lab.completer.fit_config(),
+            "label": self.label,
+            "threads": rayon::current_num_threads(),
+        })
     }
 
-    fn kept(&self) -> Result<Kept> {
+    fn times(&self) -> Result<KeptTimes> {
         let path = self.path();
         let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
-        let kept: Kept =
+        let kept: KeptTimes =
             serde_json::from_slice(&bytes).map_err(|e| Error::read(&path, e.into()))?;
-        if kept.of == self.of() {
-            return Ok(kept);
+        let now = serde_json::from_str(&self.of().to_string()).unwrap_or_default();
+        match differences(&kept.of, &now).first() {
+            None => Ok(kept),
+            Some(first) => Err(Error::config(format!(
+                "`{}` has times of something else: {first}",
+                path.display()
+            ))
+            .hint("choose another folder, or give --force to begin anew")),
         }
-        Err(Error::config(format!(
-            "`{}` has times of other weights, or of another device",
-            path.display()
-        ))
-        .hint("choose another folder, or give --force to begin anew"))
     }
 
-    fn measure(&self) -> Result<Kept> {
+    fn measure(&self) -> Result<KeptTimes> {
         let frame = room(self.size)?;
         let points = Pattern::Exactly(POINTS);
         let device = &self.lab.device.0;
@@ -157,7 +167,7 @@ impl Timed<'_> {
                     completer = completer.with_working_size(size.0, size.1)?;
                     seen = self.size;
                 }
-                Ok(Kept {
+                Ok(KeptTimes {
                     of: self.of(),
                     times: time(&completer, &frame, &points, RUNS)?,
                     parameters: Some(parameter_count(&net)),
@@ -174,7 +184,7 @@ impl Timed<'_> {
                 let (parameters, adds) = (parameter_count(&net), net.multiply_adds(size));
                 let weights = weights_of(&net, config, normalisation);
                 let completer = predict::completer(&weights, device)?;
-                Ok(Kept {
+                Ok(KeptTimes {
                     of: self.of(),
                     times: time(&completer, &frame, &points, RUNS)?,
                     parameters: Some(parameters),
@@ -190,7 +200,7 @@ impl Timed<'_> {
                     times.push(started.elapsed());
                 }
                 let total_ms = median(times.into_iter())?;
-                Ok(Kept {
+                Ok(KeptTimes {
                     of: self.of(),
                     times: Times {
                         network_ms: 0.0,
@@ -210,6 +220,13 @@ impl Timed<'_> {
 impl Cell for Timed<'_> {
     fn name(&self) -> &str {
         &self.name
+    }
+
+    fn kept(&self) -> Result<usize> {
+        if !self.path().exists() {
+            return Ok(0);
+        }
+        self.times().map(|_| 1)
     }
 
     /// A few seconds, in one go: half a time is none.
@@ -293,12 +310,12 @@ impl Study for Cost<'_> {
         for size in SIZES {
             let mut rows = Vec::new();
             for cell in self.cells.iter().filter(|cell| cell.size == size) {
-                let Kept {
+                let KeptTimes {
                     times,
                     parameters,
                     multiply_adds,
                     ..
-                } = cell.kept()?;
+                } = cell.times()?;
                 let staged = parameters.is_some();
                 rows.push(Row {
                     label: cell.label.clone(),
@@ -355,9 +372,9 @@ impl Cost<'_> {
         let small = self.cells.iter().filter(|cell| cell.size == SIZES[0]);
         small
             .map(|cell| {
-                let Kept {
+                let KeptTimes {
                     times, parameters, ..
-                } = cell.kept()?;
+                } = cell.times()?;
                 let parts = match parameters {
                     Some(_) => vec![times.network_ms, times.fit_ms, times.dense_ms, 0.0],
                     None => vec![0.0, 0.0, 0.0, times.total_ms],

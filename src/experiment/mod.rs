@@ -132,6 +132,9 @@ pub struct Lab {
     pub recipe: Recipe,
     /// Where to compute, and its name.
     pub device: (Device, String),
+    /// What numbers depend on beside the settings here: where datasets lie and how they are opened.
+    /// What was measured from something else is not used again.
+    pub place: serde_json::Value,
     /// How long each part is tried, to foretell the time of the rest.
     pub trial: Duration,
 }
@@ -160,6 +163,8 @@ trait Study {
 /// What happens while experiments run.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
+    /// So many results of an earlier run of the same experiments are used again.
+    Resumed(usize),
     /// A part is tried for a moment, to know how long it will take.
     Trying {
         /// Parts before it.
@@ -201,6 +206,14 @@ pub fn run(
         .map(|experiment| experiment.prepare(lab))
         .collect::<Result<_>>()?;
     let cells: Vec<&dyn Cell> = studies.iter().flat_map(|study| study.cells()).collect();
+
+    let mut kept = 0;
+    for cell in &cells {
+        kept += cell.kept()?;
+    }
+    if kept > 0 && tell(Event::Resumed(kept)).is_break() {
+        return Ok(None);
+    }
 
     let mut left = Vec::with_capacity(cells.len());
     for (done, cell) in cells.iter().enumerate() {

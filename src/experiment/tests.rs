@@ -60,6 +60,7 @@ fn lab(folder: &Path) -> Lab {
             frames: Box::new(move || Ok(Arc::new(Rooms::new(Split::Train, &config)?))),
         },
         device: (Device::flex(), "cpu".into()),
+        place: serde_json::Value::Null,
         trial: Duration::ZERO,
     }
 }
@@ -132,6 +133,30 @@ fn a_folder_of_other_settings_is_refused() {
         ..lab(folder.path())
     };
     assert!(run(&[Experiment::Scale], &other, go_on).is_err());
+    // Every constant of the fit counts, and where the frames lie.
+    let mut fit = *first.completer.fit_config();
+    fit.joint.data *= 2.0;
+    let refit = Lab {
+        completer: first.completer.clone().with_fit(fit),
+        ..lab(folder.path())
+    };
+    let moved = Lab {
+        place: serde_json::json!({ "folder": "/elsewhere" }),
+        ..lab(folder.path())
+    };
+    for (other, word) in [(refit, "fit.joint.data"), (moved, "place")] {
+        let error = run(&[Experiment::Scale], &other, go_on).unwrap_err();
+        assert!(error.to_string().contains(word), "{error}");
+    }
+    let mut resumed = 0;
+    run(&[Experiment::Scale], &first, |event| {
+        if let Event::Resumed(count) = event {
+            resumed = count;
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    assert!(resumed >= 3, "{resumed} results used again");
     // Networks that are trained already belong to their recipe as well.
     run(&[Experiment::Ablation], &first, go_on).unwrap();
     let mut longer = lab(folder.path());

@@ -8,7 +8,7 @@ mod weights;
 pub use crate::classic::Classic;
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
-pub use weights::{Embedded, embedded, open_weights, weights_name};
+pub use weights::{Embedded, embedded, open_weights, weights_hash, weights_name};
 
 use crate::data::DepthMap;
 use crate::error::{Error, Result};

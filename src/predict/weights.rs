@@ -50,12 +50,23 @@ fn named(path: Option<&Path>) -> Option<&'static Embedded> {
 /// # Errors
 /// A file that cannot be read.
 pub fn weights_name(path: Option<&Path>) -> Result<String> {
-    let name = |of: &str, bytes| format!("{of}, {:016x}", hash(&[bytes]));
-    if let Some(own) = named(path) {
-        return Ok(name(&format!("`{}` of the program", own.name), own.bytes));
+    let of = match (named(path), path) {
+        (Some(own), _) => format!("`{}` of the program", own.name),
+        (None, path) => format!("`{}`", path.unwrap_or(Path::new("")).display()),
+    };
+    Ok(format!("{of}, {}", weights_hash(path)?))
+}
+
+/// The weights that [`open_weights`] would read by their contents alone, wherever they lie.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn weights_hash(path: Option<&Path>) -> Result<String> {
+    let hashed = |bytes: &[u8]| format!("{:016x}", hash(&[bytes]));
+    match named(path) {
+        Some(own) => Ok(hashed(own.bytes)),
+        None => Ok(hashed(&read(path.unwrap_or(Path::new("")))?)),
     }
-    let path = path.unwrap_or(Path::new(""));
-    Ok(name(&format!("`{}`", path.display()), &read(path)?))
 }
 
 /// Weights from a file, or of the program: by name, or the default.

@@ -3,8 +3,8 @@
 use crate::data::DepthMap;
 use image::{Rgb, RgbImage};
 
-/// The turbo colour map (Mikhailov 2019) from `low` (blue) to `high` (red) metres; black where
-/// there is no depth.
+/// The turbo colour map (Mikhailov 2019) from `low` (blue) to `high` (red) metres, in the approximation
+/// of d3, which is up to 34 levels of 255 from the published table; black where there is no depth.
 pub fn coloured(depth: &DepthMap, low: f32, high: f32) -> RgbImage {
     let span = (high - low).max(f32::EPSILON);
     painted(depth, |d| {

@@ -1,7 +1,7 @@
 //! The machine-readable report: everything, without rounding.
 
 use super::{Failure, FrameScores, Heading, Report};
-use crate::data::{Place, write_atomically};
+use crate::data::{Place, Shard, write_atomically};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Metric, Profile, Scores};
 use serde::{Deserialize, Serialize};
@@ -18,6 +18,13 @@ struct File {
     certainties: BTreeMap<String, Certainty>,
     frames: Vec<Line>,
     failures: Vec<Failure>,
+    #[serde(default = "whole")]
+    parts: Vec<Shard>,
+}
+
+/// What reports of older versions are taken for.
+fn whole() -> Vec<Shard> {
+    vec![Shard::WHOLE]
 }
 
 #[derive(Serialize, Deserialize)]
@@ -80,6 +87,7 @@ impl Report {
             "certainties": certainties,
             "frames": frames,
             "failures": self.failures,
+            "parts": self.parts,
         })
     }
 
@@ -110,6 +118,7 @@ impl Report {
             report.insert((line.frame, line.seed), scores)?;
         }
         file.failures.into_iter().for_each(|f| report.fail(f));
+        report.parts = file.parts;
         Ok(report)
     }
 

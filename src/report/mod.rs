@@ -25,7 +25,7 @@ pub use section::{Figure, Section, write_page};
 pub use table::{Column, Contest, Row, Table};
 pub use training::Training;
 
-use crate::data::Place;
+use crate::data::{Place, Shard};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Difference, Metric, Profile, Rules, Scores, Tally, deviation};
 use serde::{Deserialize, Serialize};
@@ -60,6 +60,10 @@ pub struct Heading {
     pub rules: Rules,
     /// Frames in all, whichever shard measured them.
     pub frames: usize,
+    /// Everything that the numbers depend on, whether the words above say it or not: see
+    /// [`Evaluation::heading`](crate::eval::Evaluation::heading). Null in reports of older versions.
+    #[serde(default)]
+    pub made_from: serde_json::Value,
 }
 
 /// How one method did on one frame with one draw of points.
@@ -121,6 +125,8 @@ pub struct Report {
     profiles: Vec<Profile>,
     certainties: Vec<Option<Certainty>>,
     failures: Vec<Failure>,
+    /// Which parts of the frames these are.
+    parts: Vec<Shard>,
 }
 
 /// A method's average over all frames.
@@ -143,7 +149,43 @@ impl Report {
             heading,
             frames: BTreeMap::new(),
             failures: Vec::new(),
+            parts: vec![Shard::WHOLE],
         }
+    }
+
+    /// A report of the frames of one part.
+    #[must_use]
+    pub fn of_part(mut self, part: Shard) -> Self {
+        self.parts = vec![part];
+        self
+    }
+
+    /// Checks that no frame is missing. Reports that are joined to the whole count as one.
+    ///
+    /// # Errors
+    /// A part is missing, which is named, or frames of one that broke off.
+    pub fn complete(mut self) -> Result<Self> {
+        let missing: Vec<String> = Shard::missing(&self.parts)?
+            .iter()
+            .map(|part| format!("{part}"))
+            .collect();
+        if !missing.is_empty() {
+            return Err(
+                Error::config(format!("parts are missing: {}", missing.join(", ")))
+                    .hint("give the reports of all parts of --shard"),
+            );
+        }
+        let found = self.count() + self.failures.len();
+        if found < self.heading.frames {
+            return Err(Error::config(format!(
+                "{} of {} frames are missing",
+                self.heading.frames - found,
+                self.heading.frames
+            ))
+            .hint("let every part go on to its end: the same command does"));
+        }
+        self.parts = vec![Shard::WHOLE];
+        Ok(self)
     }
 
     /// What was measured.
@@ -204,6 +246,8 @@ impl Report {
             add(sum, certainty.as_ref());
         }
         other.failures.into_iter().for_each(|f| self.fail(f));
+        self.parts.extend(other.parts);
+        self.parts.sort_unstable();
         Ok(())
     }
 

@@ -72,7 +72,7 @@ pub fn calibrate(
         robust: None,
         ..FitConfig::default()
     };
-    let completer = completer.with_fit(plain)?;
+    let completer = completer.with_fit(plain);
     let total = training.len() + held_out.len();
     let load = |index: usize| frame(frames, index, &config.protocol);
 
@@ -104,7 +104,7 @@ pub fn calibrate(
         let joint = |lambda: Lambda| FitConfig { lambda, ..fit };
         let mut best = [(f64::INFINITY, 0.0); COUNTS];
         for lambda in SHARES.map(|share| share * scale) {
-            let completer = completer.with_fit(joint(Lambda::Fixed(lambda)))?;
+            let completer = completer.with_fit(joint(Lambda::Fixed(lambda)));
             let errors = errors(&completer, &held_out, &load, config.seed)?;
             for (best, error) in best.iter_mut().zip(errors) {
                 if error < best.0 {
@@ -127,8 +127,8 @@ pub fn calibrate(
     } else {
         (fit, plain)
     };
-    let plain = completer.with_fit(plain)?;
-    let completer = completer.with_fit(measured)?;
+    let plain = completer.with_fit(plain);
+    let completer = completer.with_fit(measured);
     let mut lambdas = Vec::new();
     let mut ratios: Vec<f64> = Vec::new();
     for (done, &index) in held_out.iter().enumerate() {

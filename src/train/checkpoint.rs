@@ -1,6 +1,7 @@
 //! Checkpoints: everything that a run needs to go on bit for bit.
 
 use super::Learner;
+use crate::data::{write_atomically, write_folder_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::model::BasisNet;
 use burn::module::Module as _;
@@ -52,26 +53,14 @@ impl Checkpoints {
             .map(|(net, _)| bytes(net))
             .transpose()?;
         let state = learner.optimiser.into_bytes().map_err(|e| broken(&e))?;
-        let target = self.path(step);
-        let temporary = self.folder.join(format!("{step:08}.tmp"));
-        let attempt = || {
-            if temporary.exists() {
-                std::fs::remove_dir_all(&temporary)?;
-            }
-            std::fs::create_dir_all(&temporary)?;
-            let files = [(NETWORK, Some(&network)), (OPTIMISER, Some(&state))];
+        let files = [(NETWORK, Some(&network)), (OPTIMISER, Some(&state))];
+        write_folder_atomically(&self.path(step), |folder| {
             for (name, bytes) in files.into_iter().chain([(AVERAGE, average.as_ref())]) {
                 let Some(bytes) = bytes else { continue };
-                let path = temporary.join(name);
-                std::fs::write(&path, &bytes[..])?;
-                std::fs::File::open(&path)?.sync_all()?;
+                write_atomically(&folder.join(name), |out| out.write_all(bytes))?;
             }
-            if target.exists() {
-                std::fs::remove_dir_all(&target)?;
-            }
-            std::fs::rename(&temporary, &target)
-        };
-        attempt().map_err(|e| Error::write(&target, e))?;
+            Ok(())
+        })?;
         let steps = self.steps();
         for &old in steps.iter().rev().skip(KEPT) {
             // A checkpoint too many does no harm.

@@ -276,7 +276,7 @@ fn depth_is_made_of_base_functions_a_field_or_both() {
     let folder = room();
     let at = folder.path();
     let mut residuals = Vec::new();
-    for fit in ["lse", "wls", "joint"] {
+    for fit in ["lse", "field", "joint"] {
         let run = lsdc(at)
             .args([
                 "complete",
@@ -462,4 +462,28 @@ fn values_that_are_no_depth_are_counted_and_ignored() {
     }
     let read = |out: &str| read_npy(&folder.path().join(out).join("rgb_depth.npy"), 1.0).unwrap();
     assert_eq!(read("a"), read("b"));
+}
+
+#[test]
+fn the_old_name_of_the_field_works_and_says_so() {
+    let folder = room();
+    for (name, remarks) in [("field", 0), ("wls", 1)] {
+        let run = lsdc(folder.path())
+            .args(["complete", "rgb.png", "sparse.npy", "--weights", "small"])
+            .args(["--fit", name, "-o", name])
+            .assert()
+            .success();
+        let said = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        assert_eq!(said.matches("called `--fit field` now").count(), remarks);
+    }
+    let depth = |name: &str| std::fs::read(folder.path().join(name).join("rgb_depth.npy"));
+    assert_eq!(depth("field").unwrap(), depth("wls").unwrap());
+    // In configurations too, where `--method wls` keeps its name.
+    let set = ["config", "--set", "fit.method=wls"];
+    lsdc(folder.path()).args(set).assert().success();
+    refused(
+        folder.path(),
+        &["complete", "rgb.png", "sparse.npy", "--fit", "none"],
+        &["lse, field or joint"],
+    );
 }

@@ -74,6 +74,8 @@ fn shards_join_to_the_whole() {
         &["report", "merge", "a.json", "a.json"],
         &["twice", "hint:"],
     );
+    let one = ["report", "merge", "a.json", "-o", "half"];
+    refused(folder.path(), &one, &["parts are missing: 1-of-2", "hint:"]);
     refused(folder.path(), &merge, &["exists", "--force"]);
 }
 

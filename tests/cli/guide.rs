@@ -99,17 +99,65 @@ fn every_command_works() {
         let said = String::from_utf8_lossy(&run.stderr);
         assert!(run.status.success(), "{command}: {said}");
     }
-    for file in [
-        "out/slam/keyframe_depth.npy",
-        "out/robust/keyframe_outliers.csv",
-        "out/cloud/street_cloud.ply",
-        "out/clouds/view_cloud.ply",
-        "out/list/frames/2_depth.npy",
-        "out/sure/color_sigma.npy",
-        "depth.npy",
-        "lsdc.bash",
-        "man1/lsdc.1",
-    ] {
-        assert!(folder.path().join(file).is_file(), "{file} is missing");
+    check_depths(folder.path());
+    let at = |name: &str| folder.path().join(name);
+    let given = read_npy(&at("sparse.npy"), 1.0).unwrap();
+    // What was measured is kept.
+    let filled = read_npy(&at("out/filled/color_depth.npy"), 1.0).unwrap();
+    for p in given.points() {
+        assert!((filled.at(p.x, p.y) - p.depth).abs() < 0.0006, "{p:?}");
+    }
+    let sigma = read_npy(&at("out/sure/color_sigma.npy"), 1.0).unwrap();
+    assert_eq!(sigma.count(), sigma.values().len());
+    assert!(sigma.range().unwrap().1 < 5.0, "{:?}", sigma.range());
+    let outliers = std::fs::read_to_string(at("out/robust/keyframe_outliers.csv")).unwrap();
+    for line in outliers.lines().skip(1) {
+        let numbers = line.split(',').map(|v| v.parse::<f64>().unwrap());
+        assert_eq!(numbers.count(), 6, "{line}");
+    }
+    for cloud in ["out/cloud/street_cloud.ply", "out/clouds/view_cloud.ply"] {
+        let bytes = std::fs::read(at(cloud)).unwrap();
+        let text = String::from_utf8_lossy(&bytes[..200]).into_owned();
+        let count = text.split("element vertex ").nth(1).unwrap();
+        let count: usize = count.lines().next().unwrap().parse().unwrap();
+        // Some pixels are less sure than 0.3 m, most are not.
+        assert!((30_000..304 * 228).contains(&count), "{cloud}: {count}");
+    }
+    let bash = std::fs::read_to_string(at("lsdc.bash")).unwrap();
+    assert!(bash.contains("--depth-unit") && bash.contains("complete"));
+    let page = std::fs::read_to_string(at("man1/lsdc-complete.1")).unwrap();
+    assert!(page.contains("camera"), "{page}");
+}
+
+/// Every depth map that the guide makes is near the truth at every pixel.
+fn check_depths(folder: &Path) {
+    let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
+    let mut found = vec![folder.join("depth.npy")];
+    let mut folders = vec![folder.join("out")];
+    while let Some(below) = folders.pop() {
+        for entry in std::fs::read_dir(below).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.to_string_lossy().ends_with("_depth.npy") {
+                found.push(path);
+            }
+        }
+    }
+    assert!(found.len() >= 15, "{} maps", found.len());
+    for path in found {
+        let depth = read_npy(&path, 1.0).unwrap();
+        let size = (depth.width(), depth.height());
+        assert_eq!(size, (truth.width(), truth.height()), "{}", path.display());
+        assert_eq!(depth.count(), depth.values().len(), "{}", path.display());
+        // The phone's map is 2 m everywhere.
+        let phone = path.starts_with(folder.join("out/arkit"));
+        let pairs = depth.values().iter().zip(truth.values());
+        let off = pairs.map(|(a, b)| {
+            let b = if phone { 2.0 } else { *b };
+            (a - b).abs() / b
+        });
+        let off = off.sum::<f32>() / depth.values().len() as f32;
+        assert!(off < 0.1, "{}: mean relative error {off}", path.display());
     }
 }

@@ -118,3 +118,50 @@ fn the_command_line_is_written_for_shells_and_man() {
     let page = std::fs::read_to_string(folder.path().join("man/lsdc-complete.1")).unwrap();
     assert!(page.contains("max\\-sigma"), "every option is in the page");
 }
+
+#[test]
+fn help_shows_few_flags_first_and_all_in_groups() {
+    let folder = tempfile::tempdir().unwrap();
+    let help = |args: &[&str]| text(&lsdc(folder.path()).args(args).assert().success());
+    let flags = |help: &str| {
+        help.lines()
+            .filter(|l| l.trim_start().starts_with('-'))
+            .count()
+    };
+    let short = help(&["complete", "-h"]);
+    for flag in [
+        "--output",
+        "--formats",
+        "--depth-unit",
+        "--camera",
+        "--robust",
+    ] {
+        assert!(short.contains(flag), "{short}");
+    }
+    // These, --help and --version.
+    assert!(flags(&short) <= 7, "{short}");
+    assert!(short.contains("shows every option"));
+    let long = help(&["complete", "--help"]);
+    assert!(flags(&long) > 20, "{long}");
+    for group in [
+        "Input:",
+        "Fit:",
+        "Network:",
+        "Output:",
+        "Several frames:",
+        "Hardware:",
+    ] {
+        assert!(long.lines().any(|line| line == group), "{group}: {long}");
+    }
+    for command in ["eval", "train", "experiment"] {
+        let (short, long) = (help(&[command, "-h"]), help(&[command, "--help"]));
+        assert!(
+            flags(&short) <= 9 && flags(&short) < flags(&long),
+            "{short}"
+        );
+        assert!(
+            long.contains("Output:") && long.contains("Hardware:"),
+            "{long}"
+        );
+    }
+}

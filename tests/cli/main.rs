@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod combinations;
 mod complete;
 mod eval;
 mod experiment;
@@ -10,6 +11,8 @@ mod guide;
 mod inputs;
 mod looking;
 mod many;
+mod outputs;
+mod reuse;
 mod weights;
 
 use assert_cmd::Command;
@@ -40,10 +43,12 @@ fn room() -> tempfile::TempDir {
     folder
 }
 
+/// The files of a folder, but for the records of what they were made from.
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let mut names: Vec<_> = entries
         .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name != ".lsdc")
         .collect();
     names.sort();
     names

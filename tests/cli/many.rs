@@ -192,7 +192,7 @@ fn a_video_goes_on_where_it_stopped() {
         "--shard",
         "0/2",
     ];
-    refused(folder.path(), &part, &["no video"]);
+    refused(folder.path(), &part, &["cannot be combined"]);
     let untrained = [
         "complete",
         "images",

@@ -198,7 +198,7 @@ impl Completer {
     /// Runs the network on an image: everything that depends on the image alone.
     ///
     /// # Errors
-    /// Colours that are not finite, or affinities of a damaged network.
+    /// Colours that are not finite, settings out of range, or affinities of a damaged network.
     pub fn scene(&self, image: &Image<'_>) -> Result<Scene> {
         Scene::new(self.clone(), image)
     }
@@ -208,16 +208,14 @@ impl Completer {
         &self.fit
     }
 
-    /// The same with other settings of the fit; the network is shared.
-    ///
-    /// # Errors
-    /// Settings that are out of range.
-    pub fn with_fit(&self, fit: FitConfig) -> Result<Self> {
-        fit.check()?;
-        Ok(Self {
+    /// The same with other settings of the fit, which are checked when an image is seen; the network is
+    /// shared.
+    #[must_use]
+    pub fn with_fit(&self, fit: FitConfig) -> Self {
+        Self {
             fit,
             ..self.clone()
-        })
+        }
     }
 
     /// The same with images resized to the number of pixels of that height and width.

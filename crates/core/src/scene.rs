@@ -40,6 +40,7 @@ struct Inner {
 impl Scene {
     pub(crate) fn new(completer: Completer, image: &Image<'_>) -> Result<Self> {
         let started = Instant::now();
+        completer.fit_config().check()?;
         let (height, width) = (image.height(), image.width());
         let normalisation = *completer.normalisation();
         let [rows, columns] = normalisation.input;

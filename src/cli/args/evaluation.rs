@@ -2,14 +2,18 @@
 
 use super::values::{named_folder, typed};
 use super::{Draws, FitFlags, Model, Settings, Source};
-use crate::data::Split;
-use crate::eval::{EvalConfig, Shard};
+use crate::data::{Shard, Split};
+use crate::eval::EvalConfig;
 use crate::predict::Method;
 use crate::sample::{Interpolation, Noise, Pattern};
 use clap::Args as ClapArgs;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
+#[command(
+    after_help = "`lsdc eval --help` shows every option.",
+    after_long_help = "docs/evaluation.md says more."
+)]
 pub(in crate::cli) struct Eval {
     #[command(flatten)]
     pub(in crate::cli) settings: Settings,
@@ -22,46 +26,66 @@ pub(in crate::cli) struct Eval {
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
     pub(in crate::cli) points: Option<Pattern>,
     /// Spoil points: added:SHARE:METRES or outliers:SHARE.
-    #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE", help_heading = "Protocol")]
+    #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE", help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) noise: Option<Noise>,
     /// How true depths are resized [default: that of the protocol].
-    #[arg(long, value_enum, help_heading = "Protocol")]
+    #[arg(long, value_enum, help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) depth_resize: Option<Interpolation>,
     /// Methods, side by side on the same points: lsdc, nearest, linear, idw, tps, wls, levin,
     /// steering, ip-basic [default: lsdc,linear].
-    #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES")]
+    #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES", help_heading = "Methods")]
     pub(in crate::cli) method: Vec<Method>,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
     /// Measure the standard deviations of `lsdc` too: how many errors they cover, and how well they
     /// rank them.
-    #[arg(long)]
+    #[arg(long, help_heading = "Methods", hide_short_help = true)]
     pub(in crate::cli) uncertainty: bool,
     /// Score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
     /// named as `lsdc export` names frames; may be repeated.
-    #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
+    #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR", help_heading = "Methods", hide_short_help = true)]
     pub(in crate::cli) predictions: Vec<(String, PathBuf)>,
     /// Measure only part I of N (I from 0); `lsdc report merge` joins the parts.
-    #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N")]
+    #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N", help_heading = "Several machines", hide_short_help = true)]
     pub(in crate::cli) shard: Shard,
     /// Folder for the report in every form, and for a journal: begun again, an evaluation goes on
     /// where it stopped. A part writes to DIR/I-of-N.
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     pub(in crate::cli) output: Option<PathBuf>,
     /// Replace existing files, and begin anew in a folder that holds another evaluation.
-    #[arg(long, help_heading = "Output")]
+    #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) force: bool,
     /// Write the whole report here.
-    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        help_heading = "Output",
+        hide_short_help = true
+    )]
     pub(in crate::cli) json: Option<PathBuf>,
     /// Write the scores of each frame here.
-    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        help_heading = "Output",
+        hide_short_help = true
+    )]
     pub(in crate::cli) csv: Option<PathBuf>,
     /// Write a page with charts and pictures here.
-    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        help_heading = "Output",
+        hide_short_help = true
+    )]
     pub(in crate::cli) html: Option<PathBuf>,
     /// Write every prediction here, as METHOD/seedN/FRAME.npy.
-    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        help_heading = "Output",
+        hide_short_help = true
+    )]
     pub(in crate::cli) save: Option<PathBuf>,
     #[command(flatten)]
     pub(in crate::cli) model: Model,

@@ -6,6 +6,10 @@ use clap::Args as ClapArgs;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
+#[command(
+    after_help = "`lsdc experiment --help` shows every option.",
+    after_long_help = "docs/experiments.md says more."
+)]
 pub(in crate::cli) struct Experiments {
     /// Which: benchmark (table 1), ablation (N and E, trains), points, scale, noise, kernels,
     /// resolution (table 3), diode (table 4), cost (table 5), or all.
@@ -16,7 +20,7 @@ pub(in crate::cli) struct Experiments {
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     pub(in crate::cli) output: PathBuf,
     /// Forget what has been measured there, and begin anew.
-    #[arg(long, help_heading = "Output")]
+    #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) force: bool,
     #[command(flatten)]
     pub(in crate::cli) settings: Settings,
@@ -25,14 +29,25 @@ pub(in crate::cli) struct Experiments {
     #[command(flatten)]
     pub(in crate::cli) draws: Draws,
     /// Folder of DIODE, for experiment `diode`.
-    #[arg(long, value_name = "DIR")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
     pub(in crate::cli) diode: Option<PathBuf>,
     /// Depth maps of another program for the benchmark, as for `eval`; may be repeated.
-    #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR")]
+    #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR", help_heading = "Input", hide_short_help = true)]
     pub(in crate::cli) predictions: Vec<(String, PathBuf)>,
     /// Steps of each training of the ablation; everything else is said by --config [default recipe:
     /// nyu-half.toml].
-    #[arg(long, value_name = "N", default_value_t = 240)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 240,
+        help_heading = "Settings",
+        hide_short_help = true
+    )]
     pub(in crate::cli) steps: usize,
     #[command(flatten)]
     pub(in crate::cli) model: Model,

@@ -28,10 +28,17 @@ use std::path::PathBuf;
 #[command(name = "lsdc", version, max_term_width = 100)]
 pub(super) struct Args {
     /// Say more (-v: progress of the parts, -vv: everything); RUST_LOG overrides.
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = "Messages", hide_short_help = true)]
     pub(super) verbose: u8,
     /// Print nothing but what was asked for and errors.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    #[arg(
+        short,
+        long,
+        global = true,
+        conflicts_with = "verbose",
+        help_heading = "Messages",
+        hide_short_help = true
+    )]
     pub(super) quiet: bool,
     #[command(subcommand)]
     pub(super) command: Command,
@@ -70,13 +77,37 @@ pub(super) enum Command {
     Man(Manual),
 }
 
+impl Command {
+    /// What is said of an old name that was typed.
+    pub(super) fn remark(&self) -> Option<&'static str> {
+        match self {
+            Self::Complete(args) => args.fit.remark(),
+            Self::Eval(args) => args.fit.remark(),
+            Self::Bench(args) => args.fit.remark(),
+            Self::Calibrate(args) => args.fit_method?.remark(),
+            _ => None,
+        }
+    }
+}
+
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct Model {
     /// Weights file, or a name that `lsdc weights list` shows [default: the most accurate of those].
-    #[arg(long, value_name = "FILE")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        help_heading = "Network",
+        hide_short_help = true
+    )]
     pub(super) weights: Option<PathBuf>,
     /// Where to compute: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray.
-    #[arg(long, default_value = "cpu", env = "LSDC_DEVICE")]
+    #[arg(
+        long,
+        default_value = "cpu",
+        env = "LSDC_DEVICE",
+        help_heading = "Hardware",
+        hide_short_help = true
+    )]
     pub(super) device: String,
 }
 
@@ -85,20 +116,25 @@ pub(super) struct Model {
 pub(super) struct Settings {
     /// Configuration file, or the name of a built-in one (nyu.toml, nyu-half.toml, nyu-bases.toml,
     /// nyu-edges.toml, nyu-joint.toml, smoke.toml).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Settings")]
     pub(super) config: Option<PathBuf>,
     /// Change one setting, as in --set train.steps=100; may be repeated.
-    #[arg(long, value_name = "KEY=VALUE")]
+    #[arg(
+        long,
+        value_name = "KEY=VALUE",
+        help_heading = "Settings",
+        hide_short_help = true
+    )]
     pub(super) set: Vec<String>,
 }
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct Source {
     /// Dataset.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = "Input")]
     pub(super) dataset: Option<DatasetKind>,
     /// Folder of the dataset [default: `data.root` of the configuration, or LSDC_DATA].
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", help_heading = "Input")]
     pub(super) root: Option<PathBuf>,
 }
 
@@ -106,20 +142,41 @@ pub(super) struct Source {
 #[derive(Debug, ClapArgs)]
 pub(super) struct Draws {
     /// Split of the dataset.
-    #[arg(long, value_enum, default_value = "val")]
+    #[arg(
+        long,
+        value_enum,
+        default_value = "val",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
     pub(super) split: Split,
     /// Published protocol: full, nyu, nyu-s2d, nyu-cspn, nyu-conti, diode-paper, diode-masked,
     /// diode-robustdc, kitti, void, marigold [default: that of the dataset].
-    #[arg(long, value_name = "NAME", help_heading = "Protocol")]
+    #[arg(
+        long,
+        value_name = "NAME",
+        help_heading = "Protocol",
+        hide_short_help = true
+    )]
     protocol: Option<String>,
     /// Names the first draw of points; the same for every method [default: 0].
-    #[arg(long, help_heading = "Protocol")]
+    #[arg(long, help_heading = "Protocol", hide_short_help = true)]
     seed: Option<u64>,
     /// Draws of points, with consecutive seeds [default: 1].
-    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    #[arg(
+        long,
+        value_name = "N",
+        help_heading = "Protocol",
+        hide_short_help = true
+    )]
     seeds: Option<usize>,
     /// Measure only the first frames.
-    #[arg(long, value_name = "N", help_heading = "Protocol")]
+    #[arg(
+        long,
+        value_name = "N",
+        help_heading = "Protocol",
+        hide_short_help = true
+    )]
     limit: Option<usize>,
 }
 

@@ -1,32 +1,44 @@
 //! What is typed to train, and to handle weights.
 
+use super::values::{NamedFit, typed};
 use super::{Model, Settings, Source};
 use crate::model::Precision;
 use clap::{Args as ClapArgs, Subcommand};
-use lsdc_core::fit::FitMethod;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
+#[command(
+    after_help = "`lsdc train --help` shows every option.",
+    after_long_help = "docs/training.md says more."
+)]
 pub(in crate::cli) struct Train {
     #[command(flatten)]
     pub(in crate::cli) settings: Settings,
     #[command(flatten)]
     pub(in crate::cli) source: Source,
     /// Run folder [default: runs/ and the name of the configuration].
-    #[arg(short, long, value_name = "DIR", conflicts_with = "resume")]
+    #[arg(
+        short,
+        long,
+        value_name = "DIR",
+        conflicts_with = "resume",
+        help_heading = "Output"
+    )]
     pub(in crate::cli) output: Option<PathBuf>,
     /// Go on with the run in this folder, with its own settings.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "set", "dataset"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "set", "dataset"], help_heading = "Output")]
     pub(in crate::cli) resume: Option<PathBuf>,
     /// Seed of weights, order, augmentation and points.
-    #[arg(long)]
+    #[arg(long, help_heading = "Settings", hide_short_help = true)]
     pub(in crate::cli) seed: Option<u64>,
     /// Where to compute; several, as in wgpu:0,wgpu:1, divide every batch among them.
     #[arg(
         long,
         value_name = "DEVICE,...",
         default_value = "cpu",
-        env = "LSDC_DEVICE"
+        env = "LSDC_DEVICE",
+        help_heading = "Hardware",
+        hide_short_help = true
     )]
     pub(in crate::cli) device: String,
 }
@@ -36,9 +48,9 @@ pub(in crate::cli) struct Calibrate {
     /// The frames that the weights were trained on.
     #[command(flatten)]
     pub(in crate::cli) source: Source,
-    /// For another fit than the weights say: lse, wls, joint.
-    #[arg(long = "fit", value_enum, value_name = "METHOD")]
-    pub(in crate::cli) fit_method: Option<FitMethod>,
+    /// For another fit than the weights say: lse, field, joint.
+    #[arg(long = "fit", value_parser = typed::<NamedFit>, value_name = "METHOD")]
+    pub(in crate::cli) fit_method: Option<NamedFit>,
     /// Highest frequency of the smooth base functions beside those of the network, for the joint fit;
     /// 0 for none [default: as the weights say].
     #[arg(long, value_name = "F")]

@@ -52,14 +52,15 @@ pub(super) fn size(text: &str) -> Result<Size> {
     Ok(Size { height, width })
 }
 
-/// `LOW,HIGH` in metres.
+/// `LOW,HIGH` in metres, neither below 0.
 pub(super) fn range(text: &str) -> Result<(f32, f32)> {
     let numbers = text.split_once(',').and_then(|(low, high)| {
         let numbers = (
             low.trim().parse::<f32>().ok()?,
             high.trim().parse::<f32>().ok()?,
         );
-        (numbers.0 < numbers.1 && numbers.1.is_finite()).then_some(numbers)
+        let sound = 0.0 <= numbers.0 && numbers.0 < numbers.1 && numbers.1.is_finite();
+        sound.then_some(numbers)
     });
     numbers
         .ok_or_else(|| Error::config(format!("`{text}` is no range of depths")).hint("as in 0.5,8"))
@@ -230,11 +231,6 @@ fn one_of<T: Copy + Send + Sync + 'static>(
     })
 }
 
-/// A method of the fit, by its name.
-pub(super) fn fit_method() -> impl TypedValueParser<Value = FitMethod> {
-    one_of(&FitMethod::ALL, FitMethod::name)
-}
-
 /// A prior, by its name.
 pub(super) fn prior_kind() -> impl TypedValueParser<Value = PriorKind> {
     one_of(&PriorKind::ALL, PriorKind::name)
@@ -243,6 +239,41 @@ pub(super) fn prior_kind() -> impl TypedValueParser<Value = PriorKind> {
 /// A space of depths, by its name.
 pub(super) fn space() -> impl TypedValueParser<Value = Space> {
     one_of(&Space::ALL, Space::name)
+}
+
+/// What the field was called before; `--method wls` is something else.
+const OLD_FIELD: &str = "wls";
+
+/// What depth is made of, by its name or an old one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::cli) struct NamedFit {
+    pub(in crate::cli) method: FitMethod,
+    by_old_name: bool,
+}
+
+impl FromStr for NamedFit {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let by_old_name = text == OLD_FIELD;
+        let name = if by_old_name { "field" } else { text };
+        let method = FitMethod::ALL.into_iter().find(|m| m.name() == name);
+        let method = method.ok_or_else(|| {
+            Error::config(format!("`{text}` is no fit")).hint("lse, field or joint")
+        })?;
+        Ok(Self {
+            method,
+            by_old_name,
+        })
+    }
+}
+
+impl NamedFit {
+    /// What is said of an old name.
+    pub(in crate::cli) fn remark(self) -> Option<&'static str> {
+        self.by_old_name
+            .then_some("`--fit wls` is called `--fit field` now")
+    }
 }
 
 impl ValueEnum for Interpolation {

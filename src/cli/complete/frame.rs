@@ -1,7 +1,6 @@
 //! One frame: an image and its points to depth, and what belongs to it.
 
-use super::Complete;
-use super::outputs::Format;
+use crate::cli::args::{Complete, Format};
 use crate::data::{DepthMap, Sparse};
 use crate::device::device;
 use crate::error::{Error, Result};
@@ -73,7 +72,7 @@ impl<'a> Engine<'a> {
                 let completer = open_completer(args.model.weights.as_deref(), &device)?;
                 let mut settings = *completer.fit_config();
                 args.fit.apply(&mut settings);
-                Loaded::Trained(Box::new(completer.with_fit(settings)?))
+                Loaded::Trained(Box::new(completer.with_fit(settings)))
             }
         };
         let in_files = args

@@ -1,8 +1,8 @@
 //! What is to be completed: images, and where the points of each are.
 
 use super::Complete;
-use super::many::Failures;
-use super::outputs::Format;
+use super::failures::Failures;
+use crate::cli::args::Format;
 use crate::cli::ui;
 use crate::data::{self, Camera, Colmap, Sparse, View};
 use crate::error::{Error, Result};
@@ -40,6 +40,15 @@ pub(super) struct Loaded {
 }
 
 impl Job {
+    /// The files that it is read from, each with what it is: those of a model as one folder.
+    pub(super) fn files<'a>(&'a self, args: &'a Complete) -> [(&'static str, &'a Path); 2] {
+        let points = match &self.points {
+            Points::File(path) => path,
+            Points::View(_) => &args.sparse,
+        };
+        [("image", &self.image), ("points", points)]
+    }
+
     pub(super) fn load(&self, args: &Complete) -> Result<Loaded> {
         let started = Instant::now();
         let (rgb, image) = data::read_upright(&self.image)?;

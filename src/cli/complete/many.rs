@@ -1,21 +1,21 @@
 //! Many images: reading, network, fit and writing at the same time, each of another frame.
 
-use super::frame::{Engine, Seen, Weighed};
+use super::failures::Failures;
+use super::frame::{Engine, Fitted, Prepared};
 use super::inputs::{self, Job, Loaded};
-use super::outputs::{Outputs, read_weights};
+use super::outputs::{Outputs, check_folder};
+use super::record::{Inputs, Records};
 use super::summary::Summary;
+use super::video::{Before, Chain};
 use crate::cli::args::Complete;
 use crate::cli::{Exit, ui};
-use crate::data;
-use crate::error::{Error, Result};
-use crate::eval::Shard;
-use image::{RgbImage, imageops};
-use indicatif::ProgressBar;
-use std::collections::HashSet;
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use crate::data::{self, Shard};
+use crate::error::{Cause, Error, Result};
+use std::collections::{BTreeMap, HashSet};
+use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::sync_channel;
+use std::thread::ScopedJoinHandle;
 
 /// Frames that wait between two stages.
 const WAITING: usize = 2;
@@ -24,56 +24,47 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     let output = args.output.as_deref().ok_or_else(|| {
         Error::config("where the results of many images go is missing").hint("give -o DIR")
     })?;
+    check_folder(output)?;
     if args.sigma.is_some() {
         return Err(Error::config("`--sigma` is for one image")
             .hint("give lists with a fourth column, or a model of COLMAP"));
     }
     if args.temporal && args.shard != Shard::WHOLE {
-        return Err(Error::config("a part of the frames is no video")
-            .hint("give either `--temporal` or `--shard`"));
+        return Err(Error::config(
+            "`--temporal` cannot be combined with `--shard`: a frame needs the one before",
+        )
+        .hint("give either of them"));
     }
-    let failures = Failures::default();
+    let failures = Failures::new(args.json);
     let jobs = inputs::many(args, output, &failures)?;
-    let mut left = Vec::new();
-    let mut there = 0;
-    let mut before = None;
-    for job in jobs {
-        let outputs = Outputs::below(args, output, &job)?;
-        let this = outputs.weights().map(|weights| Before {
-            weights: weights.to_owned(),
-            image: job.image.clone(),
-        });
-        if !args.force && outputs.exist() {
-            there += 1;
-        } else {
-            left.push(Frame {
-                job,
-                outputs,
-                before: before.take(),
-            });
-        }
-        before = this;
-    }
+    let records = Records::new(args, output)?;
+    let Plan { left, there } = Plan::of(args, output, jobs, &records)?;
     let folders: HashSet<&Path> = left.iter().map(|frame| frame.outputs.folder()).collect();
-    folders.into_iter().for_each(data::remove_leftovers);
+    for folder in folders {
+        data::check_writable(folder)?;
+        data::remove_leftovers(folder);
+    }
     let engine = Engine::new(args, args.json)?;
     let stop = ui::stop_flag();
     let bar = ui::bar(left.len(), "frames");
     let failures = failures.beside(&bar);
 
-    let done = std::thread::scope(|scope| {
-        let (send_read, read) = sync_channel::<(&Frame, Loaded)>(WAITING);
-        let (send_seen, seen) = sync_channel::<(&Frame, Loaded, Seen<'_>)>(1);
-        let (send_weighed, weighed) = sync_channel::<(&Frame, Loaded, Weighed<'_>)>(1);
-        let (failures, bar, stop, left, engine) = (&failures, &bar, &stop, &left, &engine);
-        scope.spawn(move || {
+    let written = std::thread::scope(|scope| {
+        let (send_read, read) = sync_channel::<(&Frame, Inputs, Loaded)>(WAITING);
+        let (send_prepared, prepared) = sync_channel::<(&Frame, Inputs, Loaded, Prepared)>(1);
+        let (send_fitted, fitted) = sync_channel::<(&Frame, Inputs, Loaded, Fitted)>(1);
+        let (failures, bar, stop) = (&failures, &bar, &stop);
+        let (left, engine, records) = (&left, &engine, &records);
+        let reader = scope.spawn(move || {
             for frame in left {
                 if stop.load(Ordering::Relaxed) {
                     break;
                 }
-                match frame.job.load(args) {
+                // In this order: what changes in between is noticed the next time.
+                let inputs = records.inputs(args, &frame.job);
+                match inputs.and_then(|inputs| Ok((frame, inputs, frame.job.load(args)?))) {
                     Ok(loaded) => {
-                        if send_read.send((frame, loaded)).is_err() {
+                        if send_read.send(loaded).is_err() {
                             break;
                         }
                     }
@@ -81,11 +72,14 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
                 }
             }
         });
-        scope.spawn(move || {
-            for (frame, loaded) in read {
-                match engine.see(&loaded.rgb, &loaded.points) {
-                    Ok(seen) => {
-                        if send_seen.send((frame, loaded, seen)).is_err() {
+        let network = scope.spawn(move || {
+            for (frame, inputs, loaded) in read {
+                match engine.prepare(&loaded.rgb) {
+                    Ok(prepared) => {
+                        if send_prepared
+                            .send((frame, inputs, loaded, prepared))
+                            .is_err()
+                        {
                             break;
                         }
                     }
@@ -94,17 +88,20 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             }
         });
         let writer = scope.spawn(move || {
-            let mut done = 0;
+            let mut written = Written::default();
             // What holds for many frames is said once.
             let mut said = HashSet::new();
-            for (Frame { job, outputs, .. }, loaded, weighed) in weighed {
-                let completed = engine.dense(&loaded.rgb, &loaded.points, weighed);
-                let written = completed.and_then(|completed| {
-                    let summary = Summary::new(&job.name, &loaded, &completed);
+            for (Frame { job, outputs, .. }, inputs, loaded, fitted) in fitted {
+                let completed = engine.finish(&loaded.rgb, &loaded.points, fitted);
+                let summary = completed.and_then(|completed| {
+                    let unit = outputs.png_unit(&completed)?;
+                    let summary = Summary::new(&job.name, &loaded, &completed, unit);
+                    records.forget(job)?;
                     outputs.write(&loaded, &completed, &summary)?;
+                    records.write(job, inputs, &summary)?;
                     Ok(summary)
                 });
-                match written {
+                match summary {
                     Ok(summary) => {
                         for remark in summary.remarks() {
                             if said.insert(remark.clone()) {
@@ -112,43 +109,50 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
                                 bar.suspend(|| ui::warn(&format!("warning: {name}: {remark}")));
                             }
                         }
-                        done += 1;
+                        written.add(&summary);
                         bar.inc(1);
                         if args.json {
-                            bar.suspend(|| ui::print(&summary.json()));
+                            bar.suspend(|| ui::print(&summary.value().to_string()));
                         }
                     }
                     Err(error) => failures.add(&job.name, &error),
                 }
             }
-            done
+            written
         });
         let mut chain = Chain::default();
-        for (frame, loaded, seen) in seen {
-            let weighed = chain
-                .before(frame, &loaded.rgb)
-                .and_then(|before| seen.weigh(&loaded.points, before.as_deref()));
-            match weighed {
-                Ok(weighed) => {
-                    chain.go_on(frame, &loaded.rgb, &weighed);
-                    if send_weighed.send((frame, loaded, weighed)).is_err() {
+        for (frame, inputs, loaded, prepared) in prepared {
+            let fitted = chain
+                .before(frame.before.as_ref(), &loaded.rgb)
+                .and_then(|before| prepared.fit(&loaded.points, before.as_deref()));
+            match fitted {
+                Ok(fitted) => {
+                    chain.go_on(frame.outputs.weights(), &loaded.rgb, &fitted);
+                    if send_fitted.send((frame, inputs, loaded, fitted)).is_err() {
                         break;
                     }
                 }
                 Err(error) => failures.add(&frame.job.name, &error),
             }
         }
-        drop(send_weighed);
-        writer.join().unwrap_or(0)
-    });
+        drop(send_fitted);
+        let written = finished(writer);
+        finished(network)?;
+        finished(reader)?;
+        written
+    })?;
     bar.finish_and_clear();
 
-    let failed = failures.count();
+    let (done, failed) = (written.count, failures.count());
     let counts = format!("frames    {done} completed, {there} there already, {failed} failed");
-    if args.json {
-        ui::say(&counts);
-    } else {
-        ui::tell(&counts);
+    let tell = if args.json { ui::say } else { ui::tell };
+    tell(&counts);
+    for (unit, count) in &written.unusual_png_units {
+        tell(&format!(
+            "png       {count} hold {unit} to a value: their depths do not fit in millimetres"
+        ));
+    }
+    if !args.json {
         ui::tell(&format!("written   {}", output.display()));
     }
     if stop.load(Ordering::Relaxed) && done + failed < left.len() {
@@ -162,7 +166,34 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     })
 }
 
-/// What is left to do.
+/// What a thread returns.
+fn finished<T>(thread: ScopedJoinHandle<'_, T>) -> Result<T> {
+    thread.join().map_err(|_| {
+        Error::new(
+            Cause::Write,
+            "a part of the program broke off, so that frames are missing",
+        )
+        .hint("the lines above say where; the same command goes on with what is left")
+    })
+}
+
+/// What the writer has done.
+#[derive(Default)]
+struct Written {
+    count: usize,
+    unusual_png_units: BTreeMap<String, usize>,
+}
+
+impl Written {
+    fn add(&mut self, summary: &Summary) {
+        self.count += 1;
+        if let Some(unit) = summary.unusual_png_unit() {
+            *self.unusual_png_units.entry(unit.to_string()).or_default() += 1;
+        }
+    }
+}
+
+/// A frame that is left to do.
 struct Frame<'a> {
     job: Job,
     outputs: Outputs<'a>,
@@ -170,100 +201,86 @@ struct Frame<'a> {
     before: Option<Before>,
 }
 
-/// Where the weights of a frame are, and its image.
-struct Before {
-    weights: PathBuf,
-    image: PathBuf,
+/// What is left to do, and how many frames are there already.
+struct Plan<'a> {
+    left: Vec<Frame<'a>>,
+    there: usize,
 }
 
-/// The frame that was completed last.
-#[derive(Default)]
-struct Chain(Option<Last>);
-
-struct Last {
-    path: PathBuf,
-    weights: Vec<f64>,
-    look: RgbImage,
-}
-
-impl Chain {
-    /// The weights of the frame before this one, in memory or of an earlier run; none if it failed,
-    /// or if the scene is another.
-    fn before(&self, frame: &Frame<'_>, rgb: &RgbImage) -> Result<Option<Vec<f64>>> {
-        let Some(before) = &frame.before else {
-            return Ok(None);
+impl<'a> Plan<'a> {
+    /// Results that are there are used again if this run would make the same; results of other
+    /// settings or inputs are an error. What has no record is made again, and replaced by nothing
+    /// but an equal.
+    fn of(args: &'a Complete, output: &Path, jobs: Vec<Job>, records: &Records) -> Result<Self> {
+        let mut plan = Self {
+            left: Vec::new(),
+            there: 0,
         };
-        let read;
-        let last = match &self.0 {
-            Some(last) if last.path == before.weights => last,
-            _ if before.weights.exists() => {
-                read = Last {
-                    path: before.weights.clone(),
-                    weights: read_weights(&before.weights)?,
-                    look: look(&data::read_rgb(&before.image)?),
-                };
-                &read
+        let mut others = Vec::new();
+        let mut before = None;
+        // A frame of a video depends on all before it.
+        let mut unbroken = true;
+        for job in jobs {
+            let outputs = Outputs::below(args, output, &job)?;
+            let this = outputs.weights().map(|weights| Before {
+                weights: weights.to_owned(),
+                image: job.image.clone(),
+            });
+            let keeps = !args.force && outputs.any_exists();
+            let record = keeps.then(|| records.read(&job)).flatten();
+            let difference = match &record {
+                Some(record) => records.difference(args, &job, record)?,
+                None => None,
+            };
+            match record {
+                Some(_) if difference.is_some() => others.extend(difference.map(|d| (job.name, d))),
+                Some(record) if outputs.exist() && unbroken => {
+                    plan.there += 1;
+                    if args.json {
+                        ui::print(&unchanged(record.report()).to_string());
+                    }
+                }
+                _ => {
+                    unbroken = !args.temporal;
+                    plan.left.push(Frame {
+                        job,
+                        outputs,
+                        before: before.take(),
+                    });
+                }
             }
-            _ => return Ok(None),
+            before = this;
+        }
+        let Some((name, difference)) = others.first() else {
+            return Ok(plan);
         };
-        Ok(same_scene(&last.look, &look(rgb)).then(|| last.weights.clone()))
-    }
-
-    fn go_on(&mut self, frame: &Frame<'_>, rgb: &RgbImage, weighed: &Weighed<'_>) {
-        let found = frame.outputs.weights().zip(weighed.weights());
-        self.0 = found.map(|(path, weights)| Last {
-            path: path.to_owned(),
-            weights: weights.to_owned(),
-            look: look(rgb),
-        });
+        Err(Error::config(format!(
+            "`{}` holds {} results of other settings or inputs: `{}`: {difference}",
+            output.display(),
+            others.len(),
+            name.display()
+        ))
+        .hint("give --force to make them anew, or -o DIR to write elsewhere"))
     }
 }
 
-/// An image at a glance.
-fn look(rgb: &RgbImage) -> RgbImage {
-    imageops::thumbnail(rgb, 32, 24)
+/// What `--json` prints of a frame that is there already.
+fn unchanged(report: &serde_json::Value) -> serde_json::Value {
+    let mut report = report.clone();
+    report["status"] = "unchanged".into();
+    report
 }
 
-/// Whether a video goes on between two images, rather than cuts.
-fn same_scene(a: &RgbImage, b: &RgbImage) -> bool {
-    /// Levels of 255 by which pixels differ, on average; frames of rooms seconds apart differ by 15
-    /// to 80.
-    const DIFFERENT: f64 = 15.0;
-    let pairs = a.iter().zip(b.iter());
-    let off: f64 = pairs.map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
-    off / (a.len().max(1) as f64) < DIFFERENT
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// Frames that could not be completed: said at once, counted for the end.
-#[derive(Default)]
-pub(super) struct Failures {
-    count: Mutex<usize>,
-    bar: Option<ProgressBar>,
-}
-
-impl Failures {
-    /// Goes on beside a bar, which steps with every failure.
-    fn beside(self, bar: &ProgressBar) -> Self {
-        Self {
-            bar: Some(bar.clone()),
-            ..self
-        }
-    }
-
-    pub(super) fn add(&self, name: &Path, error: &Error) {
-        let say = || ui::print_failure(name, error);
-        if let Some(bar) = &self.bar {
-            bar.suspend(say);
-            bar.inc(1);
-        } else {
-            say();
-        }
-        if let Ok(mut count) = self.count.lock() {
-            *count += 1;
-        }
-    }
-
-    fn count(&self) -> usize {
-        self.count.lock().map_or(0, |count| *count)
+    #[test]
+    fn a_thread_that_panics_is_an_error() {
+        let result =
+            std::thread::scope(|scope| finished(scope.spawn(|| -> usize { panic!("full") })));
+        assert_eq!(result.unwrap_err().cause(), Cause::Write);
+        let result = std::thread::scope(|scope| finished(scope.spawn(|| 3)));
+        assert_eq!(result.unwrap(), 3);
     }
 }

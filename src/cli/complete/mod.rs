@@ -1,36 +1,46 @@
 //! `lsdc complete`: images and their points to dense depth.
 
+mod failures;
 mod frame;
 mod inputs;
 mod many;
 mod outputs;
 mod pipes;
+mod record;
 mod summary;
+mod video;
 
 use super::args::Complete;
 use super::{Exit, ui};
 use crate::error::Result;
 use frame::Engine;
+use inputs::Job;
 use outputs::Outputs;
 use pipes::Pipes;
+use std::path::Path;
 use summary::Summary;
 
 pub(super) fn run(args: &Complete) -> Result<Exit> {
     let mut args = args.clone();
     let pipes = Pipes::open(&mut args)?;
-    if inputs::is_one(&args) {
-        one(&args, &pipes)
-    } else {
-        many::run(&args)
+    if !inputs::is_one(&args) {
+        return many::run(&args);
     }
+    let result = inputs::one(&args).and_then(|job| one(&args, &job, &pipes));
+    if let (Err(error), true) = (&result, args.json) {
+        let name = args.rgb[0].file_name().unwrap_or_default();
+        ui::print(&failures::failure(Path::new(name), error).to_string());
+    }
+    result
 }
 
-fn one(args: &Complete, pipes: &Pipes) -> Result<Exit> {
-    let job = inputs::one(args)?;
+fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
+    let outputs = Outputs::beside(args, job)?;
+    outputs.check_writable()?;
     let frame = job.load(args)?;
-    let outputs = Outputs::beside(args, &job)?;
     let found = Engine::new(args, true)?.complete(&frame.rgb, &frame.points)?;
-    let summary = Summary::new(&job.name, &frame, &found);
+    let unit = outputs.png_unit(&found)?;
+    let summary = Summary::new(&job.name, &frame, &found, unit);
     for remark in summary.remarks() {
         ui::warn(&format!("warning: {remark}"));
     }
@@ -40,7 +50,7 @@ fn one(args: &Complete, pipes: &Pipes) -> Result<Exit> {
         return ui::pass_on(outputs.first()).map(|()| Exit::Done);
     }
     if args.json {
-        ui::print(&summary.json());
+        ui::print(&summary.value().to_string());
         return Ok(Exit::Done);
     }
     summary.lines().iter().for_each(|line| ui::tell(line));

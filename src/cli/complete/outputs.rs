@@ -1,10 +1,9 @@
 //! The files of a result.
 
-use super::Complete;
-use super::frame::{Completed, Fitted};
+use super::frame::{Completed, Diagnostics};
 use super::inputs::{Job, Loaded};
 use super::summary::Summary;
-pub(super) use crate::cli::args::Format;
+use crate::cli::args::{Complete, Format};
 use crate::data::{self, Camera, Colored, DepthMap, Unit};
 use crate::error::{Error, Result};
 use crate::report::coloured;
@@ -16,6 +15,11 @@ const USUAL: [Format; 3] = [Format::Npy, Format::Png, Format::Color];
 
 /// How names of files of weights end.
 const WEIGHTS: &str = "weights.json";
+
+/// The formats that are asked for.
+pub(super) fn formats(args: &Complete) -> &[Format] {
+    args.formats.as_deref().unwrap_or(&USUAL)
+}
 
 /// The files of a result.
 pub(super) struct Outputs<'a> {
@@ -58,20 +62,25 @@ impl<'a> Outputs<'a> {
             }
             .checked();
         }
+        if let Some(path) = output {
+            check_folder(path)?;
+        }
         let folder = output.or(args.rgb[0].parent()).unwrap_or(Path::new(""));
         Self::of(args, folder, job)
     }
 
     /// Of one image among many.
     pub(super) fn below(args: &'a Complete, output: &Path, job: &Job) -> Result<Self> {
-        let folder = output.join(job.name.parent().unwrap_or(Path::new("")));
-        Self::of(args, &folder, job)
+        let folder = match job.name.parent() {
+            Some(below) if !below.as_os_str().is_empty() => &output.join(below),
+            _ => output,
+        };
+        Self::of(args, folder, job)
     }
 
     fn of(args: &'a Complete, folder: &Path, job: &Job) -> Result<Self> {
-        let formats = args.formats.as_deref().unwrap_or(&USUAL);
         let stem = job.name.file_stem().unwrap_or_default();
-        Self::new(args, folder, &stem.to_string_lossy(), formats).checked()
+        Self::new(args, folder, &stem.to_string_lossy(), formats(args)).checked()
     }
 
     fn new(args: &'a Complete, folder: &Path, stem: &str, formats: &[Format]) -> Self {
@@ -125,6 +134,23 @@ impl<'a> Outputs<'a> {
         self.files.first().map_or(&self.folder, |(_, path)| path)
     }
 
+    /// Checks that the files can be written, before anything is computed.
+    pub(super) fn check_writable(&self) -> Result<()> {
+        data::check_writable(&self.folder)
+    }
+
+    /// The unit of the 16-bit PNG, if there is one.
+    pub(super) fn png_unit(&self, found: &Completed) -> Result<Option<Unit>> {
+        let mut files = self.files.iter();
+        let png = files.any(|(kind, _)| *kind == Kind::Depth(Format::Png));
+        png.then(|| data::png_unit(&found.depth)).transpose()
+    }
+
+    /// Whether any of the files is there.
+    pub(super) fn any_exists(&self) -> bool {
+        self.files.iter().any(|(_, path)| path.exists())
+    }
+
     /// Whether all files are there.
     pub(super) fn exist(&self) -> bool {
         self.files.iter().all(|(_, path)| path.exists())
@@ -133,7 +159,7 @@ impl<'a> Outputs<'a> {
     /// Writes what was asked for. An existing file is replaced only by an equal one, or with
     /// `--force`; else nothing is written. So what an interrupted run has left is no obstacle.
     pub(super) fn write(&self, frame: &Loaded, found: &Completed, summary: &Summary) -> Result<()> {
-        let result = Contents::new(self.args, frame, found, summary)?;
+        let result = Contents::new(self.args, frame, found, summary);
         if frame.camera.is_none() && self.has_cloud() {
             return Err(no_camera());
         }
@@ -168,28 +194,22 @@ struct Contents<'a> {
 }
 
 impl<'a> Contents<'a> {
-    fn new(
-        args: &Complete,
-        frame: &'a Loaded,
-        found: &'a Completed,
-        summary: &'a Summary,
-    ) -> Result<Self> {
+    fn new(args: &Complete, frame: &'a Loaded, found: &'a Completed, summary: &'a Summary) -> Self {
         let depth = &found.depth;
-        let fitted = found.fitted.as_ref();
-        let sparse = frame.points.map()?;
-        let list = |fitted: &Fitted| fitted.outliers(&sparse);
-        Ok(Self {
+        let found = found.diagnostics.as_ref();
+        let list = |found: &Diagnostics| found.outliers_csv(&frame.points);
+        Self {
             depth,
-            deviations: fitted.and_then(|fitted| fitted.deviations.as_ref()),
+            deviations: found.and_then(|found| found.deviations.as_ref()),
             range: args.range.or(depth.range()).unwrap_or((0.0, 1.0)),
             rgb: &frame.rgb,
             camera: frame.camera.as_ref(),
             max_sigma: args.max_sigma,
-            outliers: fitted.filter(|_| args.outliers).map(list),
-            weights: fitted.map(|fitted| &fitted.fit.weights[..]),
+            outliers: found.filter(|_| args.outliers).map(list),
+            weights: found.map(|found| found.completion.weights()),
             summary,
             wanted: args.uncertainty,
-        })
+        }
     }
 
     /// Deviations that are asked for, not only needed.
@@ -209,7 +229,8 @@ impl<'a> Contents<'a> {
                 data::write_npz(path, &maps.collect::<Vec<_>>())
             }
             Kind::Depth(Format::Png) => {
-                data::write_depth_png(path, depth, Unit::MILLIMETRE.metres())
+                let unit = self.summary.unusual_png_unit();
+                data::write_depth_png(path, depth, unit.unwrap_or(Unit::MILLIMETRE).metres())
             }
             Kind::Depth(Format::Tiff) => data::write_tiff(path, depth),
             Kind::Depth(Format::Exr) => data::write_exr(path, depth, self.sigma()),
@@ -217,7 +238,7 @@ impl<'a> Contents<'a> {
             Kind::Depth(Format::Color) => data::write_rgb(path, &self.colours()),
             Kind::Depth(Format::Ply) => data::write_ply(path, &self.cloud()?),
             Kind::Depth(Format::Json) => {
-                data::write_atomically(path, |out| writeln!(out, "{}", self.summary.json()))
+                data::write_atomically(path, |out| writeln!(out, "{}", self.summary.value()))
             }
             Kind::Sigma => self
                 .deviations
@@ -278,6 +299,20 @@ impl<'a> Contents<'a> {
         });
         Ok(points.collect())
     }
+}
+
+/// Checks that a path means a folder of results: an ending that is not one of the formats would
+/// make a folder that looks like a file.
+pub(super) fn check_folder(path: &Path) -> Result<()> {
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    let like_a_file = ending.starts_with(|c: char| c.is_ascii_alphabetic());
+    let text = path.to_string_lossy();
+    if !like_a_file || path.is_dir() || text.ends_with(std::path::is_separator) {
+        return Ok(());
+    }
+    Err(Error::config(format!("`{text}` names no folder and no known format")).hint(format!(
+        "for one image: .npy, .npz, .png, .tiff, .exr, .pfm, .ply or .json; for a folder: `{text}/`"
+    )))
 }
 
 fn no_camera() -> Error {

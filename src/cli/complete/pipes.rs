@@ -1,6 +1,7 @@
 //! `-` for standard input and output, through temporary files.
 
-use super::Complete;
+use super::inputs;
+use crate::cli::args::{Complete, Format};
 use crate::error::{Error, Result};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
@@ -22,6 +23,9 @@ impl Pipes {
         if inputs > 1 {
             return Err(Error::config("only one input can be `-`"));
         }
+        if to_stdout {
+            check_one_file(args)?;
+        }
         if inputs == 0 && !to_stdout {
             return Ok(Self {
                 folder: None,
@@ -37,17 +41,7 @@ impl Pipes {
             }
         }
         if to_stdout {
-            match args.formats.as_deref() {
-                None => args.formats = Some(vec![super::outputs::Format::Npy]),
-                Some([_]) => {}
-                Some(_) => {
-                    return Err(Error::config("only one file fits into standard output")
-                        .hint("give one of --formats"));
-                }
-            }
-            if args.rgb.len() > 1 || args.rgb[0].is_dir() {
-                return Err(Error::config("only one image fits into standard output"));
-            }
+            args.formats.get_or_insert_with(|| vec![Format::Npy]);
             args.output = Some(folder.path().join("results"));
         }
         Ok(Self {
@@ -60,6 +54,38 @@ impl Pipes {
     pub(super) fn to_stdout(&self) -> bool {
         self.folder.is_some() && self.to_stdout
     }
+}
+
+/// Checks that a command with `-o -` asks for one file of one image.
+fn check_one_file(args: &Complete) -> Result<()> {
+    let refused = |what: &str, hint: &str| {
+        let message = format!("only one file fits into standard output: {what}");
+        Err(Error::config(message).hint(hint))
+    };
+    if !inputs::is_one(args) {
+        return refused("these are several images", "give one image, or -o DIR");
+    }
+    let formats = args.formats.as_deref().unwrap_or(&[Format::Npy]);
+    let [format] = formats else {
+        return refused(
+            "these are several formats",
+            "give one of --formats, or -o DIR",
+        );
+    };
+    if args.uncertainty && !matches!(format, Format::Npz | Format::Exr) {
+        let hint = "give --formats npz or exr, which hold both, or -o DIR";
+        return refused("`--uncertainty` writes another", hint);
+    }
+    if args.outliers || args.temporal {
+        return refused("`--outliers` and `--temporal` write another", "give -o DIR");
+    }
+    if args.json {
+        return refused(
+            "`--json` prints there too",
+            "give --formats json, or -o DIR",
+        );
+    }
+    Ok(())
 }
 
 /// What comes from standard input as a file, whose ending says what it is.

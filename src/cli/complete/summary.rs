@@ -3,8 +3,9 @@
 use super::frame::Completed;
 use super::inputs::Loaded;
 use crate::cli::ui;
-use lsdc_core::fit::root_mean_square;
+use crate::data::Unit;
 use serde::Serialize;
+use serde_json::Value;
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,8 +13,12 @@ use std::time::Duration;
 #[derive(Debug, Serialize)]
 pub(super) struct Summary {
     image: String,
+    status: &'static str,
     points: Points,
     depth: Option<Depth>,
+    /// How many stored units of the PNG make a metre, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    png_units_per_metre: Option<f64>,
     fit: Option<Fit>,
     seconds: Seconds,
     /// What was assumed or left out and should be checked.
@@ -33,6 +38,9 @@ struct Points {
     /// Whether the method looks at the deviations that came with the points.
     #[serde(skip_serializing_if = "Option::is_none")]
     deviations_used: Option<bool>,
+    /// Points whose deviation was taken to be the median of the others.
+    #[serde(skip_serializing_if = "is_zero")]
+    deviations_assumed: usize,
 }
 
 #[derive(Debug, Serialize)]
@@ -41,6 +49,14 @@ struct Depth {
     height: usize,
     lowest: f32,
     highest: f32,
+    /// Pixels whose depth was limited to ten times the range of the points.
+    #[serde(skip_serializing_if = "is_zero")]
+    clamped: usize,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 #[derive(Debug, Serialize)]
@@ -48,9 +64,9 @@ struct Fit {
     method: &'static str,
     /// Root mean square at the points.
     residual: f64,
-    /// Root mean square at each point as the others say (PRESS).
+    /// Root mean square of the leave-one-out errors (PRESS).
     #[serde(skip_serializing_if = "Option::is_none")]
-    left_out: Option<f64>,
+    leave_one_out: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     outliers: Option<usize>,
     rank: usize,
@@ -70,16 +86,19 @@ struct Seconds {
 }
 
 impl Summary {
-    pub(super) fn new(name: &Path, frame: &Loaded, found: &Completed) -> Self {
+    /// `png` is the unit of the 16-bit PNG, if there is one.
+    pub(super) fn new(name: &Path, frame: &Loaded, found: &Completed, png: Option<Unit>) -> Self {
         let Loaded { points, .. } = frame;
-        let fitted = found.fitted.as_ref();
+        let fit = found.diagnostics.as_ref();
+        let report = fit.map(|fit| fit.completion.report());
         let seconds = |stage: Duration| stage.as_secs_f64();
         Self {
             image: name.display().to_string(),
+            status: "completed",
             points: Points {
-                used: points.points.len(),
-                ignored: points.ignored,
-                outside: points.outside,
+                used: report.map_or(points.points.len(), |report| report.used),
+                ignored: points.ignored + report.map_or(0, |report| report.invalid),
+                outside: points.outside + report.map_or(0, |report| report.outside),
                 hidden: points.hidden,
                 unit: points.unit.to_string(),
                 unit_guessed: points.guessed,
@@ -87,27 +106,30 @@ impl Summary {
                     .points
                     .iter()
                     .any(|point| point.sigma.is_some())
-                    .then_some(fitted.is_some()),
+                    .then_some(fit.is_some()),
+                deviations_assumed: report.map_or(0, |report| report.assumed_deviations),
             },
             depth: found.depth.range().map(|(lowest, highest)| Depth {
                 width: found.depth.width(),
                 height: found.depth.height(),
                 lowest,
                 highest,
+                clamped: found.clamped,
             }),
-            fit: fitted.map(|fitted| Fit {
-                method: fitted.method.name(),
-                residual: fitted.fit.rms(),
-                left_out: fitted.left_out().map(|left| root_mean_square(&left)),
-                outliers: fitted.outlying().map(|points| points.len()),
-                rank: fitted.fit.rank,
-                functions: fitted.fit.functions(),
+            png_units_per_metre: png.map(|unit| 1.0 / unit.metres()),
+            fit: fit.zip(report).map(|(fit, report)| Fit {
+                method: report.method.name(),
+                residual: report.residual,
+                leave_one_out: fit.leave_one_out,
+                outliers: fit.outliers.as_ref().map(Vec::len),
+                rank: report.rank,
+                functions: report.functions,
             }),
             seconds: Seconds {
                 reading: seconds(frame.reading),
-                network: fitted.map(|fitted| seconds(fitted.network)),
-                fit: fitted.map(|fitted| seconds(fitted.fitting)),
-                dense: fitted.map(|fitted| seconds(fitted.dense)),
+                network: report.map(|report| seconds(report.network)),
+                fit: report.map(|report| seconds(report.fit)),
+                dense: fit.map(|fit| seconds(fit.dense)),
             },
             remarks: points.remarks.clone(),
         }
@@ -118,19 +140,25 @@ impl Summary {
         &self.remarks
     }
 
-    pub(super) fn json(&self) -> String {
+    pub(super) fn value(&self) -> Value {
         // Numbers and names always have a form.
-        serde_json::to_string(self).unwrap_or_default()
+        serde_json::to_value(self).unwrap_or_default()
+    }
+
+    /// The unit of the 16-bit PNG, if it is not the usual one.
+    pub(super) fn unusual_png_unit(&self) -> Option<Unit> {
+        let unit = self.png_units_per_metre.and_then(Unit::per_metre);
+        unit.filter(|unit| *unit != Unit::MILLIMETRE)
     }
 
     /// Whether a text is the same but for times.
     pub(super) fn is_but_for_times(&self, text: &str) -> bool {
         let parsed = |text: &str| {
-            let mut value: serde_json::Value = serde_json::from_str(text).ok()?;
+            let mut value: Value = serde_json::from_str(text).ok()?;
             value.as_object_mut()?.remove("seconds");
             Some(value)
         };
-        parsed(text).is_some_and(|old| Some(old) == parsed(&self.json()))
+        parsed(text).is_some_and(|old| Some(old) == parsed(&self.value().to_string()))
     }
 
     pub(super) fn lines(&self) -> Vec<String> {
@@ -145,6 +173,12 @@ impl Summary {
             .filter(|(count, _)| *count > 0)
             .map(|(count, what)| format!("{count} {what}"))
             .collect();
+        if points.deviations_assumed > 0 {
+            notes.push(format!(
+                "{} without a deviation, for which the median of the others was taken",
+                points.deviations_assumed
+            ));
+        }
         if points.deviations_used == Some(false) {
             notes.push("their deviations play no part in this method".to_owned());
         }
@@ -163,13 +197,22 @@ impl Summary {
             format!("unit      {}{guess}", points.unit),
         ];
         if let Some(depth) = &self.depth {
+            let clamped = match depth.clamped {
+                0 => String::new(),
+                count => format!(", {count} pixels limited to ten times the range of the points"),
+            };
             lines.push(format!(
-                "depth     {:.3} to {:.3} m, {}x{}",
+                "depth     {:.3} to {:.3} m, {}x{}{clamped}",
                 depth.lowest, depth.highest, depth.width, depth.height
             ));
         }
+        if let Some(unit) = self.unusual_png_unit() {
+            lines.push(format!(
+                "png       {unit} to a value: these depths do not fit in millimetres"
+            ));
+        }
         if let Some(fit) = &self.fit {
-            let left_out = fit.left_out.map_or(String::new(), |left_out| {
+            let left_out = fit.leave_one_out.map_or(String::new(), |left_out| {
                 format!(", {left_out:.4} m at points left out")
             });
             lines.push(format!(

@@ -276,5 +276,9 @@ pub(in crate::data) fn read_h5(path: &Path, scale: f64) -> Result<DepthMap> {
     };
     let values = file.rows_f32(name, &[width], 0, height)?;
     let metres = |value: f32| (f64::from(value) * scale) as f32;
-    DepthMap::new(width, height, values.into_iter().map(metres).collect())
+    Ok(DepthMap::new(
+        width,
+        height,
+        values.into_iter().map(metres).collect(),
+    )?)
 }

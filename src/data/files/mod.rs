@@ -1,5 +1,6 @@
 //! Single files: one reader or writer per format.
 
+mod depth_png;
 mod exr;
 mod hdf5;
 mod las;
@@ -15,6 +16,7 @@ mod table;
 mod tiff;
 mod velodyne;
 
+pub use depth_png::{png_unit, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
 pub use exr::write_exr;
 pub(super) use hdf5::{Hdf5, from_planes, read_h5, read_pair};
@@ -25,9 +27,9 @@ pub use npz::write_npz;
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
 pub(super) use picture::{image_kind, read_grey};
-pub use picture::{read_depth_png, read_rgb, read_upright, write_depth_png, write_rgb};
+pub use picture::{read_depth_png, read_rgb, read_upright, write_rgb};
 pub use ply::{Colored, write_ply};
-pub use save::{remove_leftovers, write_atomically};
+pub use save::{check_writable, remove_leftovers, write_atomically, write_folder_atomically};
 pub(super) use table::{Columns, Row, Table, read_table};
 pub use tiff::write_tiff;
 pub(super) use tiff::{is_grey_tiff, read_tiff};

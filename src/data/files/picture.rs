@@ -1,4 +1,4 @@
-//! Colour images and 16-bit depth images.
+//! Colour images, and reading 16-bit depth images.
 
 use super::tiff::check_tags;
 use super::{Numbers, check_pixels, write_atomically};
@@ -6,10 +6,8 @@ use crate::data::{DepthMap, Orientation};
 use crate::error::{Error, Result};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
-    ColorType, DynamicImage, ImageBuffer, ImageDecoder, ImageError, ImageFormat, ImageReader,
-    ImageResult, Luma, RgbImage,
+    ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, RgbImage,
 };
-use std::io::Write;
 use std::path::Path;
 
 /// Reads a JPEG, PNG, WebP, TIFF, BMP or PNM as 8-bit RGB, turned upright as its EXIF record asks.
@@ -70,45 +68,15 @@ pub fn read_depth_png(path: &Path, scale: f64) -> Result<DepthMap> {
     read_grey(path, |_| scale).map(|(depth, _)| depth)
 }
 
-/// Writes depths as a 16-bit grey PNG, value = metres / `scale` rounded; what does not fit is 0.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> {
-    let values = depth
-        .values()
-        .iter()
-        .map(|&v| (f64::from(v) / scale).round())
-        .map(|v| {
-            if v <= f64::from(u16::MAX) {
-                v as u16
-            } else {
-                0
-            }
-        })
-        .collect();
-    let image: ImageBuffer<Luma<u16>, Vec<u16>> =
-        ImageBuffer::from_raw(depth.width() as u32, depth.height() as u32, values)
-            .ok_or_else(|| Error::shape("depth map and image differ in size"))?;
-    write_png(path, |encoder| image.write_with_encoder(encoder))
-}
-
 /// Writes an 8-bit colour PNG.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<()> {
-    write_png(path, |encoder| image.write_with_encoder(encoder))
-}
-
-fn write_png(
-    path: &Path,
-    encode: impl FnOnce(PngEncoder<&mut dyn Write>) -> ImageResult<()>,
-) -> Result<()> {
     write_atomically(path, |out| {
         // Trying every filter on each row takes longer than what it saves is worth.
         let encoder = PngEncoder::new_with_quality(out, CompressionType::Fast, FilterType::Up);
-        encode(encoder).map_err(|e| match e {
+        image.write_with_encoder(encoder).map_err(|e| match e {
             ImageError::IoError(e) => e,
             other => std::io::Error::other(other),
         })

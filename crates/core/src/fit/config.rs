@@ -40,7 +40,7 @@ pub enum FitMethod {
     /// Basis functions alone: the paper's least squares.
     #[default]
     Lse,
-    /// A field that is smooth but for edges, alone: weighted least squares.
+    /// A field that is smooth but for edges, alone; earlier versions called it "wls".
     #[serde(alias = "wls")]
     Field,
     /// Both, fitted together.
@@ -65,7 +65,7 @@ impl FitMethod {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitConfig {
-    /// What depth is made of: "lse" (the paper's basis functions), "field" (a field that is smooth but
+    /// What depth is made of: "lse" (the paper's basis functions), "field" (one that is smooth but
     /// for edges) or "joint" (both).
     pub method: FitMethod,
     /// How basis functions and field share the depths.

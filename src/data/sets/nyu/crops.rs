@@ -128,7 +128,7 @@ impl Dataset for Crops {
         let (width, height) = (self.width, self.height);
         let depths = |file: &Hdf5, stack: &Stack| {
             let values = file.rows_f32(&stack.name, &stack.shape[1..], index, 1)?;
-            DepthMap::new(width, height, values)
+            Ok::<_, Error>(DepthMap::new(width, height, values)?)
         };
         let row = &self.colours.shape[1..];
         let bytes = self.file.rows_u8(&self.colours.name, row, index, 1)?;

@@ -1,0 +1,197 @@
+//! What the results of a frame were made from: kept below their folder, so that a later run uses only
+//! those again that it would make itself.
+
+use super::inputs::Job;
+use super::outputs::formats;
+use super::summary::Summary;
+use crate::cli::args::{Complete, Format};
+use crate::data::write_atomically;
+use crate::error::{Error, Result};
+use crate::predict::{Method, open_weights, weights_hash};
+use crate::provenance::{self, differences};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::UNIX_EPOCH;
+
+/// The folder of the records, in that of the results.
+const FOLDER: &str = ".lsdc";
+
+/// The record of one frame.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Record {
+    settings: Value,
+    /// The files that were read.
+    inputs: BTreeMap<String, Source>,
+    report: Value,
+}
+
+/// An input file, or the folder of a model.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Source {
+    /// Size in bytes and nanoseconds since 1970: where both are the same, nothing is read again.
+    file: Option<(u64, u64)>,
+    content: String,
+}
+
+/// Makes and compares the records of a run.
+pub(super) struct Records {
+    folder: PathBuf,
+    settings: Value,
+    /// A model that many frames share is read once.
+    models: Mutex<BTreeMap<PathBuf, Source>>,
+}
+
+impl Records {
+    /// Of a run with these arguments and its folder of results.
+    pub(super) fn new(args: &Complete, output: &Path) -> Result<Self> {
+        let settings = settings(args)?;
+        Ok(Self {
+            folder: output.join(FOLDER),
+            // Numbers are compared as they are read back.
+            settings: serde_json::from_str(&settings.to_string()).unwrap_or_default(),
+            models: Mutex::default(),
+        })
+    }
+
+    fn path(&self, job: &Job) -> PathBuf {
+        let mut path = self.folder.join(&job.name).into_os_string();
+        path.push(".json");
+        path.into()
+    }
+
+    /// The record of an earlier run; nothing if there is none that can be read.
+    pub(super) fn read(&self, job: &Job) -> Option<Record> {
+        let text = std::fs::read_to_string(self.path(job)).ok()?;
+        serde_json::from_str(&text).ok()
+    }
+
+    /// What is another setting or input than that of the record, if anything is.
+    pub(super) fn difference(
+        &self,
+        args: &Complete,
+        job: &Job,
+        before: &Record,
+    ) -> Result<Option<String>> {
+        if let Some(first) = differences(&before.settings, &self.settings).first() {
+            return Ok(Some(first.clone()));
+        }
+        for (role, path) in job.files(args) {
+            let same = match before.inputs.get(role) {
+                Some(source) if source.file.is_some() && source.file == stamp(path) => true,
+                Some(source) => source.content == self.source(path)?.content,
+                None => false,
+            };
+            if !same {
+                return Ok(Some(format!("`{}` has changed", path.display())));
+            }
+        }
+        Ok(None)
+    }
+
+    /// What a frame is about to be read from.
+    pub(super) fn inputs(&self, args: &Complete, job: &Job) -> Result<Inputs> {
+        let files = job.files(args).into_iter();
+        let sources = files.map(|(role, path)| Ok((role.to_owned(), self.source(path)?)));
+        sources.collect::<Result<_>>().map(Inputs)
+    }
+
+    /// Removes the record of a frame whose results are about to be replaced: a run that breaks off
+    /// in between leaves results without a record rather than with a wrong one.
+    pub(super) fn forget(&self, job: &Job) -> Result<()> {
+        let path = self.path(job);
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(Error::write(&path, e)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Keeps the record of a frame whose results are written.
+    pub(super) fn write(&self, job: &Job, inputs: Inputs, summary: &Summary) -> Result<()> {
+        let path = self.path(job);
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+        }
+        let record = Record {
+            settings: self.settings.clone(),
+            inputs: inputs.0,
+            report: summary.value(),
+        };
+        write_atomically(&path, |out| {
+            serde_json::to_writer_pretty(&mut *out, &record)?;
+            writeln!(out)
+        })
+    }
+
+    fn source(&self, path: &Path) -> Result<Source> {
+        if !path.is_dir() {
+            return Ok(Source {
+                file: stamp(path),
+                content: provenance::file(path)?,
+            });
+        }
+        let lock = |e: &dyn std::fmt::Display| Error::config(format!("`{}`: {e}", path.display()));
+        let mut models = self.models.lock().map_err(|e| lock(&e))?;
+        if let Some(model) = models.get(path) {
+            return Ok(model.clone());
+        }
+        let model = Source {
+            file: None,
+            content: provenance::folder(path, &["bin", "txt"])?,
+        };
+        models.insert(path.to_owned(), model.clone());
+        Ok(model)
+    }
+}
+
+/// What a frame was read from.
+pub(super) struct Inputs(BTreeMap<String, Source>);
+
+impl Record {
+    /// What was reported of the frame.
+    pub(super) fn report(&self) -> &Value {
+        &self.report
+    }
+}
+
+/// Size and time of the last change of a file.
+fn stamp(path: &Path) -> Option<(u64, u64)> {
+    let found = std::fs::metadata(path)
+        .ok()
+        .filter(std::fs::Metadata::is_file)?;
+    let changed = found.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
+    Some((found.len(), changed.as_nanos() as u64))
+}
+
+/// Everything but the files of a frame that decides what is in its results.
+fn settings(args: &Complete) -> Result<Value> {
+    let (weights, fit) = match args.method {
+        Method::Classic(_) => (None, None),
+        Method::Lsdc => {
+            let path = args.model.weights.as_deref();
+            let mut fit = open_weights(path)?.fit()?.unwrap_or_default();
+            args.fit.apply(&mut fit);
+            (Some(weights_hash(path)?), Some(fit))
+        }
+    };
+    let writes = |some: &[Format]| formats(args).iter().any(|format| some.contains(format));
+    Ok(json!({
+        "program": provenance::program(),
+        "method": args.method,
+        "weights": weights,
+        "fit": fit,
+        "device": weights.as_ref().map(|_| &args.model.device),
+        "full": args.full,
+        "temporal": args.temporal,
+        "depth_unit": args.depth_unit.map(|unit| unit.to_string()),
+        "camera": args.camera.as_ref().map(|camera| format!("{camera:?}")),
+        "size": args.size,
+        "preserve_input": args.preserve_input.name(),
+        "range": args.range.filter(|_| writes(&[Format::Color])),
+        "max_sigma": args.max_sigma,
+        "sigma_in_files": args.uncertainty && writes(&[Format::Npz, Format::Exr, Format::Ply]),
+    }))
+}

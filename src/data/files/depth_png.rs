@@ -1,0 +1,138 @@
+//! Depths as 16-bit PNG, and the unit that such a file holds.
+
+use super::write_atomically;
+use crate::data::{DepthMap, Unit};
+use crate::error::{Error, Result};
+use png::{BitDepth, ColorType, Compression, Encoder, Filter};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+/// The text chunk that says how many stored units make a metre.
+const KEYWORD: &str = "Depth units per metre";
+
+/// Units by how many make a metre, the finest first; 256 is KITTI's.
+const UNITS: [f64; 8] = [1e6, 1e5, 1e4, 1e3, 256.0, 100.0, 10.0, 1.0];
+
+/// The largest value of 16 bits.
+const MOST: f64 = u16::MAX as f64;
+
+/// The unit for a map: millimetres where all depths are between 0.5 mm and 65.535 m, else the finest
+/// of a few that holds the farthest depth.
+///
+/// # Errors
+/// A depth beyond 65535 m.
+pub fn png_unit(depth: &DepthMap) -> Result<Unit> {
+    let (nearest, farthest) = depth.range().unwrap_or((1.0, 1.0));
+    let (nearest, farthest) = (f64::from(nearest), f64::from(farthest));
+    let holds = |per_metre: f64| (farthest * per_metre).round() <= MOST;
+    let millimetre = 1.0 / Unit::MILLIMETRE.metres();
+    if holds(millimetre) && nearest * millimetre >= 0.5 {
+        return Ok(Unit::MILLIMETRE);
+    }
+    let finest = UNITS.into_iter().find(|&per_metre| holds(per_metre));
+    finest.and_then(Unit::per_metre).ok_or_else(|| {
+        Error::shape(format!(
+            "a depth of {farthest} m does not fit into a 16-bit PNG"
+        ))
+        .hint("write npy, TIFF, EXR or PFM")
+    })
+}
+
+/// Writes depths as a 16-bit grey PNG, value = metres / `scale` rounded, 0 = no depth. A depth below
+/// half a unit is written as one unit. A text chunk says the unit.
+///
+/// # Errors
+/// A depth that does not fit, or a file that cannot be written.
+pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> {
+    let farthest = depth
+        .range()
+        .map_or(0.0, |(_, farthest)| f64::from(farthest));
+    if (farthest / scale).round() > MOST {
+        return Err(Error::shape(format!(
+            "a depth of {farthest} m does not fit into 16 bits of {scale} m for `{}`",
+            path.display()
+        ))
+        .hint("choose a coarser unit, or write npy, TIFF, EXR or PFM"));
+    }
+    let stored = |depth: f32| {
+        let value = (f64::from(depth) / scale).round() as u16;
+        value.max(u16::from(depth > 0.0))
+    };
+    let values = depth.values().iter().map(|&depth| stored(depth));
+    let bytes: Vec<u8> = values.flat_map(u16::to_be_bytes).collect();
+    write_atomically(path, |out| {
+        let mut encoder = Encoder::new(out, depth.width() as u32, depth.height() as u32);
+        encoder.set_color(ColorType::Grayscale);
+        encoder.set_depth(BitDepth::Sixteen);
+        // Trying every filter on each row takes longer than what it saves is worth.
+        encoder.set_compression(Compression::Fast);
+        encoder.set_filter(Filter::Up);
+        encoder.add_text_chunk(KEYWORD.into(), format!("{}", 1.0 / scale))?;
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&bytes)?;
+        Ok(writer.finish()?)
+    })
+}
+
+/// The unit that a PNG says its depths are in, as [`write_depth_png`] leaves it there. Nothing for
+/// files of other programs, of other formats, and damaged ones.
+pub fn stored_unit(path: &Path) -> Option<Unit> {
+    let file = BufReader::new(File::open(path).ok()?);
+    let reader = png::Decoder::new(file).read_info().ok()?;
+    let mut texts = reader.info().uncompressed_latin1_text.iter();
+    let unit = texts.find(|text| text.keyword == KEYWORD)?;
+    Unit::per_metre(unit.text.parse().ok()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::read_depth_png;
+
+    fn map(values: &[f32]) -> DepthMap {
+        DepthMap::new(values.len(), 1, values.to_vec()).unwrap()
+    }
+
+    #[test]
+    fn no_depth_becomes_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.png");
+        // The farthest depth of each unit, and one step beyond it.
+        for (values, per_metre) in [
+            ([0.5, 65.535], 1000.0),
+            ([0.5, 65.536], 256.0),
+            ([80.0, 255.996], 256.0),
+            ([80.0, 256.0], 100.0),
+            ([80.0, 655.36], 10.0),
+            ([80.0, 65535.0], 1.0),
+            ([0.0004, 0.065], 1e6),
+            ([0.0004, 6.5], 1e4),
+        ] {
+            let depth = map(&values);
+            let unit = png_unit(&depth).unwrap();
+            assert_eq!(Some(unit), Unit::per_metre(per_metre), "{values:?}");
+            write_depth_png(&path, &depth, unit.metres()).unwrap();
+            assert_eq!(stored_unit(&path), Some(unit));
+            let found = read_depth_png(&path, unit.metres()).unwrap();
+            for (a, b) in found.values().iter().zip(values) {
+                assert!(f64::from((a - b).abs()) <= 0.5001 / per_metre, "{a} {b}");
+            }
+        }
+        // So wide a range has no fitting unit: what is near is at least not lost.
+        let wide = map(&[0.0001, 60.0, 0.0]);
+        write_depth_png(&path, &wide, png_unit(&wide).unwrap().metres()).unwrap();
+        let found = read_depth_png(&path, 0.001).unwrap();
+        assert_eq!(found.values(), [0.001, 60.0, 0.0]);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.png");
+        assert!(png_unit(&map(&[65536.0])).is_err());
+        assert!(write_depth_png(&path, &map(&[80.0]), 0.001).is_err());
+        assert!(!path.exists());
+        assert_eq!(stored_unit(&path), None);
+    }
+}

@@ -1,0 +1,34 @@
+//! What a process that trains should set up before anything else.
+
+/// Prepares the process for training; completing depth needs nothing of this.
+///
+/// - burn reads the optimiser of a checkpoint on its default device before it moves it to that of the
+///   run. The default would be a GPU, and the program would end where there is none: the variable
+///   `BURN_DEVICE` makes it the CPU.
+/// - glibc keeps the pages of freed tensors: to hand them back and to fault them in again takes longer
+///   than to compute a training step (measured: 2.0 s instead of 1.2 s).
+///
+/// # Safety
+/// No other thread may run yet: call it first in `main`.
+pub unsafe fn prepare() {
+    // SAFETY: no other thread runs, as the caller promises.
+    unsafe { std::env::set_var("BURN_DEVICE", "flex") };
+    keep_pages();
+}
+
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn keep_pages() {
+    for (option, value) in [
+        // The most that older versions accept, then more.
+        (libc::M_MMAP_THRESHOLD, 32 << 20),
+        (libc::M_MMAP_THRESHOLD, i32::MAX),
+        (libc::M_TRIM_THRESHOLD, i32::MAX),
+        (libc::M_TOP_PAD, 64 << 20),
+    ] {
+        // SAFETY: the call takes two numbers; a refused option changes nothing.
+        unsafe { libc::mallopt(option, value) };
+    }
+}
+
+#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+fn keep_pages() {}

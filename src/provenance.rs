@@ -1,0 +1,170 @@
+//! What a result was made from: kept beside it as JSON, and compared before it is used again.
+
+use crate::error::{Error, Result};
+use serde_json::{Value, json};
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+/// Rises with every change after which the program gives other numbers for the same input.
+const NUMBERS: u32 = 1;
+
+/// The program, as far as numbers depend on it.
+pub fn program() -> Value {
+    json!({ "version": env!("CARGO_PKG_VERSION"), "numbers": NUMBERS })
+}
+
+/// What differs between two records, one line a value: `fit.robust: null, now "cauchy"`.
+pub fn differences(before: &Value, now: &Value) -> Vec<String> {
+    let mut found = Vec::new();
+    collect(&mut found, "", before, now);
+    found
+}
+
+fn collect(found: &mut Vec<String>, name: &str, before: &Value, now: &Value) {
+    if let (Value::Object(old), Value::Object(new)) = (before, now) {
+        let added = new.keys().filter(|key| !old.contains_key(*key));
+        for key in old.keys().chain(added) {
+            let name = if name.is_empty() {
+                key.clone()
+            } else {
+                format!("{name}.{key}")
+            };
+            let value = |of: &serde_json::Map<String, Value>| of.get(key).cloned();
+            let (old, new) = (value(old), value(new));
+            collect(
+                found,
+                &name,
+                &old.unwrap_or_default(),
+                &new.unwrap_or_default(),
+            );
+        }
+    } else if before != now {
+        found.push(format!("{name}: {before}, now {now}"));
+    }
+}
+
+/// A file by its contents: changes with every bit of them.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn file(path: &Path) -> Result<String> {
+    let mut hash = Hash::new();
+    hash.add_file(path)?;
+    Ok(hash.name())
+}
+
+/// A folder by the names and contents of its files with one of the endings, and of those in the
+/// folders below it.
+///
+/// # Errors
+/// It cannot be read.
+pub fn folder(path: &Path, endings: &[&str]) -> Result<String> {
+    let mut files = Vec::new();
+    files_below(path, 0, &mut files)?;
+    files.retain(|file| {
+        let ending = file.extension().unwrap_or_default();
+        endings.iter().any(|e| ending.eq_ignore_ascii_case(e))
+    });
+    files.sort();
+    let mut hash = Hash::new();
+    for file in files {
+        let name = file.strip_prefix(path).unwrap_or(&file);
+        hash.add(name.to_string_lossy().as_bytes());
+        hash.add(&[0]);
+        hash.add_file(&file)?;
+    }
+    Ok(hash.name())
+}
+
+/// Links may lead in circles; no data set is deeper.
+const DEEPEST: usize = 16;
+
+fn files_below(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<()> {
+    let entries = std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))?;
+    for entry in entries {
+        let path = entry.map_err(|e| Error::read(folder, e))?.path();
+        if !path.is_dir() {
+            files.push(path);
+        } else if depth < DEEPEST {
+            files_below(&path, depth + 1, files)?;
+        }
+    }
+    Ok(())
+}
+
+/// FNV-1a, 64 bits, and the number of bytes.
+struct Hash {
+    state: u64,
+    bytes: u64,
+}
+
+impl Hash {
+    fn new() -> Self {
+        Self {
+            state: 0xcbf2_9ce4_8422_2325,
+            bytes: 0,
+        }
+    }
+
+    fn add(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.state = (self.state ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+        self.bytes += bytes.len() as u64;
+    }
+
+    fn add_file(&mut self, path: &Path) -> Result<()> {
+        let mut file = File::open(path).map_err(|e| Error::read(path, e))?;
+        let mut buffer = vec![0; 1 << 16];
+        loop {
+            match file.read(&mut buffer).map_err(|e| Error::read(path, e))? {
+                0 => return Ok(()),
+                count => self.add(&buffer[..count]),
+            }
+        }
+    }
+
+    fn name(&self) -> String {
+        format!("{:016x}, {} bytes", self.state, self.bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_named() {
+        let before = json!({ "fit": { "robust": null, "ridge": 0.5 }, "seed": 3 });
+        let now = json!({ "fit": { "robust": "cauchy", "ridge": 0.5 }, "seed": 3, "noise": 1 });
+        assert_eq!(differences(&before, &before), Vec::<String>::new());
+        assert_eq!(
+            differences(&before, &now),
+            ["fit.robust: null, now \"cauchy\"", "noise: null, now 1"]
+        );
+    }
+
+    #[test]
+    fn a_changed_byte_a_moved_file_and_a_new_one_are_noticed() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |name: &str| root.path().join(name);
+        std::fs::create_dir(at("below")).unwrap();
+        std::fs::write(at("a.npy"), b"foobar").unwrap();
+        // FNV-1a, 64 bits, of "foobar", as published with the algorithm.
+        assert_eq!(file(&at("a.npy")).unwrap(), "85944171f73967e8, 6 bytes");
+        let whole = || folder(root.path(), &["npy"]).unwrap();
+        let mut seen = vec![whole()];
+        std::fs::write(at("a.npy"), b"foobaz").unwrap();
+        seen.push(whole());
+        std::fs::write(at("notes.txt"), b"not looked at").unwrap();
+        assert_eq!(seen[1], whole());
+        std::fs::rename(at("a.npy"), at("below/a.npy")).unwrap();
+        seen.push(whole());
+        std::fs::write(at("b.NPY"), b"").unwrap();
+        seen.push(whole());
+        seen.sort();
+        seen.dedup();
+        assert_eq!(seen.len(), 4);
+    }
+}

@@ -1,0 +1,246 @@
+//! No result is lost, spoilt or put where nobody asked for it.
+
+use super::*;
+use lsdc::data::{Unit, read_depth_png, stored_unit};
+
+/// The points of the room, each so many times as far.
+fn scaled(folder: &Path, factor: f32) -> DepthMap {
+    let sparse = read_npy(&folder.join("sparse.npy"), 1.0).unwrap();
+    let values = sparse.values().iter().map(|d| d * factor).collect();
+    let scaled = DepthMap::new(sparse.width(), sparse.height(), values).unwrap();
+    write_npy(&folder.join("scaled.npy"), &scaled).unwrap();
+    scaled
+}
+
+#[test]
+fn depths_beyond_65_metres_are_not_zeros_in_a_png() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    let linear = ["rgb.png", "scaled.npy", "--method", "nearest", "--json"];
+    for (factor, per_metre, name) in [
+        (1.0, 1000.0, "millimetres"),
+        (20.0, 256.0, "1/256 m"),
+        (50.0, 100.0, "centimetres"),
+        (0.0001, 1e6, "1/1000000 m"),
+    ] {
+        scaled(folder.path(), factor);
+        let out = format!("out{per_metre}");
+        let run = lsdc(folder.path())
+            .arg("complete")
+            .args(linear)
+            .args(["-o", &out])
+            .assert()
+            .success();
+        let said: serde_json::Value = serde_json::from_str(&text(&run)).unwrap();
+        assert_eq!(said["png_units_per_metre"], per_metre);
+        let path = at(&out).join("rgb_depth.png");
+        assert_eq!(stored_unit(&path), Unit::per_metre(per_metre));
+        let png = read_depth_png(&path, 1.0 / per_metre).unwrap();
+        let npy = read_npy(&at(&out).join("rgb_depth.npy"), 1.0).unwrap();
+        assert_eq!(png.count(), npy.count());
+        for (a, b) in png.values().iter().zip(npy.values()) {
+            assert!(f64::from((a - b).abs()) <= 0.501 / per_metre, "{a} {b}");
+        }
+        // Read again without a unit, it is what it was.
+        let again = path.to_str().unwrap();
+        let again = [
+            "complete", "rgb.png", again, "--method", "nearest", "--json", "-o", "again",
+        ];
+        let run = lsdc(folder.path()).args(again).arg("--force").assert();
+        let said: serde_json::Value = serde_json::from_str(&text(&run.success())).unwrap();
+        assert_eq!(said["points"]["unit"], name);
+        assert_eq!(said["points"]["unit_guessed"], false);
+        assert_eq!(read_npy(&at("again/rgb_depth.npy"), 1.0).unwrap(), png);
+    }
+    scaled(folder.path(), 20.0);
+    let told = ["rgb.png", "scaled.npy", "--method", "nearest", "-o", "told"];
+    let run = lsdc(folder.path()).arg("complete").args(told).assert();
+    assert!(text(&run.success()).contains("png       1/256 m"));
+    scaled(folder.path(), 1e6);
+    let far = [&["complete"], &linear[..], &["-o", "far"]].concat();
+    refused(
+        folder.path(),
+        &far,
+        &["does not fit into a 16-bit PNG", "hint:"],
+    );
+}
+
+#[test]
+fn a_pipe_takes_one_file_of_one_image() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("points")).unwrap();
+    std::fs::copy(at("sparse.npy"), at("points/rgb.npy")).unwrap();
+    std::fs::write(at("list.txt"), "rgb.png sparse.npy\n").unwrap();
+    for images in ["list.txt", "rg*.png", "."] {
+        let args = ["complete", images, "points", "-o", "-"];
+        refused(
+            folder.path(),
+            &args,
+            &["only one file fits", "several images"],
+        );
+    }
+    for more in [
+        &["--uncertainty"][..],
+        &["--outliers"],
+        &["--temporal"],
+        &["--json"],
+        &["--formats", "npy,png"],
+        &["--uncertainty", "--formats", "tiff"],
+    ] {
+        let args = [&["complete", "rgb.png", "sparse.npy", "-o", "-"], more].concat();
+        refused(folder.path(), &args, &["only one file fits", "hint:"]);
+    }
+    // An archive has room for both.
+    let both = [
+        "rgb.png",
+        "sparse.npy",
+        "-o",
+        "-",
+        "--uncertainty",
+        "--formats",
+        "npz",
+    ];
+    let run = lsdc(folder.path())
+        .arg("complete")
+        .args(both)
+        .assert()
+        .success();
+    std::fs::write(at("both.npz"), &run.get_output().stdout).unwrap();
+    let size = (304, 228);
+    let found = lsdc::data::Sparse::read(&at("both.npz"), None, None, size).unwrap();
+    assert_eq!(found.depth.count(), 304 * 228);
+    assert_eq!(found.sigma.unwrap().count(), 304 * 228);
+}
+
+#[test]
+fn an_unknown_ending_makes_no_folder() {
+    let folder = room();
+    std::fs::create_dir(folder.path().join("points")).unwrap();
+    for output in ["x.jpg", "depth.h5", "below/x.jpeg"] {
+        let args = ["complete", "rgb.png", "sparse.npy", "-o", output];
+        refused(folder.path(), &args, &["no known format", ".npy", "hint:"]);
+        let many = ["complete", ".", "points", "-o", output];
+        refused(folder.path(), &many, &["no known format"]);
+    }
+    for (output, file) in [("run.1", "run.1"), ("x.jpg/", "x.jpg")] {
+        lsdc(folder.path())
+            .args([
+                "complete",
+                "rgb.png",
+                "sparse.npy",
+                "--method",
+                "nearest",
+                "-o",
+                output,
+            ])
+            .assert()
+            .success();
+        assert!(folder.path().join(file).join("rgb_depth.npy").is_file());
+    }
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_noticed_before_anything_is_computed() {
+    let folder = room();
+    std::fs::create_dir(folder.path().join("points")).unwrap();
+    std::fs::copy(
+        folder.path().join("sparse.npy"),
+        folder.path().join("points/rgb.npy"),
+    )
+    .unwrap();
+    std::fs::write(folder.path().join("file"), "in the way").unwrap();
+    for input in [["rgb.png", "missing.npy"], [".", "points"]] {
+        let run = lsdc(folder.path())
+            .arg("complete")
+            .args(input)
+            .args(["-o", "file/out"])
+            .assert()
+            .code(1);
+        let said = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        assert!(said.contains("cannot write `file/out`"), "{said}");
+        assert_eq!(said.matches("error:").count(), 1, "{said}");
+    }
+}
+
+#[test]
+fn a_range_of_negative_depths_is_refused() {
+    let folder = room();
+    for range in [
+        "--range=-1,3",
+        "--range=3,1",
+        "--range=0,inf",
+        "--range=nan,3",
+    ] {
+        let args = ["complete", "rgb.png", "sparse.npy", range];
+        refused(folder.path(), &args, &["no range of depths"]);
+    }
+}
+
+#[cfg(unix)]
+fn shell(folder: &Path, command: &str) -> std::process::Command {
+    let mut shell = std::process::Command::new("sh");
+    shell
+        .args(["-c", command])
+        .current_dir(folder)
+        .env("LSDC", env!("CARGO_BIN_EXE_lsdc"));
+    shell
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_behind_standard_output_is_an_error() {
+    let folder = room();
+    let complete = "$LSDC complete rgb.png sparse.npy --method nearest";
+    for (command, code) in [
+        (format!("{complete} --json > /dev/full"), 1),
+        (format!("{complete} -o - > /dev/full"), 1),
+        ("$LSDC weights list > /dev/full".to_owned(), 1),
+        (format!("{complete} --json > /dev/null"), 0),
+    ] {
+        let run = shell(folder.path(), &command).output().unwrap();
+        let said = String::from_utf8(run.stderr).unwrap();
+        assert_eq!(run.status.code(), Some(code), "{command}: {said}");
+        assert_eq!(
+            code == 1,
+            said.contains("cannot write to standard output"),
+            "{said}"
+        );
+    }
+    // The reader of a pipe may have seen enough.
+    let command = format!("{{ {complete} --json; echo $? > code; }} | true");
+    shell(folder.path(), &command).status().unwrap();
+    let code = std::fs::read_to_string(folder.path().join("code")).unwrap();
+    assert_eq!(code.trim(), "0");
+}
+
+/// A signal that the program was started to ignore, as by nohup, does not end it.
+#[cfg(unix)]
+#[test]
+fn a_hangup_does_not_end_what_was_started_with_nohup() {
+    use std::io::BufRead as _;
+    let folder = tempfile::tempdir().unwrap();
+    let eval = "exec $LSDC eval --dataset rooms --set data.rooms.width=64 \
+                --set data.rooms.height=48 --method linear --seeds 20 -o run";
+    for (trap, code) in [("trap '' HUP;", 0), ("", 130)] {
+        let _ = std::fs::remove_dir_all(folder.path().join("run"));
+        let command = format!("{trap} {eval}");
+        let mut run = shell(folder.path(), &command)
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        // Two lines in the journal: it is at work.
+        let journal = folder.path().join("run/journal.jsonl");
+        let lines = || {
+            let file = std::fs::File::open(&journal).ok()?;
+            Some(std::io::BufReader::new(file).lines().count())
+        };
+        while lines().unwrap_or(0) < 2 && run.try_wait().unwrap().is_none() {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        let kill = format!("kill -HUP {}", run.id());
+        assert!(shell(folder.path(), &kill).status().unwrap().success());
+        assert_eq!(run.wait().unwrap().code(), Some(code), "{trap}");
+    }
+}

@@ -1,0 +1,239 @@
+//! Earlier results are used again only if the same command would make them again.
+
+use super::*;
+
+/// Two small rooms, measured by the small network.
+const SMALL: [&str; 11] = [
+    "eval",
+    "--dataset",
+    "rooms",
+    "--set",
+    "data.rooms.width=64",
+    "--set",
+    "data.rooms.height=48",
+    "--limit",
+    "2",
+    "--weights",
+    "small",
+];
+
+fn said(run: &assert_cmd::assert::Assert) -> String {
+    String::from_utf8(run.get_output().stderr.clone()).unwrap()
+}
+
+#[test]
+fn an_evaluation_with_another_fit_does_not_print_the_old_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let fit = ["--set", "fit.joint.waves=0", "--set", "fit.joint.data=1"];
+    let eval = |more: &[&str]| lsdc(at).args(SMALL).args(more).assert();
+    let first = eval(&["-o", "run"]).success();
+    assert!(!said(&first).contains("earlier run"));
+    let again = eval(&["-o", "run"]).success();
+    assert!(said(&again).contains("2 results of an earlier run are used again"));
+    assert_eq!(text(&first), text(&again));
+
+    let other = [&SMALL[..], &["-o", "run"], &fit].concat();
+    refused(at, &other, &["another evaluation", "fit.joint", "--force"]);
+    let fresh = eval(&[&["-o", "fresh"], &fit[..]].concat()).success();
+    let anew = eval(&[&["-o", "run", "--force"], &fit[..]].concat()).success();
+    assert_eq!(text(&fresh), text(&anew));
+    let rmse = |name: &str| {
+        let report = json(&at.join(name));
+        report["means"]["lsdc"]["mean"]["rmse"].as_f64().unwrap()
+    };
+    eval(&["--json", "first.json"]).success();
+    assert_ne!(rmse("first.json"), rmse("run/report.json"));
+    // Constants of a robust loss count as well as its name.
+    let robust = |count: &str| {
+        let rounds = format!("fit.robust.iterations={count}");
+        [
+            &SMALL[..],
+            &["-o", "robust", "--set", "fit.robust.loss=huber", "--set"],
+            &[&rounds],
+        ]
+        .concat()
+        .iter()
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+    };
+    lsdc(at).args(robust("2")).assert().success();
+    let five = robust("5");
+    let five: Vec<&str> = five.iter().map(String::as_str).collect();
+    refused(at, &five, &["fit.robust.iterations"]);
+}
+
+#[test]
+fn predictions_that_changed_are_measured_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let eval = |more: &[&str]| lsdc(at).args(ROOMS).args(more).assert();
+    eval(&["--method", "linear", "--save", "saved"]).success();
+    let scored = ["--predictions", "theirs=saved/linear", "-o", "run"];
+    eval(&scored).success();
+    eval(&scored).success();
+    let path = at.join("saved/linear/seed0/val/00001.npy");
+    let depth = read_npy(&path, 1.0).unwrap();
+    let twice = depth.values().iter().map(|d| 2.0 * d).collect();
+    let twice = DepthMap::new(depth.width(), depth.height(), twice).unwrap();
+    write_npy(&path, &twice).unwrap();
+    let changed = [&ROOMS[..], &scored].concat();
+    refused(at, &changed, &["another evaluation", "theirs.files"]);
+    eval(&[&scored[..], &["--force"]].concat()).success();
+}
+
+#[test]
+fn predictions_without_a_depth_are_failures_not_perfect() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let eval = |more: &[&str]| lsdc(at).args(ROOMS).args(more).assert();
+    eval(&["--method", "linear", "--save", "saved"]).success();
+    let empty = |name: &str| {
+        let path = at.join("saved/linear/seed0/val").join(name);
+        let depth = read_npy(&path, 1.0).unwrap();
+        write_npy(&path, &DepthMap::empty(depth.width(), depth.height())).unwrap();
+    };
+    let scored = ["--predictions", "theirs=saved/linear", "--json", "r.json"];
+    empty("00000.npy");
+    let one = eval(&scored).code(3);
+    assert!(said(&one).contains("has no depth where there is a true one"));
+    assert_eq!(
+        json(&at.join("r.json"))["failures"][0]["frame"],
+        "val/00000"
+    );
+    for name in ["00001.npy", "00002.npy", "00003.npy"] {
+        empty(name);
+    }
+    let all = eval(&["--predictions", "theirs=saved/linear"]).code(2);
+    assert!(said(&all).contains("has no depth"));
+}
+
+/// A folder of images `a.png`, `b.png` and their points, completed into `out`.
+fn completed() -> tempfile::TempDir {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    for part in ["images", "points"] {
+        std::fs::create_dir(at(part)).unwrap();
+    }
+    for name in ["a", "b"] {
+        std::fs::copy(at("rgb.png"), at(&format!("images/{name}.png"))).unwrap();
+        std::fs::copy(at("sparse.npy"), at(&format!("points/{name}.npy"))).unwrap();
+    }
+    lsdc(folder.path()).args(COMPLETE).assert().success();
+    folder
+}
+
+const COMPLETE: [&str; 7] = [
+    "complete",
+    "images",
+    "points",
+    "-o",
+    "out",
+    "--weights",
+    "small",
+];
+
+#[test]
+fn results_of_other_settings_are_not_gone_on_with() {
+    let folder = completed();
+    let at = folder.path();
+    let same = lsdc(at).args(COMPLETE).assert().success();
+    assert!(text(&same).contains("0 completed, 2 there already"));
+    for (more, word) in [
+        (&["--robust", "cauchy"][..], "fit.robust"),
+        (&["--weights", "default"], "fit.lambda"),
+        (&["--depth-unit", "mm"], "depth_unit"),
+        (&["--range", "0,20"], "range"),
+        (&["--preserve-input", "exact"], "preserve_input"),
+        (&["--method", "linear"], "method"),
+    ] {
+        let all: Vec<&str> = match more {
+            ["--weights", _] => COMPLETE[..5].to_vec(),
+            _ => COMPLETE.to_vec(),
+        };
+        let before = std::fs::read(at.join("out/a_depth.npy")).unwrap();
+        let all = [&all[..], more].concat();
+        refused(at, &all, &["2 results of other settings", word, "--force"]);
+        assert_eq!(before, std::fs::read(at.join("out/a_depth.npy")).unwrap());
+    }
+    let forced = [&COMPLETE[..], &["--robust", "cauchy", "--force"]].concat();
+    lsdc(at).args(forced).assert().success();
+    // More formats of the same results are no other settings.
+    let robust = [&COMPLETE[..], &["--robust", "cauchy"]].concat();
+    let more = [&robust[..], &["--formats", "npy,pfm"]].concat();
+    lsdc(at).args(more).assert().success();
+    assert!(at.join("out/b_depth.pfm").exists());
+}
+
+#[test]
+fn results_of_other_points_or_images_are_not_gone_on_with() {
+    let folder = completed();
+    let at = |name: &str| folder.path().join(name);
+    let sparse = read_npy(&at("sparse.npy"), 1.0).unwrap();
+    let few: Vec<_> = sparse.points().take(100).collect();
+    let few = DepthMap::from_points(sparse.width(), sparse.height(), &few);
+    write_npy(&at("points/b.npy"), &few).unwrap();
+    refused(
+        folder.path(),
+        &COMPLETE,
+        &["1 results", "b.npy` has changed"],
+    );
+    let forced = [&COMPLETE[..], &["--force"]].concat();
+    lsdc(folder.path()).args(forced).assert().success();
+    // A copy of the same bytes is the same file.
+    let image = std::fs::read(at("images/a.png")).unwrap();
+    std::fs::write(at("images/a.png"), &image).unwrap();
+    lsdc(folder.path()).args(COMPLETE).assert().success();
+    let mut rgb = lsdc::data::read_rgb(&at("images/a.png")).unwrap();
+    rgb.put_pixel(3, 4, image::Rgb([1, 2, 3]));
+    rgb.save(at("images/a.png")).unwrap();
+    refused(folder.path(), &COMPLETE, &["a.png` has changed"]);
+}
+
+#[test]
+fn json_has_a_line_for_every_frame_whatever_became_of_it() {
+    let folder = completed();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::copy(at("rgb.png"), at("images/c.png")).unwrap();
+    std::fs::copy(at("rgb.png"), at("images/d.png")).unwrap();
+    std::fs::copy(at("sparse.npy"), at("points/d.npy")).unwrap();
+    std::fs::write(at("points/c.npy"), b"nothing").unwrap();
+    let run = lsdc(folder.path()).args(COMPLETE).arg("--json").assert();
+    let printed = text(&run.code(3));
+    let lines = printed
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap());
+    let mut lines: Vec<serde_json::Value> = lines.collect();
+    lines.sort_by_key(|line| line["image"].as_str().unwrap().to_owned());
+    let statuses = lines.iter().map(|line| line["status"].as_str().unwrap());
+    let statuses: Vec<&str> = statuses.collect();
+    assert_eq!(statuses, ["unchanged", "unchanged", "failed", "completed"]);
+    assert_eq!(lines[0]["points"]["used"], 500);
+    assert!(lines[2]["error"].as_str().unwrap().contains("c.npy"));
+    assert!(lines[2]["hint"].is_string());
+    let one = ["complete", "images/c.png", "points/c.npy", "--json"];
+    let one = text(&lsdc(folder.path()).args(one).assert().code(2));
+    let one: serde_json::Value = serde_json::from_str(&one).unwrap();
+    assert_eq!(
+        (&one["image"], &one["status"]),
+        (&"c.png".into(), &"failed".into())
+    );
+}
+
+#[test]
+fn a_forced_run_that_broke_off_leaves_no_wrong_record() {
+    let folder = completed();
+    let at = |name: &str| folder.path().join(name);
+    // In the way of the last file of a frame whose first is already replaced.
+    std::fs::remove_file(at("out/a_depth_color.png")).unwrap();
+    std::fs::create_dir(at("out/a_depth_color.png")).unwrap();
+    let forced = [&COMPLETE[..], &["--method", "nearest", "--force"]].concat();
+    lsdc(folder.path()).args(forced).assert().code(3);
+    std::fs::remove_dir(at("out/a_depth_color.png")).unwrap();
+    std::fs::write(at("out/a_depth_color.png"), "").unwrap();
+    // The depths of `a` are those of the other method: they are not taken for these.
+    std::fs::remove_file(at("points/b.npy")).unwrap();
+    let run = lsdc(folder.path()).args(COMPLETE).assert().code(3);
+    assert!(text(&run).contains("0 there already"), "{}", text(&run));
+    assert!(said(&run).contains("a_depth.npy` exists"), "{}", said(&run));
+}
