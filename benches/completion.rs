@@ -6,54 +6,53 @@
 use burn::tensor::Device;
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc::data::{Dataset as _, Rooms, RoomsConfig, Split};
-use lsdc::model::{NetworkConfig, Normalisation, Weights, WeightsRecord};
-use lsdc::predict::Completer;
+use lsdc::model::{InitNetwork as _, NetworkConfig, Normalisation, weights_of};
+use lsdc::predict::scene;
 use lsdc::sample::Pattern;
-use lsdc_core::fit::FitConfig;
-use std::collections::BTreeMap;
+use lsdc_core::settings::FitConfig;
+use lsdc_core::{Completer, Observations};
 use std::hint::black_box;
 
 /// A network with random weights: as fast as a trained one.
 fn completer(network: NetworkConfig) -> Completer {
     let device = Device::flex();
     let net = network.init(0, &device).expect("a preset");
-    let record = WeightsRecord {
-        network,
-        normalisation: Normalisation::default(),
-        notes: BTreeMap::new(),
-    };
+    let weights = weights_of(&net, network, Normalisation::default());
     let fit = FitConfig {
         ridge: 1e-4,
         ..FitConfig::default()
     };
-    Completer::with_weights(&Weights::of(&net, record), &device)
-        .expect("weights of their own network")
-        .with_fit(fit)
+    let completer = Completer::builder(&weights).fit(fit).build();
+    completer.expect("weights of their own network")
 }
 
 fn completion(criterion: &mut Criterion) {
     let rooms = Rooms::new(Split::Val, &RoomsConfig::default()).expect("the default");
     let frame = rooms.load(0).expect("a room");
     let sparse = Pattern::Exactly(500).draw(&frame, 0).expect("a pattern");
+    let points = Observations::from_map(&sparse);
     for (name, network) in [
         ("medium", NetworkConfig::medium()),
         ("paper", NetworkConfig::paper()),
     ] {
         let completer = completer(network);
-        let bases = completer.bases(&frame.rgb).expect("an image");
+        let seen = scene(&completer, &frame.rgb).expect("an image");
         let mut group = criterion.benchmark_group(name);
         group.sample_size(20);
-        group.bench_function("basis functions", |bencher| {
-            bencher.iter(|| completer.bases(black_box(&frame.rgb)));
+        group.bench_function("scene", |bencher| {
+            bencher.iter(|| scene(&completer, black_box(&frame.rgb)));
         });
         group.bench_function("fit", |bencher| {
-            bencher.iter(|| completer.fit(&bases, black_box(&sparse), None));
+            bencher.iter(|| seen.complete(black_box(&points)));
         });
         group.bench_function("new points", |bencher| {
-            bencher.iter(|| completer.complete_with(&bases, black_box(&sparse)));
+            bencher.iter(|| seen.complete(black_box(&points))?.depth());
         });
         group.bench_function("everything", |bencher| {
-            bencher.iter(|| completer.complete(black_box(&frame.rgb), &sparse));
+            bencher.iter(|| {
+                let seen = scene(&completer, black_box(&frame.rgb))?;
+                lsdc::error::Result::Ok(seen.complete(&points)?.depth()?)
+            });
         });
     }
 }

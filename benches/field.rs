@@ -3,6 +3,7 @@
 //!     cargo bench --bench field
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use lsdc_core::bilinear::Taps;
 use lsdc_core::field::{Field, Grid, Observations, Reach};
 use lsdc_rng::Rng;
 use std::hint::black_box;
@@ -32,8 +33,9 @@ fn field(criterion: &mut Criterion) {
             .collect();
         let mut pixels: Vec<u32> = (0..(height * width) as u32).collect();
         rng.choose(&mut pixels, points);
+        let taps: Vec<Taps> = pixels[..points].iter().map(|&p| Taps::pixel(p)).collect();
         let seen = Observations {
-            pixels: &pixels[..points],
+            taps: &taps,
             weights: &vec![100.0; points],
             columns: &columns,
             count,
@@ -57,7 +59,7 @@ fn field(criterion: &mut Criterion) {
         });
         let combinations = faer::Mat::identity(count, count);
         group.bench_function("variances", |bencher| {
-            bencher.iter(|| field.spreads(black_box(combinations.as_ref()), Reach::All));
+            bencher.iter(|| field.spreads(&columns, black_box(combinations.as_ref()), Reach::Pixels));
         });
     }
 }

@@ -1,10 +1,9 @@
-//! The least-squares solve alone: 129 basis functions, 500 and 1000 points, one thread; and a fit
-//! that takes points one at a time.
+//! The least-squares solve alone: 129 basis functions, 500 and 1000 points, one thread.
 //!
 //!     cargo bench --bench solve
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lsdc_core::fit::{Problem, RunningFit, Solver};
+use lsdc_core::fit::{Problem, Solver};
 use lsdc_rng::Rng;
 use std::hint::black_box;
 
@@ -30,22 +29,5 @@ fn solve(criterion: &mut Criterion) {
     }
 }
 
-fn running(criterion: &mut Criterion) {
-    let mut rng = Rng::stream(0, &["bench"]);
-    let bases: Vec<f32> = (0..600 * FUNCTIONS).map(|_| rng.normal()).collect();
-    let depths = vec![2.0; 600];
-    let mut fit = RunningFit::new(FUNCTIONS, 1e-3).expect("a positive strength");
-    fit.add(&bases, &depths, 1.0).expect("sound points");
-    let mut group = criterion.benchmark_group("running fit");
-    // Half of what it takes: one point in and out again.
-    group.bench_function("a point in, a point out", |bencher| {
-        bencher.iter(|| {
-            fit.add(black_box(&bases[..FUNCTIONS]), &depths[..1], 1.0)?;
-            fit.remove(black_box(&bases[..FUNCTIONS]), &depths[..1], 1.0)
-        });
-    });
-    group.bench_function("weights", |bencher| bencher.iter(|| fit.weights()));
-}
-
-criterion_group!(benches, solve, running);
+criterion_group!(benches, solve);
 criterion_main!(benches);

@@ -5,7 +5,7 @@
 use burn::tensor::Device;
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc::data::{Rooms, RoomsConfig, Split};
-use lsdc::model::{NetworkConfig, Normalisation};
+use lsdc::model::{InitNetwork as _, NetworkConfig, Normalisation};
 use lsdc::sample::{AugmentConfig, Batch, Protocol, Sampler, SamplerConfig, SupervisionConfig};
 use lsdc::train::{Learner, TrainConfig};
 use lsdc_core::fit::FitConfig;

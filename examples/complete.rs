@@ -1,10 +1,11 @@
-//! An image and its points to depth, in three lines.
+//! Files to a file: an image and its points, in any form that `lsdc complete` reads, to depth.
 //!
 //!     cargo run --release --example complete -- assets/room/rgb.png assets/room/sparse.npy depth.npy
 
 use lsdc::data::{Sparse, read_rgb, write_npy};
 use lsdc::error::{Error, Result};
-use lsdc::predict::Completer;
+use lsdc::predict::scene;
+use lsdc_core::{Completer, Weights};
 use std::path::Path;
 
 fn main() -> Result<()> {
@@ -16,9 +17,10 @@ fn main() -> Result<()> {
     };
     let image = read_rgb(Path::new(image))?;
     let size = (image.width() as usize, image.height() as usize);
-    let points = Sparse::read(Path::new(points), None, None, size)?.depth;
+    let points = Sparse::read(Path::new(points), None, None, size)?.points;
 
-    let completion = Completer::load()?.complete(&image, &points)?;
+    let completer = Completer::new(&Weights::builtin())?;
+    let completion = scene(&completer, &image)?.complete(&points)?;
 
-    write_npy(Path::new(output), &completion.depth)
+    write_npy(Path::new(output), &completion.depth()?)
 }

@@ -265,7 +265,7 @@ mod tests {
         let config = Config::load(Some(&path), &set).unwrap();
         let fit = config.fit.over(&weights).unwrap();
         assert_eq!(fit.method, FitMethod::Joint);
-        assert_eq!((fit.joint.waves, fit.joint.level), (2.0, 1e-5));
+        assert_eq!((fit.joint.cosines, fit.joint.level), (2.0, 1e-5));
         assert_eq!(fit.joint.data, weights.joint.data);
         assert_eq!(fit.lambda, Lambda::Gcv);
         assert_eq!(FitSettings::default().over(&weights).unwrap(), weights);

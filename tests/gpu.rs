@@ -7,13 +7,14 @@
 
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc::data::{Dataset as _, Rooms, RoomsConfig, Split};
-use lsdc::model::{ExtractorConfig, NetworkConfig, Normalisation};
-use lsdc::predict::Completer;
+use lsdc::model::{ExtractorConfig, InitNetwork as _, NetworkConfig, Normalisation};
+use lsdc::ops::{Factored, lstsq};
+use lsdc::predict::{complete, open_completer};
 use lsdc::sample::{
     self, AugmentConfig, Pattern, Protocol, Sampler, SamplerConfig, SupervisionConfig,
 };
 use lsdc::train::{Learner, TrainConfig};
-use lsdc_core::fit::{Factored, FitConfig, Solver, lstsq};
+use lsdc_core::fit::{FitConfig, Solver};
 use lsdc_rng::Rng;
 use std::sync::{Arc, LazyLock};
 
@@ -283,8 +284,9 @@ fn completion_agrees() {
     let frame = rooms.load(0).unwrap();
     let sparse = Pattern::Exactly(300).draw(&frame, 0).unwrap();
     let on = |device: &Device| {
-        let completer = Completer::open(None, device).unwrap().with_input([57, 76]);
-        completer.complete(&frame.rgb, &sparse).unwrap().depth
+        let completer = open_completer(None, device).unwrap();
+        let completer = completer.with_working_size(57, 76).unwrap();
+        complete(&completer, &frame.rgb, &sparse).unwrap().depth().unwrap()
     };
     let (here, there) = (on(&Device::flex()), on(&gpu));
     let squares = here
@@ -326,7 +328,7 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
         },
         hidden: vec![32],
         bases: 16,
-        edges: 0,
+        affinities: 0,
         ..NetworkConfig::sharp()
     };
     let fit = FitConfig {

@@ -12,7 +12,7 @@ fn lab(folder: &Path) -> Lab {
         height: 48,
         ..RoomsConfig::default()
     };
-    let completer = Completer::load().unwrap();
+    let completer = Completer::new(&lsdc_core::Weights::builtin()).unwrap();
     let preset = Preset {
         points: Pattern::Exactly(100),
         ..Preset::named("full").unwrap()
@@ -33,7 +33,7 @@ fn lab(folder: &Path) -> Lab {
     };
     let network = NetworkConfig {
         extractor: ExtractorConfig::slim(),
-        edges: 0,
+        affinities: 0,
         ..NetworkConfig::sharp()
     };
     let fit = FitConfig {

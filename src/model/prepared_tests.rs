@@ -1,11 +1,14 @@
 //! The prepared network against the plain one, with statistics far from the initial ones.
 
-use super::Plan;
-use crate::model::{BasisNet, ExtractorConfig, NetworkConfig, NormKind};
+use super::{
+    BasisNet, ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind, Normalisation, OnDevice,
+    weights_of,
+};
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
+use lsdc_core::network::{Basis, Network as _, Prepared};
 use proptest::prelude::*;
 
 fn image(height: usize, width: usize) -> Vec<f32> {
@@ -28,7 +31,7 @@ fn net(config: &NetworkConfig) -> BasisNet {
     let pixels = vec![(0..40 * 56).collect()];
     for _ in 0..20 {
         let image = Tensor::from_data(image.clone(), &device);
-        let _ = net.edges(image.clone());
+        let _ = net.affinities(image.clone());
         let _ = net.bases(image).at((40, 56), &pixels);
     }
     net.valid()
@@ -41,7 +44,7 @@ fn tiny() -> NetworkConfig {
         extractor,
         hidden: vec![40, 24],
         bases: 20,
-        edges: 0,
+        affinities: 0,
         ..NetworkConfig::sharp()
     }
 }
@@ -54,98 +57,83 @@ fn difference(a: &[f32], b: &[f32]) -> f32 {
     pairs.fold(0.0_f32, |m, (x, y)| m.max((x - y).abs())) / largest
 }
 
-fn agree(net: &BasisNet, level: Level, size: (usize, usize), output: (usize, usize)) {
-    let plan = Plan::new(net, level).unwrap();
-    let planned = plan.bases(&image(size.0, size.1), size);
-    let plain = net.bases(tensor(image(size.0, size.1), size));
-    let pixels: Vec<u32> = (0..output.0 * output.1)
-        .step_by(7)
-        .map(|p| p as u32)
-        .collect();
-    let reference = plain.at(output, std::slice::from_ref(&pixels)).into_data();
-    let reference: Vec<f32> = reference.iter::<f32>().collect();
-    let rows = planned.at(output, &pixels);
-    assert!(difference(&rows, &reference) < 1e-4, "{level:?} {size:?}");
-
-    let functions = rows.len() / pixels.len();
-    let mut rng = Rng::stream(1, &["weights"]);
-    let weights: Vec<f64> = (0..functions).map(|_| f64::from(rng.normal())).collect();
-    let narrow: Vec<f32> = weights.iter().map(|w| *w as f32).collect();
-    let dense = planned.combine(output, &weights);
-    let plain = plain.combine(output, &narrow);
-    assert!(difference(&dense, &plain) < 1e-4, "{level:?} {size:?}");
+/// A network with its sizes.
+struct Trained {
+    net: BasisNet,
+    config: NetworkConfig,
 }
 
-#[test]
-fn the_plan_agrees_with_the_network_at_every_size() {
-    let net = net(&tiny());
-    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
-        for size in [(1, 1), (3, 5), (32, 32), (37, 61), (57, 130), (120, 160)] {
-            agree(&net, level, size, size);
-        }
-        agree(&net, level, (48, 64), (100, 77));
-    }
-    for size in [(228, 304), (229, 303), (479, 641), (480, 640)] {
-        agree(&net, Level::here(), size, size);
-    }
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..Default::default() })]
-
-    #[test]
-    fn the_plan_agrees_at_any_size(
-        height in 32..200_usize,
-        width in 32..260_usize,
-        level in prop::sample::select(Level::ALL.to_vec()),
-    ) {
-        prop_assume!(level.is_available());
-        agree(&net(&tiny()), level, (height, width), (height, width));
-    }
-}
-
-#[test]
-fn the_plan_agrees_for_every_kind_of_head() {
-    for (octaves, hidden) in [(0, vec![32]), (3, vec![24]), (5, vec![64, 40, 24])] {
-        let config = NetworkConfig {
-            octaves,
-            hidden,
-            ..tiny()
-        };
-        agree(&net(&config), Level::here(), (33, 47), (33, 47));
-    }
-}
-
-#[test]
-fn the_plan_sharpens_as_the_network_does() {
-    let mut config = tiny();
-    config.extractor.sharpening = 2;
-    let net = net(&config).map(&mut Fill);
-    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
-        for size in [(1, 1), (3, 5), (37, 61), (57, 130)] {
-            agree(&net, level, size, size);
-        }
-        agree(&net, level, (48, 64), (100, 77));
-    }
-    agree(&net, Level::here(), (228, 304), (228, 304));
-}
-
-#[test]
-fn the_plan_judges_edges_as_the_network_does() {
-    let net = judging();
-    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
-        for size in [(1, 1), (3, 5), (32, 32), (37, 61), (120, 77)] {
-            edges_agree(&net, level, size);
+impl Trained {
+    fn new(config: NetworkConfig) -> Self {
+        Self {
+            net: net(&config),
+            config,
         }
     }
-    edges_agree(&net, Level::here(), (228, 304));
-    edges_agree(&self::net(&tiny()), Level::here(), (57, 76));
+
+    /// With numbers in the place of zeros, so that parts which begin without effect have one.
+    fn filled(config: NetworkConfig) -> Self {
+        Self {
+            net: net(&config).map(&mut Fill),
+            config,
+        }
+    }
+
+    fn prepared(&self, level: Level, size: (usize, usize)) -> Box<dyn Basis> {
+        let weights = weights_of(&self.net, self.config.clone(), Normalisation::default());
+        let network = Prepared::new(&self.config, &weights.tensors, level).unwrap();
+        network.basis(&image(size.0, size.1), size)
+    }
+
+    fn plain(&self, size: (usize, usize)) -> Box<dyn Basis> {
+        let network = OnDevice::new(self.net.clone(), &Device::flex());
+        network.basis(&image(size.0, size.1), size)
+    }
+
+    fn agrees(&self, level: Level, size: (usize, usize), output: (usize, usize)) {
+        let (prepared, plain) = (self.prepared(level, size), self.plain(size));
+        let pixels = (0..output.0 * output.1).step_by(7);
+        let place = |pixel: usize| [(pixel % output.1) as f64, (pixel / output.1) as f64];
+        let centres: Vec<_> = pixels.map(place).collect();
+        // Between pixels, and up to the rim of the image.
+        let mut rng = Rng::stream(2, &["places"]);
+        let mut within = |length: usize| f64::from(rng.unit()) * length as f64 - 0.5;
+        let mut between: Vec<_> = (0..60).map(|_| [within(output.1), within(output.0)]).collect();
+        between.push([-0.5, output.0 as f64 - 0.5]);
+        let mut functions = 0;
+        for places in [centres, between] {
+            let rows = prepared.at(output, &places);
+            let reference = plain.at(output, &places);
+            assert!(difference(&rows, &reference) < 1e-4, "{level:?} {size:?}");
+            functions = rows.len() / places.len();
+        }
+        let mut rng = Rng::stream(1, &["weights"]);
+        let weights: Vec<f64> = (0..functions).map(|_| f64::from(rng.normal())).collect();
+        let dense = prepared.combine(output, &weights);
+        let reference = plain.combine(output, &weights);
+        assert!(difference(&dense, &reference) < 1e-4, "{level:?} {size:?}");
+    }
+
+    fn affinities_agree(&self, level: Level, size: (usize, usize)) {
+        let (found, of) = self.prepared(level, size).affinities();
+        let (reference, also) = self.plain(size).affinities();
+        assert_eq!((of, also), (size, size));
+        for (a, b) in found.iter().zip(&reference) {
+            assert!((a - b).abs() < 1e-3 * b, "{level:?} {size:?}: {a} {b}");
+        }
+    }
 }
 
-/// A network that judges edges; it begins without effect, and is given one.
-fn judging() -> BasisNet {
-    let config = NetworkConfig { edges: 8, ..tiny() };
-    net(&config).map(&mut Fill)
+/// Pixels are read as places are, in training too.
+#[test]
+fn pixels_are_places_on_their_centres() {
+    let bases = net(&tiny()).bases(tensor(image(20, 30), (20, 30)));
+    let pixels: Vec<u32> = (0..1200).step_by(11).collect();
+    let place = |pixel: &u32| [f64::from(pixel % 40), f64::from(pixel / 40)];
+    let places: Vec<_> = pixels.iter().map(place).collect();
+    let by_pixel = bases.at((30, 40), &[pixels]).into_data();
+    let by_place = bases.at_places((30, 40), &places).into_data();
+    assert!(by_pixel.iter::<f32>().eq(by_place.iter::<f32>()));
 }
 
 /// Puts numbers in the place of zeros.
@@ -167,38 +155,97 @@ impl ModuleMapper for Fill {
     }
 }
 
-fn edges_agree(net: &BasisNet, level: Level, size: (usize, usize)) {
-    let plan = Plan::new(net, level).unwrap();
-    let (planned, found) = plan.bases(&image(size.0, size.1), size).edges();
-    assert_eq!(found, size);
-    let plain = net.edges(tensor(image(size.0, size.1), size)).into_data();
-    let plain: Vec<f32> = plain.iter::<f32>().collect();
-    for (a, b) in planned.iter().zip(&plain) {
-        assert!((a - b).abs() < 1e-3 * b, "{level:?} {size:?}: {a} {b}");
+#[test]
+fn the_prepared_network_agrees_at_every_size() {
+    let trained = Trained::new(tiny());
+    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+        for size in [(1, 1), (3, 5), (32, 32), (37, 61), (57, 130), (120, 160)] {
+            trained.agrees(level, size, size);
+        }
+        trained.agrees(level, (48, 64), (100, 77));
     }
+    for size in [(228, 304), (229, 303), (479, 641), (480, 640)] {
+        trained.agrees(Level::here(), size, size);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn the_prepared_network_agrees_at_any_size(
+        height in 32..200_usize,
+        width in 32..260_usize,
+        level in prop::sample::select(Level::ALL.to_vec()),
+    ) {
+        prop_assume!(level.is_available());
+        Trained::new(tiny()).agrees(level, (height, width), (height, width));
+    }
+}
+
+#[test]
+fn the_prepared_network_agrees_for_every_kind_of_head() {
+    for (octaves, hidden) in [(0, vec![32]), (3, vec![24]), (5, vec![64, 40, 24])] {
+        let config = NetworkConfig {
+            octaves,
+            hidden,
+            ..tiny()
+        };
+        Trained::new(config).agrees(Level::here(), (33, 47), (33, 47));
+    }
+}
+
+#[test]
+fn the_prepared_network_sharpens_as_the_plain_one_does() {
+    let mut config = tiny();
+    config.extractor.sharpening = 2;
+    let trained = Trained::filled(config);
+    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+        for size in [(1, 1), (3, 5), (37, 61), (57, 130)] {
+            trained.agrees(level, size, size);
+        }
+        trained.agrees(level, (48, 64), (100, 77));
+    }
+    trained.agrees(Level::here(), (228, 304), (228, 304));
+}
+
+#[test]
+fn affinities_of_the_prepared_network_are_those_of_the_plain_one() {
+    let trained = Trained::filled(NetworkConfig {
+        affinities: 8,
+        ..tiny()
+    });
+    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+        for size in [(1, 1), (3, 5), (32, 32), (37, 61), (120, 77)] {
+            trained.affinities_agree(level, size);
+        }
+    }
+    trained.affinities_agree(Level::here(), (228, 304));
+    Trained::new(tiny()).affinities_agree(Level::here(), (57, 76));
 }
 
 #[test]
 fn every_preset_agrees() {
-    let (paper, medium) = (NetworkConfig::paper(), NetworkConfig::medium());
     for config in [
-        paper,
-        medium,
+        NetworkConfig::paper(),
+        NetworkConfig::medium(),
         NetworkConfig::sharp(),
         NetworkConfig::small(),
     ] {
-        let net = net(&config).map(&mut Fill);
-        agree(&net, Level::here(), (57, 76), (57, 76));
-        edges_agree(&net, Level::here(), (57, 76));
+        let trained = Trained::filled(config);
+        trained.agrees(Level::here(), (57, 76), (57, 76));
+        trained.affinities_agree(Level::here(), (57, 76));
     }
 }
 
 #[test]
-fn group_normalisation_has_no_plan() {
+fn group_normalisation_cannot_be_prepared() {
     let config = NetworkConfig {
         norm: NormKind::Group,
         ..tiny()
     };
     let net = config.init(0, &Device::flex()).unwrap();
-    assert!(Plan::new(&net, Level::here()).is_none());
+    let weights = weights_of(&net, config.clone(), Normalisation::default());
+    let error = Prepared::new(&config, &weights.tensors, Level::here()).unwrap_err();
+    assert!(error.to_string().contains("group normalisation"), "{error}");
 }

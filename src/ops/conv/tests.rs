@@ -202,7 +202,7 @@ fn the_op_agrees_with_burn_and_its_gradients_are_adjoint() {
             input.clone().permute([0, 3, 1, 2]),
             kernel.clone(),
             None,
-            spec.options(),
+            super::options(spec),
         );
         let reference = read(reference.permute([0, 2, 3, 1]));
         let reference: Vec<f64> = reference.into_iter().map(f64::from).collect();
