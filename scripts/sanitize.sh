@@ -9,5 +9,6 @@ export RUSTC_BOOTSTRAP=1
 export RUSTFLAGS="-Zsanitizer=address"
 export CARGO_PROFILE_RELEASE_STRIP=false
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-target}/sanitize"
-cargo test --release --no-default-features --target x86_64-unknown-linux-gnu --lib -- \
-    simd conv norm plan
+target=x86_64-unknown-linux-gnu
+cargo test --release --target $target -p lsdc-kernels -p lsdc-core --lib
+cargo test --release --target $target -p lsdc --lib -- ops model::prepared_tests

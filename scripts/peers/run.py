@@ -45,7 +45,7 @@ def arguments() -> argparse.Namespace:
     keep = "make the C library keep freed pages, for all programs (lsdc does by itself)"
     parser.add_argument("--keep-pages", action="store_true", help=keep)
     parser.add_argument("--preset", help="random weights of a preset (paper, medium, sharp, small)")
-    parser.add_argument("--weights", default=str(ROOT / "assets/weights.safetensors"))
+    parser.add_argument("--weights", default=str(ROOT / "crates/core/weights/default.safetensors"))
     parser.add_argument("--lsdc", default=str(ROOT / "target/release/lsdc"))
     return parser.parse_args()
 

@@ -18,11 +18,11 @@ pub struct Embedded {
 }
 
 /// All of them; the first is used unless another is asked for.
-const EMBEDDED: [Embedded; 2] = [
+static EMBEDDED: [Embedded; 2] = [
     Embedded {
         name: "default",
         about: "the most accurate",
-        bytes: DEFAULT,
+        bytes: lsdc_core::weights::DEFAULT,
     },
     Embedded {
         name: "small",

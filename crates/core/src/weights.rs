@@ -308,10 +308,10 @@ impl Weights {
 
 /// The weights that come with this crate, as files: the most accurate.
 #[cfg(feature = "weights")]
-pub const DEFAULT: &[u8] = include_bytes!("../weights/default.safetensors");
+pub static DEFAULT: &[u8] = include_bytes!("../weights/default.safetensors");
 /// For weak machines.
 #[cfg(feature = "weights")]
-pub const SMALL: &[u8] = include_bytes!("../weights/small.safetensors");
+pub static SMALL: &[u8] = include_bytes!("../weights/small.safetensors");
 
 /// Whether a tensor holds running statistics, not trained parameters.
 pub fn is_statistic(name: &str) -> bool {

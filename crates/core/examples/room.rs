@@ -1,0 +1,37 @@
+//! An image and sparse depths to dense depth, with what the fit knows of its errors.
+//!
+//!     cargo run --release -p lsdc-core --example room
+
+#[path = "room/mod.rs"]
+mod files;
+
+use lsdc_core::{Channels, Completer, Image, Weights};
+use std::error::Error;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let rgb = files::image()?;
+    let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+
+    let completer = Completer::new(&Weights::builtin())?;
+    let scene = completer.scene(&Image::new(width, height, Channels::Rgb, rgb.as_raw())?)?;
+    let completion = scene.complete(&files::points(width)?)?;
+    let depth = completion.depth()?;
+    let deviation = completion.standard_deviation()?;
+
+    // The room is rendered, so that its depth is known.
+    let truth = files::map("depth.npy", width)?;
+    let (mut squares, mut within) = (0.0, 0);
+    for &(u, v, expected) in &truth {
+        let (x, y) = (u as usize, v as usize);
+        let error = depth.at(x, y) - expected;
+        squares += f64::from(error).powi(2);
+        within += usize::from(error.abs() < deviation.at(x, y));
+    }
+    let rmse = (squares / truth.len() as f64).sqrt();
+    let share = within as f64 / truth.len() as f64;
+    println!("{} points, RMSE {rmse:.3} m", completion.report().used);
+    println!("{:.0} % of the errors are within a standard deviation", 100.0 * share);
+    println!("expected between the points: {:.3} m", completion.leave_one_out_error());
+    assert!(rmse < 0.15, "{rmse}");
+    Ok(())
+}

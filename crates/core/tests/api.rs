@@ -1,0 +1,313 @@
+//! The interface as an embedder uses it.
+
+#![cfg(feature = "weights")]
+#![allow(clippy::unwrap_used)]
+
+use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
+use lsdc_core::{
+    Channels, Completer, DepthMap, Error, FitError, Image, Observation, Observations, Scene, Weights,
+};
+use std::sync::{Arc, LazyLock};
+
+static COMPLETER: LazyLock<Completer> =
+    LazyLock::new(|| Completer::new(&Weights::builtin_small()).unwrap());
+
+/// An image with edges and gradients.
+fn colours(width: usize, height: usize) -> Vec<u8> {
+    let colour = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let block = if (x * 5 / width + y * 4 / height).is_multiple_of(2) { 70 } else { 0 };
+        [x * 150 / width + block, y * 150 / height + block, 90 + block].map(|v| v as u8)
+    };
+    (0..width * height).flat_map(colour).collect()
+}
+
+fn scene_of(completer: &Completer, width: usize, height: usize) -> Scene {
+    let rgb = colours(width, height);
+    let image = Image::new(width, height, Channels::Rgb, &rgb).unwrap();
+    completer.scene(&image).unwrap()
+}
+
+/// A plane with a step, at places between pixels.
+fn observations(width: usize, height: usize, count: usize) -> Observations {
+    let share = |i: usize, by: f64| (i as f64 * by).fract();
+    let observation = |i: usize| {
+        let (u, v) = (
+            share(i, 0.754_877_666) * width as f64 - 0.5,
+            share(i, 0.569_840_291) * height as f64 - 0.5,
+        );
+        let step = if u * 2.0 > width as f64 { 0.4 } else { 0.0 };
+        let depth = 2.0 + 0.8 * u / width as f64 + 0.5 * v / height as f64 + step;
+        Observation { u, v, depth: depth as f32, sigma: None }
+    };
+    (0..count).map(observation).collect()
+}
+
+fn with(completer: &Completer, change: impl FnOnce(&mut FitConfig)) -> Completer {
+    let mut fit = *completer.fit_config();
+    change(&mut fit);
+    completer.with_fit(fit)
+}
+
+/// The written map, read bilinearly between the centres of its pixels.
+fn read(map: &DepthMap, u: f64, v: f64) -> f64 {
+    let between = |place: f64, length: usize| {
+        let place = place.clamp(0.0, (length - 1) as f64);
+        (place as usize, (place as usize + 1).min(length - 1), place.fract())
+    };
+    let (left, right, across) = between(u, map.width());
+    let (top, bottom, down) = between(v, map.height());
+    let at = |x, y| f64::from(map.at(x, y));
+    let along = |y| at(left, y) * (1.0 - across) + at(right, y) * across;
+    along(top) * (1.0 - down) + along(bottom) * down
+}
+
+/// At 640x480 the network works at 304x228: what is reported must be that of the map that is written.
+#[test]
+fn residuals_are_those_of_the_written_map() {
+    let scene = scene_of(&COMPLETER, 640, 480);
+    // On centres, where the map has values.
+    let given: Observations = observations(640, 480, 300)
+        .iter()
+        .map(|p| Observation { u: p.u.round().max(0.0), v: p.v.round().max(0.0), ..*p })
+        .collect();
+    let completion = scene.complete(&given).unwrap();
+    let depth = completion.depth().unwrap();
+    for (point, residual) in given.iter().zip(completion.residuals()) {
+        let written = f64::from(depth.at(point.u as usize, point.v as usize));
+        let expected = f64::from(point.depth) - written;
+        assert!((residual - expected).abs() < 2e-5, "{residual} {expected}");
+    }
+    let squares: f64 = completion.residuals().iter().map(|r| r * r).sum();
+    let rms = (squares / 300.0).sqrt();
+    assert!((completion.report().residual - rms).abs() < 1e-12);
+}
+
+#[test]
+fn places_between_pixels_are_read_as_maps_of_any_size_are() {
+    let scene = scene_of(&COMPLETER, 96, 72);
+    let completion = scene.complete(&observations(96, 72, 120)).unwrap();
+    // The centres of a map of four times the size lie between pixels.
+    let large = completion.depth_at(384, 288).unwrap();
+    let places: Vec<[f64; 2]> = (0..200)
+        .map(|i| [(i * 37 % 384) as f64, (i * 53 % 288) as f64])
+        .map(|[x, y]| [(x + 0.5) / 4.0 - 0.5, (y + 0.5) / 4.0 - 0.5])
+        .collect();
+    let values = completion.at(&places).unwrap();
+    for (place, value) in places.iter().zip(values) {
+        let x = ((place[0] + 0.5) * 4.0 - 0.5).round() as usize;
+        let y = ((place[1] + 0.5) * 4.0 - 0.5).round() as usize;
+        assert!((value - large.at(x, y)).abs() < 2e-5 * value, "{place:?}");
+    }
+    assert!(completion.at(&[[-0.6, 3.0]]).is_err());
+    assert!(completion.at(&[[3.0, f64::NAN]]).is_err());
+    assert!(completion.at(&[]).unwrap().is_empty());
+}
+
+/// Every point at its own place: a shift by half a pixel shows as a shift of the map.
+#[test]
+fn points_are_observed_where_they_are() {
+    let ramp = |u: f64| (2.0 + 0.02 * u) as f32;
+    let flat = vec![128_u8; 3 * 200 * 150];
+    let image = Image::new(200, 150, Channels::Rgb, &flat).unwrap();
+    let field = with(&COMPLETER, |fit| fit.method = FitMethod::Field);
+    let scene = field.scene(&image).unwrap();
+    let mut given = Observations::new();
+    for v in (0..150).step_by(3) {
+        for u in (0..200).step_by(3) {
+            let place = f64::from(u) + 0.37;
+            given.add(place, f64::from(v) - 0.21, ramp(place));
+        }
+    }
+    let depth = scene.complete(&given).unwrap().depth().unwrap();
+    let mut worst = 0.0_f64;
+    for y in 20..130 {
+        for x in 20..180 {
+            // In pixels of the ramp.
+            let off = (f64::from(depth.at(x, y)) - f64::from(ramp(x as f64))) / 0.02;
+            worst = worst.max(off.abs());
+        }
+    }
+    assert!(worst < 0.15, "{worst} pixels");
+}
+
+#[test]
+fn scaling_depths_scales_everything() {
+    let scene = scene_of(&COMPLETER, 64, 48);
+    let given = observations(64, 48, 60);
+    let near = scene.complete(&given).unwrap();
+    for factor in [1e-6_f32, 0.125, 4.0, 1e6] {
+        let scaled = given.iter().map(|p| Observation { depth: factor * p.depth, ..*p });
+        let far = scene.complete(&scaled.collect()).unwrap();
+        let pairs = [
+            (near.depth().unwrap(), far.depth().unwrap()),
+            (near.standard_deviation().unwrap(), far.standard_deviation().unwrap()),
+        ];
+        for (near, far) in pairs {
+            for (near, far) in near.values().iter().zip(far.values()) {
+                assert!((near * factor - far).abs() <= 2e-4 * far.abs(), "{factor}: {near} {far}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_left_out_is_counted() {
+    let scene = scene_of(&COMPLETER, 64, 48);
+    let mut given = observations(64, 48, 20);
+    for (u, v, depth) in [
+        (10.0, 10.0, 0.0),
+        (10.0, 10.0, -1.0),
+        (10.0, 10.0, f32::NAN),
+        (10.0, 10.0, f32::INFINITY),
+        (f64::NAN, 10.0, 1.0),
+        (10.0, f64::INFINITY, 1.0),
+        (63.5, 10.0, 1.0),
+        (-0.51, 10.0, 1.0),
+        (10.0, 48.0, 1.0),
+    ] {
+        given.add(u, v, depth);
+    }
+    given.push(Observation { u: 3.0, v: 3.0, depth: 2.0, sigma: Some(0.0) });
+    let completion = scene.complete(&given).unwrap();
+    let report = completion.report();
+    assert_eq!((report.given, report.used, report.invalid, report.outside), (30, 20, 7, 3));
+    assert_eq!(report.assumed_deviations, 0);
+    let used = |values: Vec<f64>| values.iter().filter(|v| v.is_finite()).count();
+    assert_eq!(used(completion.residuals()), 20);
+    assert_eq!(used(completion.leave_one_out()), 20);
+    assert!(completion.residuals()[20..].iter().all(|v| v.is_nan()));
+
+    let nothing: Observations = given.iter().skip(20).copied().collect();
+    let error = scene.complete(&nothing).unwrap_err();
+    let expected = FitError::NoObservations { given: 10, invalid: 7, outside: 3 };
+    assert!(matches!(&error, Error::Fit(found) if *found == expected), "{error}");
+    assert!(error.hint().is_some());
+    assert!(scene.complete(&Observations::new()).is_err());
+}
+
+#[test]
+fn deviations_that_are_not_given_are_assumed_and_counted() {
+    let scene = scene_of(&COMPLETER, 64, 48);
+    let mut given = observations(64, 48, 20);
+    given.push(Observation { u: 3.0, v: 3.0, depth: 2.0, sigma: Some(0.1) });
+    assert_eq!(scene.complete(&given).unwrap().report().assumed_deviations, 20);
+    // All alike is what none are.
+    let alike = given.iter().map(|p| Observation { sigma: Some(0.7), ..*p }).collect();
+    let none = given.iter().map(|p| Observation { sigma: None, ..*p }).collect();
+    let [alike, none]: [Observations; 2] = [alike, none];
+    let map = |given: &Observations| scene.complete(given).unwrap().depth().unwrap();
+    assert_eq!(map(&alike), map(&none));
+}
+
+/// A point that is known to be unsure is no outlier for being off.
+#[test]
+fn outliers_are_judged_by_their_own_deviations() {
+    let scene = scene_of(&COMPLETER, 96, 72);
+    let mut given: Vec<Observation> =
+        observations(96, 72, 150).iter().map(|p| Observation { sigma: Some(0.02), ..*p }).collect();
+    given[40].depth += 1.0;
+    let listed = |given: &[Observation]| {
+        let completion = scene.complete(&given.iter().copied().collect()).unwrap();
+        completion.outliers().iter().map(|outlier| outlier.index).collect::<Vec<_>>()
+    };
+    assert_eq!(listed(&given).first(), Some(&40), "the worst comes first");
+    given[40].sigma = Some(2.0);
+    assert!(!listed(&given).contains(&40));
+}
+
+#[test]
+fn a_robust_fit_leaves_outliers_little_weight() {
+    let robust = with(&COMPLETER, |fit| fit.robust = Some(Robust::new(Loss::Cauchy)));
+    let scene = scene_of(&robust, 96, 72);
+    let mut given: Vec<Observation> = observations(96, 72, 150).iter().copied().collect();
+    given[40].depth += 1.5;
+    let completion = scene.complete(&given.iter().copied().collect()).unwrap();
+    assert!(completion.point_weights()[40] < 0.05);
+    let clean = given[40].depth - 1.5;
+    let found = completion.at(&[[given[40].u, given[40].v]]).unwrap()[0];
+    assert!((found - clean).abs() < 0.2, "{found} {clean}");
+}
+
+#[test]
+fn the_next_frame_of_a_video_starts_from_the_one_before() {
+    let scene = scene_of(&COMPLETER, 96, 72);
+    let many = scene.complete(&observations(96, 72, 300)).unwrap();
+    let few = observations(96, 72, 3);
+    let error = |map: DepthMap| {
+        let truth = many.depth().unwrap();
+        let pairs = map.values().iter().zip(truth.values());
+        let squares: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        (squares / truth.values().len() as f64).sqrt()
+    };
+    let alone = error(scene.complete(&few).unwrap().depth().unwrap());
+    let near = scene.complete_near(&few, many.weights()).unwrap();
+    let near = error(near.depth().unwrap());
+    assert!(near < 0.7 * alone, "{near} {alone}");
+    assert!(scene.complete_near(&few, &[1.0]).is_err());
+    assert!(scene.complete_near(&few, &[f64::NAN; 400]).is_err());
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    let given = observations(160, 120, 400);
+    let on = |threads: usize| {
+        let weights = Weights::builtin_small();
+        let completer = Completer::builder(&weights).threads(threads).build().unwrap();
+        let completion = scene_of(&completer, 160, 120).complete(&given).unwrap();
+        (completion.depth().unwrap(), completion.standard_deviation().unwrap())
+    };
+    let one = on(1);
+    for threads in [2, 3, 7] {
+        assert_eq!(one, on(threads), "{threads} threads");
+    }
+}
+
+#[test]
+fn a_pool_of_the_caller_is_used() {
+    let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap());
+    let weights = Weights::builtin_small();
+    let completer = Completer::builder(&weights).thread_pool(pool).build().unwrap();
+    let scene = scene_of(&completer, 64, 48);
+    let given = observations(64, 48, 30);
+    let expected = scene_of(&COMPLETER, 64, 48).complete(&given).unwrap().depth().unwrap();
+    assert_eq!(scene.complete(&given).unwrap().depth().unwrap(), expected);
+}
+
+#[test]
+fn buffers_of_the_caller_are_filled_row_by_row() {
+    let completion = scene_of(&COMPLETER, 20, 15).complete(&observations(20, 15, 9)).unwrap();
+    let map = completion.depth().unwrap();
+    let mut buffer = vec![-1.0; 24 * 15];
+    completion.write_depth(20, 15, 24, &mut buffer).unwrap();
+    for (row, expected) in buffer.chunks(24).zip(map.values().chunks(20)) {
+        assert_eq!(&row[..20], expected);
+        assert_eq!(row[20..], [-1.0; 4]);
+    }
+    let mut short = vec![-1.0; 24 * 14 + 19];
+    assert!(completion.write_depth(20, 15, 24, &mut short).is_err());
+    assert!(completion.write_depth(20, 15, 19, &mut buffer).is_err());
+    assert!(completion.write_depth(0, 15, 24, &mut buffer).is_err());
+    assert!(short.iter().all(|v| *v == -1.0));
+    assert!(completion.depth_at(1 << 20, 1 << 20).is_err());
+}
+
+#[test]
+fn weights_of_the_crate_are_sound() {
+    for weights in [Weights::builtin(), Weights::builtin_small()] {
+        assert!(weights.prior().unwrap().is_some());
+        assert_eq!(weights.fit().unwrap().unwrap().method, FitMethod::Joint);
+        Completer::new(&weights).unwrap();
+    }
+    assert!(Weights::builtin_small().parameters() < Weights::builtin().parameters());
+}
+
+#[test]
+fn depth_between_points_is_plausible() {
+    // The plane with a step that the points were taken from.
+    let given = observations(160, 120, 400);
+    let depth = scene_of(&COMPLETER, 160, 120).complete(&given).unwrap().depth().unwrap();
+    let off = given.iter().map(|p| (read(&depth, p.u, p.v) - f64::from(p.depth)).abs());
+    let mean = off.sum::<f64>() / given.len() as f64;
+    assert!(mean < 0.03, "{mean}");
+}
