@@ -62,11 +62,12 @@ impl Pipes {
     }
 }
 
+/// No image or scan is larger.
+const MOST: u64 = 1 << 30;
+
 /// What comes from standard input as a file, whose ending says what it is.
 fn read_stdin(folder: &Path) -> Result<PathBuf> {
     let stdin = Path::new("standard input");
-    /// No image or scan is larger.
-    const MOST: u64 = 1 << 30;
     let mut bytes = Vec::new();
     std::io::stdin()
         .take(MOST + 1)

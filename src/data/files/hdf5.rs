@@ -314,3 +314,39 @@ pub(in crate::data) fn read_h5(path: &Path, scale: f64) -> Result<DepthMap> {
     let metres = |value: f32| (f64::from(value) * scale) as f32;
     DepthMap::new(width, height, values.into_iter().map(metres).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hdf5_pure::{FileBuilder, FloatingPointLayout};
+
+    /// As h5py writes numpy.float16.
+    #[test]
+    fn depths_may_be_floats_of_16_bits() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.h5");
+        let element = Datatype::FloatingPoint {
+            size: 2,
+            byte_order: DatatypeByteOrder::LittleEndian,
+            layout: FloatingPointLayout {
+                bit_offset: 0,
+                bit_precision: 16,
+                exponent_location: 10,
+                exponent_size: 5,
+                mantissa_location: 0,
+                mantissa_size: 10,
+                exponent_bias: 15,
+            },
+        };
+        // 1, 1.5, 2, 0, -2 and 0.5 in binary16.
+        let bits = [0x3c00_u16, 0x3e00, 0x4000, 0, 0xc000, 0x3800];
+        let bytes = bits.map(u16::to_le_bytes).concat();
+        let mut builder = FileBuilder::new();
+        let array = builder.create_dataset("dataset");
+        array.with_raw_data(element, bytes, 6).with_shape(&[2, 3]);
+        builder.write(&path).unwrap();
+        let depth = read_h5(&path, 2.0).unwrap();
+        assert_eq!(depth.values(), [2.0, 3.0, 4.0, 0.0, 0.0, 1.0]);
+        assert_eq!(depth.ignored(), 1);
+    }
+}

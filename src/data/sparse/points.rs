@@ -72,12 +72,11 @@ impl Points {
             self.ignored += 1;
             return;
         }
-        match camera.project(point.map(|v| v * metres)) {
-            Some((place, depth)) => self.add(place, depth, sigma, number),
-            None => {
-                self.all += 1;
-                self.outside += 1;
-            }
+        if let Some((place, depth)) = camera.project(point.map(|v| v * metres)) {
+            self.add(place, depth, sigma, number);
+        } else {
+            self.all += 1;
+            self.outside += 1;
         }
     }
 
