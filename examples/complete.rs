@@ -16,7 +16,7 @@ fn main() -> Result<()> {
     };
     let image = read_rgb(Path::new(image))?;
     let size = (image.width() as usize, image.height() as usize);
-    let points = Sparse::read(Path::new(points), None, None, size)?.depth;
+    let points = Sparse::read(Path::new(points), None, None, size)?.map()?;
 
     let completion = Completer::load()?.complete(&image, &points)?;
 

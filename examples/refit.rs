@@ -17,7 +17,7 @@ fn main() -> Result<()> {
     };
     let image = read_rgb(Path::new(image))?;
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let points = Sparse::read(Path::new(points), None, None, (width, height))?.depth;
+    let points = Sparse::read(Path::new(points), None, None, (width, height))?.map()?;
     let points: Vec<_> = points.points().collect();
 
     let completer = Completer::load()?;

@@ -28,7 +28,7 @@ impl DepthMap {
     /// # Errors
     /// The number of values is not `width * height`, or the map is empty.
     pub fn new(width: usize, height: usize, mut values: Vec<f32>) -> Result<Self> {
-        if width == 0 || height == 0 || values.len() != width * height {
+        if width == 0 || height == 0 || width.checked_mul(height) != Some(values.len()) {
             return Err(Error::shape(format!(
                 "{} depth values do not make a map of {width}x{height}",
                 values.len()
@@ -144,5 +144,7 @@ mod tests {
     fn a_wrong_count_is_an_error() {
         assert!(DepthMap::new(2, 2, vec![1.0; 3]).is_err());
         assert!(DepthMap::new(0, 2, vec![]).is_err());
+        // Overflows to 0.
+        assert!(DepthMap::new(1 << 32, 1 << 32, vec![]).is_err());
     }
 }

@@ -3,6 +3,7 @@
 use super::frame::Completed;
 use super::inputs::Loaded;
 use crate::cli::ui;
+use crate::data::Unit;
 use crate::fit::root_mean_square;
 use serde::Serialize;
 use std::path::Path;
@@ -162,18 +163,23 @@ impl Summary {
             format!("points    {}{note}", points.used),
             format!("unit      {}{guess}", points.unit),
         ];
+        let m = if points.unit == Unit::MODEL.to_string() {
+            "units"
+        } else {
+            "m"
+        };
         if let Some(depth) = &self.depth {
             lines.push(format!(
-                "depth     {:.3} to {:.3} m, {}x{}",
+                "depth     {:.3} to {:.3} {m}, {}x{}",
                 depth.lowest, depth.highest, depth.width, depth.height
             ));
         }
         if let Some(fit) = &self.fit {
             let left_out = fit.left_out.map_or(String::new(), |left_out| {
-                format!(", {left_out:.4} m at points left out")
+                format!(", {left_out:.4} {m} at points left out")
             });
             lines.push(format!(
-                "residual  {:.4} m rms at the points{left_out}, rank {} of {}",
+                "residual  {:.4} {m} rms at the points{left_out}, rank {} of {}",
                 fit.residual, fit.rank, fit.functions
             ));
         }

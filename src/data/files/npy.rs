@@ -95,7 +95,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Array> {
         columns,
         values,
         numbers: match element.trim_start_matches(['<', '>', '|', '=']) {
-            "b1" => Numbers::Truths,
+            "b1" => Numbers::Booleans,
             "u1" | "i1" => Numbers::Bytes,
             other if other.starts_with(['u', 'i']) => Numbers::Integers,
             _ => Numbers::Floats,
