@@ -1,7 +1,7 @@
 //! What is in a file that nobody has described.
 
 use super::files::{
-    CLOUDS, Columns, IMAGES, Table, has_ending, image_kind, is_grey_tiff, read_cloud,
+    CLOUDS, Columns, IMAGES, Table, Visit, has_ending, image_kind, is_grey_tiff, read_cloud,
 };
 use super::sparse::is_table;
 use super::stored::{DEPTHS, KnownUnit, Stored, StoredMap, read_stored};
@@ -140,9 +140,7 @@ impl Contents {
 const CAMERAS: [&str; 4] = ["toml", "json", "yaml", "yml"];
 
 /// The bounds of the points of a cloud, which are visited by `visit_all`.
-fn read_bounds(
-    visit_all: &mut dyn FnMut(&mut dyn FnMut([f64; 3])) -> Result<()>,
-) -> Result<Contents> {
+fn read_bounds(visit_all: &mut dyn FnMut(&mut Visit<'_>) -> Result<()>) -> Result<Contents> {
     let (mut count, mut ignored) = (0, 0);
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     visit_all(&mut |point| {

@@ -42,7 +42,7 @@ impl KnownUnit {
     pub(super) fn new(said: Option<Unit>, numbers: Numbers) -> Self {
         let usual = match numbers {
             Numbers::Bytes | Numbers::Integers => Unit::MILLIMETRE,
-            Numbers::Floats | Numbers::Truths => Unit::METRE,
+            Numbers::Floats | Numbers::Booleans => Unit::METRE,
         };
         Self {
             unit: said.unwrap_or(usual),
@@ -67,7 +67,7 @@ impl KnownUnit {
         let median = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
         let unit = self.unit;
         match numbers {
-            Numbers::Truths => Some(
+            Numbers::Booleans => Some(
                 "true and false are taken for depths of 1 and none: is this a mask?".to_owned(),
             ),
             Numbers::Bytes => Some(format!(
@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn implausible_units_are_doubted() {
         assert!(doubted(Numbers::Bytes, &[0.1, 0.2]));
-        assert!(doubted(Numbers::Truths, &[1.0, 1.0]));
+        assert!(doubted(Numbers::Booleans, &[1.0, 1.0]));
         assert!(doubted(Numbers::Floats, &[1785.0, 2900.0, 6042.0]));
         assert!(doubted(Numbers::Integers, &[0.002, 0.004, 0.005]));
         assert!(!doubted(Numbers::Floats, &[1.7, 2.9, 6.0]));

@@ -96,7 +96,8 @@ fn points_of_turned_photos_are_where_the_image_shows_them() {
             }
             let warned = said(&run).contains("turned upright");
             assert_eq!(warned, orientation > 1 && input.len() > 1, "{}", said(&run));
-            let unit = text(&run).contains("unit      model units");
+            let told = text(&run);
+            let unit = told.contains("unit      model units") && told.contains("6.000 units,");
             assert_eq!(unit, input == ["model"], "{}", text(&run));
         }
     }

@@ -149,5 +149,7 @@ mod tests {
     fn a_wrong_count_is_an_error() {
         assert!(DepthMap::new(2, 2, vec![1.0; 3]).is_err());
         assert!(DepthMap::new(0, 2, vec![]).is_err());
+        // Overflows to 0.
+        assert!(DepthMap::new(1 << 32, 1 << 32, vec![]).is_err());
     }
 }

@@ -37,7 +37,7 @@ pub(in crate::cli) struct Complete {
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT", help_heading = "Input")]
     pub(in crate::cli) depth_unit: Option<Unit>,
     /// Camera intrinsics and pose, to project clouds and back-project pixels: a file (TOML or JSON with
-    /// fx, fy, cx, cy, distortion, pose, or the camera_info of ROS as YAML), or FX,FY,CX,CY in pixels.
+    /// fx, fy, cx, cy, distortion, pose, or the YAML of a calibration by ROS), or FX,FY,CX,CY in pixels.
     /// Of an image that EXIF turns, those of the pixels as stored, unless only upright fits.
     #[arg(long, value_parser = typed::<Camera>, value_name = "CAMERA", help_heading = "Input")]
     pub(in crate::cli) camera: Option<Camera>,

@@ -56,6 +56,9 @@ impl Pipes {
     }
 }
 
+/// No image or scan is larger.
+const MOST: u64 = 1 << 30;
+
 /// Checks that a command with `-o -` asks for one file of one image.
 fn check_one_file(args: &Complete) -> Result<()> {
     let refused = |what: &str, hint: &str| {
@@ -91,8 +94,6 @@ fn check_one_file(args: &Complete) -> Result<()> {
 /// What comes from standard input as a file, whose ending says what it is.
 fn read_stdin(folder: &Path) -> Result<PathBuf> {
     let stdin = Path::new("standard input");
-    /// No image or scan is larger.
-    const MOST: u64 = 1 << 30;
     let mut bytes = Vec::new();
     std::io::stdin()
         .take(MOST + 1)

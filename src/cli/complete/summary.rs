@@ -196,13 +196,18 @@ impl Summary {
             format!("points    {}{note}", points.used),
             format!("unit      {}{guess}", points.unit),
         ];
+        let m = if points.unit == Unit::MODEL.to_string() {
+            "units"
+        } else {
+            "m"
+        };
         if let Some(depth) = &self.depth {
             let clamped = match depth.clamped {
                 0 => String::new(),
                 count => format!(", {count} pixels limited to ten times the range of the points"),
             };
             lines.push(format!(
-                "depth     {:.3} to {:.3} m, {}x{}{clamped}",
+                "depth     {:.3} to {:.3} {m}, {}x{}{clamped}",
                 depth.lowest, depth.highest, depth.width, depth.height
             ));
         }
@@ -213,10 +218,10 @@ impl Summary {
         }
         if let Some(fit) = &self.fit {
             let left_out = fit.leave_one_out.map_or(String::new(), |left_out| {
-                format!(", {left_out:.4} m at points left out")
+                format!(", {left_out:.4} {m} at points left out")
             });
             lines.push(format!(
-                "residual  {:.4} m rms at the points{left_out}, rank {} of {}",
+                "residual  {:.4} {m} rms at the points{left_out}, rank {} of {}",
                 fit.residual, fit.rank, fit.functions
             ));
         }

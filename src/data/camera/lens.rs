@@ -34,7 +34,9 @@ impl Lens {
     pub(in crate::data) fn fisheye(coefficients: [f64; 4]) -> Self {
         Self::Fisheye {
             coefficients,
-            angle: fold(std::f64::consts::FRAC_PI_2, |a| bent(&coefficients, a)),
+            angle: fold(std::f64::consts::FRAC_PI_2, |a| {
+                fisheye_radius(&coefficients, a)
+            }),
         }
     }
 
@@ -78,7 +80,7 @@ impl Lens {
                 if angle > *last {
                     return None;
                 }
-                let seen = bent(coefficients, angle);
+                let seen = fisheye_radius(coefficients, angle);
                 Some([x * seen / radius, y * seen / radius])
             }
         }
@@ -130,8 +132,8 @@ fn fold(last: f64, seen: impl Fn(f64) -> f64) -> f64 {
     }
 }
 
-/// Where a fisheye lens shows what is at an angle from the axis, in focal lengths.
-fn bent([k1, k2, k3, k4]: &[f64; 4], angle: f64) -> f64 {
+/// How far from the centre a fisheye lens shows what is at an angle from the axis, in focal lengths.
+fn fisheye_radius([k1, k2, k3, k4]: &[f64; 4], angle: f64) -> f64 {
     let s = angle * angle;
     angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
 }

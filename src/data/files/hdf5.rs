@@ -3,7 +3,8 @@
 use super::plausible;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
-use hdf5_pure::{Chunk, ChunkIndex, DType, Dataset, File, Object};
+use half::f16;
+use hdf5_pure::{Chunk, ChunkIndex, DType, Dataset, Datatype, DatatypeByteOrder, File, Object};
 use image::{Rgb, RgbImage};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -78,12 +79,47 @@ impl Hdf5 {
         start: usize,
         count: usize,
     ) -> Result<Vec<f32>> {
-        let floats = [DType::F32, DType::F64];
-        let array = self.checked(name, row, start..start + count, &floats)?;
+        let rows = start..start + count;
+        if let Some(big) = self.half(name)? {
+            // The library knows no floats of 16 bits.
+            let element = self.array(name)?.dtype().map_err(|e| self.damaged(e))?;
+            let array = self.checked(name, row, rows, &[element])?;
+            let bytes = array.read_raw_rows(start as u64, count as u64);
+            let bytes = bytes.map_err(|e| self.damaged(e))?;
+            let value = |bytes: &[u8; 2]| {
+                if big {
+                    f16::from_be_bytes(*bytes)
+                } else {
+                    f16::from_le_bytes(*bytes)
+                }
+            };
+            let values = bytes.as_chunks::<2>().0.iter();
+            let values = values.map(|bytes| value(bytes).to_f32()).collect();
+            return self.counted(name, values, row, count);
+        }
+        let array = self.checked(name, row, rows, &[DType::F32, DType::F64])?;
         array
             .read_f32_rows(start as u64, count as u64)
             .map_err(|e| self.damaged(e))
             .and_then(|values| self.counted(name, values, row, count))
+    }
+
+    /// Whether an array of floats of 16 bits is big-endian; nothing if it holds others.
+    fn half(&self, name: &str) -> Result<Option<bool>> {
+        /// Bits of the mantissa of IEEE 754's binary16.
+        const MANTISSA: u8 = 10;
+        Ok(
+            match self.array(name)?.datatype().map_err(|e| self.damaged(e))? {
+                Datatype::FloatingPoint {
+                    size: 2,
+                    byte_order,
+                    layout,
+                } if layout.mantissa_size == MANTISSA => {
+                    Some(byte_order == DatatypeByteOrder::BigEndian)
+                }
+                _ => None,
+            },
+        )
     }
 
     /// The texts of a MATLAB cell array of strings.
@@ -281,4 +317,40 @@ pub(in crate::data) fn read_h5(path: &Path, scale: f64) -> Result<DepthMap> {
         height,
         values.into_iter().map(metres).collect(),
     )?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hdf5_pure::{FileBuilder, FloatingPointLayout};
+
+    /// As h5py writes numpy.float16.
+    #[test]
+    fn depths_may_be_floats_of_16_bits() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.h5");
+        let element = Datatype::FloatingPoint {
+            size: 2,
+            byte_order: DatatypeByteOrder::LittleEndian,
+            layout: FloatingPointLayout {
+                bit_offset: 0,
+                bit_precision: 16,
+                exponent_location: 10,
+                exponent_size: 5,
+                mantissa_location: 0,
+                mantissa_size: 10,
+                exponent_bias: 15,
+            },
+        };
+        // 1, 1.5, 2, 0, -2 and 0.5 in binary16.
+        let bits = [0x3c00_u16, 0x3e00, 0x4000, 0, 0xc000, 0x3800];
+        let bytes = bits.map(u16::to_le_bytes).concat();
+        let mut builder = FileBuilder::new();
+        let array = builder.create_dataset("dataset");
+        array.with_raw_data(element, bytes, 6).with_shape(&[2, 3]);
+        builder.write(&path).unwrap();
+        let depth = read_h5(&path, 2.0).unwrap();
+        assert_eq!(depth.values(), [2.0, 3.0, 4.0, 0.0, 0.0, 1.0]);
+        assert_eq!(depth.ignored(), 1);
+    }
 }

@@ -41,7 +41,7 @@ use std::path::{Path, PathBuf};
 /// What a file stores numbers as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Numbers {
-    Truths,
+    Booleans,
     /// Integers of 8 bits.
     Bytes,
     /// Integers of more bits.

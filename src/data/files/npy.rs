@@ -95,7 +95,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Array> {
         columns,
         values,
         numbers: match element.trim_start_matches(['<', '>', '|', '=']) {
-            "b1" => Numbers::Truths,
+            "b1" => Numbers::Booleans,
             "u1" | "i1" => Numbers::Bytes,
             other if other.starts_with(['u', 'i']) => Numbers::Integers,
             _ => Numbers::Floats,
@@ -162,4 +162,25 @@ pub(super) fn encode(out: &mut dyn Write, depth: &DepthMap) -> std::io::Result<(
         .begin_nd()?;
     writer.extend(depth.values().iter().copied())?;
     writer.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_of_length_one_may_stand_before_or_behind() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.npy");
+        for shape in [&[2_u64, 3][..], &[1, 2, 3], &[2, 3, 1]] {
+            let mut file = Vec::new();
+            let options = npyz::WriteOptions::new().default_dtype().shape(shape);
+            let mut writer = options.writer(&mut file).begin_nd().unwrap();
+            writer.extend((1..=6).map(|v| v as f32)).unwrap();
+            writer.finish().unwrap();
+            std::fs::write(&path, file).unwrap();
+            let map = read_npy(&path, 1.0).unwrap();
+            assert_eq!((map.width(), map.height(), map.at(2, 1)), (3, 2, 6.0));
+        }
+    }
 }

@@ -25,3 +25,15 @@ pub(super) fn catch<T>(work: impl FnOnce() -> T) -> Option<T> {
     CATCHING.set(outer);
     result
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn panics_become_nothing() {
+        assert_eq!(catch(|| 3), Some(3));
+        assert_eq!(catch(|| -> u8 { panic!("a damaged record") }), None);
+        assert!(!CATCHING.get());
+    }
+}

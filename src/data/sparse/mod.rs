@@ -68,7 +68,7 @@ impl Sparse {
             let seeing = seeing(path, camera)?;
             let metres = known.unit.metres();
             read_cloud(path, &mut |point| {
-                points.project(seeing, point, metres, None)
+                points.project(seeing, point, metres, None);
             })?;
             return cloud(path, points, known);
         }

@@ -17,8 +17,8 @@ pub(super) struct Points {
     pub(super) ignored: usize,
     outside: usize,
     /// Without a usable standard deviation, and which came first.
-    vague: usize,
-    first_vague: usize,
+    bad_sigmas: usize,
+    first_bad_sigma: usize,
     /// A camera sees through between the points of a cloud.
     is_cloud: bool,
 }
@@ -32,8 +32,8 @@ impl Points {
             all: 0,
             ignored: 0,
             outside: 0,
-            vague: 0,
-            first_vague: 0,
+            bad_sigmas: 0,
+            first_bad_sigma: 0,
             is_cloud: false,
         }
     }
@@ -48,10 +48,10 @@ impl Points {
         } else if pixel([u, v], self.size).is_none() {
             self.outside += 1;
         } else if !sigma.is_none_or(sound) {
-            if self.vague == 0 {
-                self.first_vague = number;
+            if self.bad_sigmas == 0 {
+                self.first_bad_sigma = number;
             }
-            self.vague += 1;
+            self.bad_sigmas += 1;
         } else {
             self.found.push(Observation { u, v, depth, sigma });
         }
@@ -72,12 +72,11 @@ impl Points {
             self.ignored += 1;
             return;
         }
-        match camera.project(point.map(|v| v * metres)) {
-            Some((place, depth)) => self.add(place, depth, sigma, number),
-            None => {
-                self.all += 1;
-                self.outside += 1;
-            }
+        if let Some((place, depth)) = camera.project(point.map(|v| v * metres)) {
+            self.add(place, depth, sigma, number);
+        } else {
+            self.all += 1;
+            self.outside += 1;
         }
     }
 
@@ -107,11 +106,11 @@ impl Points {
     /// What is left; `row` is what a point is called in the file.
     pub(super) fn sparse(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
         let hidden = self.remove_hidden();
-        let vague = (self.vague > 0).then(|| {
+        let remark = (self.bad_sigmas > 0).then(|| {
             format!(
                 "{} points are left out, as their standard deviations are not positive and finite; \
                  the first is {row} {}",
-                self.vague, self.first_vague
+                self.bad_sigmas, self.first_bad_sigma
             )
         });
         Sparse {
@@ -119,17 +118,17 @@ impl Points {
             size: self.size,
             unit,
             guessed,
-            ignored: self.ignored + self.vague,
+            ignored: self.ignored + self.bad_sigmas,
             outside: self.outside,
             hidden,
-            remarks: vague.into_iter().collect(),
+            remarks: remark.into_iter().collect(),
         }
     }
 
     /// That nothing is left.
     pub(super) fn none(&self, path: &Path, points: &str) -> Error {
         let (all, (width, height)) = (self.all, self.size);
-        let sigma = if self.vague > 0 {
+        let sigma = if self.bad_sigmas > 0 {
             " and standard deviation"
         } else {
             ""

@@ -102,10 +102,7 @@ fn what_is_written_is_read() {
         let found = Sparse::read(&at(name), None, None, SIZE).unwrap();
         let (again, sigmas) = found.maps().unwrap();
         assert_eq!(again, depth, "{name}");
-        let pairs = sigmas
-            .iter()
-            .flat_map(|map| map.values())
-            .zip(sigma.values());
+        let pairs = sigmas.iter().flat_map(DepthMap::values).zip(sigma.values());
         pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-7 * b, "{name}"));
         assert_eq!(sigmas.is_some(), with.is_some(), "{name}");
         assert_eq!((found.unit, found.guessed), (Unit::METRE, true));
