@@ -33,7 +33,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("metrics", &["data", "error", "rng"]),
-    ("report", &["metrics", "data", "error", "rng"]),
+    ("report", &["metrics", "data", "provenance", "error", "rng"]),
     (
         "eval",
         &[
