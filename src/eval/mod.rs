@@ -73,7 +73,7 @@ impl Evaluation<'_> {
         let made_from = json!({
             "program": provenance::program(),
             "inputs": inputs,
-            "frames": crate::rng::hash(&ids),
+            "frames": format!("{:016x}", crate::rng::hash(&ids)),
             "protocol": self.protocol,
             "points": self.points,
             "point_files": point_files,
