@@ -4,7 +4,8 @@
 
 use burn::tensor::{Device, Distribution, Tensor};
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use lsdc::conv::{ConvSpec, Layer, conv2d};
+use lsdc::ops::conv::conv2d;
+use lsdc_kernels::conv::{ConvSpec, Layer};
 use lsdc_kernels::simd::{Level, Scratch, Tail};
 use lsdc_rng::Rng;
 use std::hint::black_box;

@@ -128,6 +128,8 @@ fn open_alone(path: &Path) -> Result<(File, Vec<u8>)> {
 
 /// Checks the first line of a journal.
 fn check(path: &Path, first: &str, made_from: &Value) -> Result<()> {
+    /// More do not help.
+    const SHOWN: usize = 3;
     // What is not JSON differs as a whole. Numbers are compared as they are read back.
     let before: Value = serde_json::from_str(first).unwrap_or_default();
     let now: Value = serde_json::from_str(&made_from.to_string()).unwrap_or_default();
@@ -135,8 +137,6 @@ fn check(path: &Path, first: &str, made_from: &Value) -> Result<()> {
     if found.is_empty() {
         return Ok(());
     }
-    /// More do not help.
-    const SHOWN: usize = 3;
     let mut words = found[..found.len().min(SHOWN)].join("; ");
     if found.len() > SHOWN {
         words += &format!("; and {} more", found.len() - SHOWN);

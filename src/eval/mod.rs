@@ -73,7 +73,7 @@ impl Evaluation<'_> {
         let made_from = json!({
             "program": provenance::program(),
             "inputs": inputs,
-            "frames": lsdc_rng::hash(&ids),
+            "frames": format!("{:016x}", lsdc_rng::hash(&ids)),
             "protocol": self.protocol,
             "points": self.points,
             "point_files": point_files,

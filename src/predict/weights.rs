@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use lsdc_core::Weights;
-use lsdc_core::weights::{DEFAULT, SMALL};
+use lsdc_core::weights;
 use lsdc_rng::hash;
 use std::path::Path;
 
@@ -22,12 +22,12 @@ static EMBEDDED: [Embedded; 2] = [
     Embedded {
         name: "default",
         about: "the most accurate",
-        bytes: lsdc_core::weights::DEFAULT,
+        bytes: weights::DEFAULT,
     },
     Embedded {
         name: "small",
         about: "for weak machines",
-        bytes: SMALL,
+        bytes: weights::SMALL,
     },
 ];
 

@@ -1,15 +1,26 @@
 //! Error against the number of points: one evaluation for each number.
 
-use super::Report;
 use super::chart::{Chart, Line};
 use super::drawing::escaped;
 use super::html::{begin, legend};
 use super::text::shown;
+use super::{Heading, Report};
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
 use crate::metrics::{Metric, Scores};
 use std::fmt::{Display, Formatter, Write as _};
 use std::path::Path;
+
+/// A heading that says nothing of the points.
+fn but_for_points(report: &Report) -> Heading {
+    let mut heading = report.heading().clone();
+    heading.points.clear();
+    if let Some(made_from) = heading.made_from.as_object_mut() {
+        made_from.remove("points");
+        made_from.remove("point_files");
+    }
+    heading
+}
 
 /// Mean scores of several methods at several numbers of points.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,13 +40,13 @@ impl Curve {
         let first = reports
             .first()
             .ok_or_else(|| Error::config("there is no report to draw"))?;
-        let same = |other: &Report| {
-            let (a, b) = (first.heading(), other.heading());
-            (&a.dataset, &a.protocol, &a.methods) == (&b.dataset, &b.protocol, &b.methods)
-        };
-        if !reports.iter().all(same) {
-            return Err(Error::config("the reports do not belong to one curve")
-                .hint("dataset, protocol and methods must be equal"));
+        for other in reports {
+            if let Some(difference) = but_for_points(first).difference(&but_for_points(other)) {
+                return Err(Error::config(format!(
+                    "the reports do not belong to one curve: {difference}"
+                ))
+                .hint("everything but the points must be equal"));
+            }
         }
         let row = |report: &Report| {
             let frames = report.frames();

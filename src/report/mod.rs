@@ -28,6 +28,7 @@ pub use training::Training;
 use crate::data::{Place, Shard};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Difference, Metric, Profile, Rules, Scores, Tally, deviation};
+use crate::provenance::differences;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -60,10 +61,19 @@ pub struct Heading {
     pub rules: Rules,
     /// Frames in all, whichever shard measured them.
     pub frames: usize,
-    /// Everything that the numbers depend on, whether the words above say it or not: see
-    /// [`Evaluation::heading`](crate::eval::Evaluation::heading). Null in reports of older versions.
+    /// Everything that the numbers depend on, whether the words above say it or not: the program,
+    /// the settings, files by their contents. Null in reports of older versions.
     #[serde(default)]
     pub made_from: serde_json::Value,
+}
+
+impl Heading {
+    /// The first value that another heading has otherwise, if there is one.
+    fn difference(&self, other: &Self) -> Option<String> {
+        let value = |heading: &Self| serde_json::to_value(heading).unwrap_or_default();
+        let found = differences(&value(self), &value(other));
+        found.into_iter().next()
+    }
 }
 
 /// How one method did on one frame with one draw of points.
@@ -232,9 +242,11 @@ impl Report {
     /// # Errors
     /// Another heading, or a frame that both have.
     pub fn join(&mut self, other: Self) -> Result<()> {
-        if self.heading != other.heading {
-            return Err(Error::config("the reports do not measure the same thing")
-                .hint("dataset, protocol, points, seeds, methods and weights must be equal"));
+        if let Some(difference) = self.heading.difference(&other.heading) {
+            return Err(Error::config(format!(
+                "the reports do not measure the same thing: {difference}"
+            ))
+            .hint("dataset, protocol, points, seeds, methods, fit and weights must be equal"));
         }
         for (key, scores) in other.frames {
             self.insert(key, scores)?;

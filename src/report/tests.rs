@@ -81,18 +81,29 @@ fn a_curve_runs_from_few_points_to_many() {
     let mut other = heading();
     other.dataset = "another".into();
     assert!(Curve::of(&[of(5, 0.5), Report::new(other)]).is_err());
+    let mut refit = heading();
+    refit.made_from = serde_json::json!({ "points": 5, "fit": { "method": "lse" } });
+    let error = Curve::of(&[of(5, 0.5), Report::new(refit)]).unwrap_err();
+    assert!(error.to_string().contains("made_from"), "{error}");
     assert!(Curve::of(&[]).is_err());
 }
 
 #[test]
 fn joined_shards_are_the_whole_bit_for_bit() {
     let whole = report(0..9);
-    let mut shards = report([8, 1, 5].into_iter());
-    shards.join(report([0, 7, 3].into_iter())).unwrap();
-    let last = report([6, 4, 2].into_iter());
+    let part = |index: usize, frames: [usize; 3]| {
+        let shard = format!("{index}/3").parse().unwrap();
+        report(frames.into_iter()).of_part(shard)
+    };
+    let mut shards = part(1, [8, 1, 5]);
+    shards.join(part(0, [0, 7, 3])).unwrap();
+    let missing = shards.clone().complete().unwrap_err().to_string();
+    assert!(missing.contains("2-of-3"), "{missing}");
+    let last = part(2, [6, 4, 2]);
     // Through a file, as shards go.
     let text = serde_json::to_string(&last.to_json()).unwrap();
     shards.join(Report::from_json(&text).unwrap()).unwrap();
+    let shards = shards.complete().unwrap();
     assert_eq!(shards, whole);
     let json = |r: &Report| serde_json::to_string(&r.to_json()).unwrap();
     assert_eq!(json(&shards), json(&whole));

@@ -166,10 +166,10 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     while let Some(below) = folders.pop() {
         for entry in std::fs::read_dir(below).unwrap() {
             let path = entry.unwrap().path();
-            if path.file_name().unwrap() == ".lsdc" {
-                continue;
-            } else if path.is_dir() {
-                folders.push(path);
+            if path.is_dir() {
+                if path.file_name().unwrap() != ".lsdc" {
+                    folders.push(path);
+                }
             } else {
                 let name = path.strip_prefix(folder).unwrap();
                 let name = name.to_string_lossy().into_owned();
@@ -437,13 +437,11 @@ fn run(at: &Path, args: &[String], stdin: Option<&Vec<u8>>) -> Output {
 fn promised(row: &Choice) -> BTreeSet<String> {
     let several = matches!(row.of("images"), "folder" | "list");
     let shard: Shard = row.of("shard").parse().unwrap();
-    let stems: Vec<&str> = match several {
-        false => vec!["a"],
-        true => ["a", "b"]
-            .into_iter()
-            .filter(|name| shard.holds(&format!("{name}.png")))
-            .collect(),
-    };
+    let mut stems = vec!["a"];
+    if several {
+        stems.push("b");
+        stems.retain(|name| shard.holds(&format!("{name}.png")));
+    }
     let mut extra = Vec::new();
     for (name, file) in [
         ("uncertainty", "sigma.npy"),

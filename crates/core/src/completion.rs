@@ -44,7 +44,7 @@ pub struct Report {
     pub given: usize,
     /// Those that were fitted.
     pub used: usize,
-    /// Those whose depth, place or standard deviation is NaN, infinite or not positive.
+    /// Those whose depth or standard deviation is not from 1e-15 to 1e15, or whose place is not finite.
     pub invalid: usize,
     /// Those outside the image.
     pub outside: usize,

@@ -83,8 +83,8 @@ impl Scene {
 
     /// Fits the basis functions of the image to observations of its depth.
     ///
-    /// Observations without a positive, finite depth, with a standard deviation that is not one, or
-    /// outside the image are left out; the [report](Completion::report) counts them.
+    /// Observations whose depth or standard deviation is not a number from 1e-15 to 1e15, or outside the
+    /// image, are left out; the [report](Completion::report) counts them.
     ///
     /// # Errors
     /// No observation that can be used, or a damaged network.

@@ -3,6 +3,10 @@
 use crate::error::FitError;
 use crate::observations::{Observation, Observations};
 
+/// Depths and standard deviations of all units that there are; beyond, their squares leave `f32`.
+const LEAST: f32 = 1e-15;
+const MOST: f32 = 1e15;
+
 /// The observations that a fit can use, in their order.
 #[derive(Clone, Debug)]
 pub(crate) struct Usable {
@@ -37,11 +41,11 @@ impl Usable {
             outside: 0,
             assumed: 0,
         };
-        let positive = |v: f32| v > 0.0 && v.is_finite();
+        let sound = |v: f32| (LEAST..=MOST).contains(&v);
         let mut deviations = Vec::new();
         for (i, &Observation { u, v, depth, sigma }) in observations.iter().enumerate() {
             let inside = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
-            if !(positive(depth) && u.is_finite() && v.is_finite() && sigma.is_none_or(positive)) {
+            if !(sound(depth) && u.is_finite() && v.is_finite() && sigma.is_none_or(sound)) {
                 usable.invalid += 1;
             } else if inside(u, width) && inside(v, height) {
                 usable.which.push(i);

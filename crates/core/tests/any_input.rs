@@ -64,7 +64,7 @@ fn settings() -> impl Strategy<Value = FitConfig> {
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: 300,
+        cases: 100,
         failure_persistence: None,
         ..ProptestConfig::default()
     })]
@@ -92,7 +92,7 @@ proptest! {
             prop_assert!(value.is_finite() && (low..=high).contains(value), "{}", value);
         }
         if let Ok(deviations) = completion.standard_deviation() {
-            prop_assert_eq!(deviations.ignored(), 0);
+            prop_assert_eq!(deviations.ignored(), 0, "{:?} {:?}", report, completion.depth());
         }
         let lists = [completion.residuals(), completion.leave_one_out(), completion.point_weights()];
         for list in lists {

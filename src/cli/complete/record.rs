@@ -76,7 +76,10 @@ impl Records {
         job: &Job,
         before: &Record,
     ) -> Result<Option<String>> {
-        if let Some(first) = differences(&before.settings, &self.settings).first() {
+        let found = differences(&before.settings, &self.settings);
+        // Another method has other settings altogether.
+        let method = found.iter().find(|found| found.starts_with("method:"));
+        if let Some(first) = method.or(found.first()) {
             return Ok(Some(first.clone()));
         }
         for (role, path) in job.files(args) {

@@ -38,9 +38,6 @@ struct Points {
     /// Whether the method looks at the deviations that came with the points.
     #[serde(skip_serializing_if = "Option::is_none")]
     deviations_used: Option<bool>,
-    /// Points whose deviation was taken to be the median of the others.
-    #[serde(skip_serializing_if = "is_zero")]
-    deviations_assumed: usize,
 }
 
 #[derive(Debug, Serialize)]
@@ -92,6 +89,13 @@ impl Summary {
         let fit = found.diagnostics.as_ref();
         let report = fit.map(|fit| fit.completion.report());
         let seconds = |stage: Duration| stage.as_secs_f64();
+        let mut remarks = points.remarks.clone();
+        let assumed = report.map_or(0, |report| report.assumed_deviations);
+        if assumed > 0 {
+            remarks.push(format!(
+                "{assumed} points have no standard deviation; that of the others' median was taken"
+            ));
+        }
         Self {
             image: name.display().to_string(),
             status: "completed",
@@ -107,7 +111,6 @@ impl Summary {
                     .iter()
                     .any(|point| point.sigma.is_some())
                     .then_some(fit.is_some()),
-                deviations_assumed: report.map_or(0, |report| report.assumed_deviations),
             },
             depth: found.depth.range().map(|(lowest, highest)| Depth {
                 width: found.depth.width(),
@@ -131,7 +134,7 @@ impl Summary {
                 fit: report.map(|report| seconds(report.fit)),
                 dense: fit.map(|fit| seconds(fit.dense)),
             },
-            remarks: points.remarks.clone(),
+            remarks,
         }
     }
 
@@ -173,12 +176,6 @@ impl Summary {
             .filter(|(count, _)| *count > 0)
             .map(|(count, what)| format!("{count} {what}"))
             .collect();
-        if points.deviations_assumed > 0 {
-            notes.push(format!(
-                "{} without a deviation, for which the median of the others was taken",
-                points.deviations_assumed
-            ));
-        }
         if points.deviations_used == Some(false) {
             notes.push("their deviations play no part in this method".to_owned());
         }

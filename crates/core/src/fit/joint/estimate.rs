@@ -44,7 +44,8 @@ impl FieldEstimator<'_> {
         let moments = moments(&field, columns, freedom);
         let (solution, noise, lambda) = match self.prior {
             None => {
-                let noise = moments.square / moments.count.max(1) as f64;
+                // Rounding may leave less than nothing.
+                let noise = moments.square.max(0.0) / moments.count.max(1) as f64;
                 (nothing(columns), noise, None)
             }
             Some((prior, lambda)) => {
