@@ -59,7 +59,8 @@ fn field(criterion: &mut Criterion) {
         });
         let combinations = faer::Mat::identity(count, count);
         group.bench_function("variances", |bencher| {
-            bencher.iter(|| field.spreads(&columns, black_box(combinations.as_ref()), Reach::Pixels));
+            bencher
+                .iter(|| field.spreads(&columns, black_box(combinations.as_ref()), Reach::Pixels));
         });
     }
 }

@@ -2,9 +2,9 @@
 """What each part of the network, the fit and the training is worth, on equal budgets.
 
 Trains one variant after the other from the same seed, measures each on test frames, and prints a
-table. What exists is not done again: stop and go on as you like. Variants of `nyu-edges.toml` and
-`nyu-joint.toml` judge edges and start from weights with base functions; those of `nyu-half.toml` learn
-base functions.
+table. What exists is not done again: stop and go on as you like. Variants of `nyu-affinities.toml` and
+`nyu-joint.toml` judge edges and start from weights with basis functions; those of `nyu-half.toml` learn
+basis functions.
 
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 --start WEIGHTS -o ablation
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 -o ablation --only 'bases;N=16'
@@ -87,7 +87,7 @@ class Variant:
 
 
 def edges(**changes: dict) -> Variant:
-    return Variant("nyu-edges", laid_over({"network": {"edges": 16}}, changes))
+    return Variant("nyu-affinities", laid_over({"network": {"edges": 16}}, changes))
 
 
 def bases(after: str = "", **changes: dict) -> Variant:
@@ -95,7 +95,7 @@ def bases(after: str = "", **changes: dict) -> Variant:
 
 
 def functions(count: int) -> Variant:
-    # The last hidden layer is at least as wide as there are base functions.
+    # The last hidden layer is at least as wide as there are basis functions.
     return bases(network={"bases": count, "hidden": [128, max(128, count)]})
 
 
@@ -106,7 +106,7 @@ def loss(**weights: float) -> dict:
 VARIANTS = {
     "edges": edges(),
     "edges, field alone": Variant(weights="edges", flags=("--fit", "field")),
-    "edges, base functions alone": Variant(weights="edges", flags=("--fit", "lse")),
+    "edges, basis functions alone": Variant(weights="edges", flags=("--fit", "lse")),
     "colours alone": Variant(weights="start"),
     "colours and field alone": Variant(weights="start", flags=("--fit", "field")),
     "half as wide": edges(network={"edges": 8}),

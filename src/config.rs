@@ -4,6 +4,7 @@ use crate::data::DataConfig;
 use crate::error::{Error, Result};
 use crate::eval::EvalConfig;
 use crate::model::NetworkConfig;
+use crate::renamed::renamed;
 use crate::train::TrainConfig;
 use lsdc_core::fit::FitConfig;
 use serde::{Deserialize, Serialize};
@@ -41,6 +42,9 @@ pub struct Config {
     pub train: TrainConfig,
     /// Evaluation.
     pub eval: EvalConfig,
+    /// What is said of old names of settings.
+    #[serde(skip)]
+    pub remarks: Vec<String>,
 }
 
 /// Settings of a fit, as far as they are given.
@@ -63,7 +67,9 @@ impl FitSettings {
     /// An unknown key, or a value out of range.
     pub fn over(&self, fit: &FitConfig) -> Result<FitConfig> {
         let Self(mut table) = Self::all(fit)?;
-        merge(&mut table, self.0.clone());
+        let mut given = self.0.clone();
+        renamed(&mut given);
+        merge(&mut table, given);
         let fit: FitConfig = table.try_into().map_err(unfit)?;
         fit.check()?;
         Ok(fit)
@@ -80,7 +86,10 @@ const BUILT_IN: [(&str, &str); 6] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
-    ("nyu-edges.toml", include_str!("../configs/nyu-edges.toml")),
+    (
+        "nyu-affinities.toml",
+        include_str!("../configs/nyu-affinities.toml"),
+    ),
     ("nyu-joint.toml", include_str!("../configs/nyu-joint.toml")),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
@@ -98,15 +107,18 @@ impl Config {
             None => toml::Table::new(),
             Some(path) => parse(&read(path)?, path)?,
         };
+        let mut remarks = renamed(&mut table);
         for setting in settings {
-            merge(&mut table, assignment(setting)?);
+            let mut assigned = assignment(setting)?;
+            remarks.extend(renamed(&mut assigned));
+            merge(&mut table, assigned);
         }
         let config: Self = table.try_into().map_err(|e: toml::de::Error| {
             Error::config(format!("--set: {}", e.message()))
                 .hint("`lsdc config` prints every setting and its value")
         })?;
         config.check()?;
-        Ok(config)
+        Ok(Self { remarks, ..config })
     }
 
     /// The network that is meant.

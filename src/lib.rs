@@ -6,10 +6,12 @@
 //!
 //! ```no_run
 //! # fn main() -> lsdc::error::Result<()> {
-//! use lsdc::{data, predict::Completer};
+//! use lsdc::{data, predict};
+//! use lsdc_core::{Completer, Weights};
 //! let image = data::read_rgb("rgb.png".as_ref())?;
 //! let points = data::read_npy("sparse.npy".as_ref(), 1.0)?;
-//! let depth = Completer::load()?.complete(&image, &points)?.depth;
+//! let completer = Completer::new(&Weights::builtin())?;
+//! let depth = predict::complete(&completer, &image, &points)?.depth()?;
 //! # Ok(())
 //! # }
 //! ```
@@ -32,6 +34,7 @@ pub mod predict;
 #[allow(unsafe_code)]
 pub mod process;
 pub mod provenance;
+mod renamed;
 pub mod report;
 pub mod sample;
 pub mod train;

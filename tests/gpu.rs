@@ -286,7 +286,10 @@ fn completion_agrees() {
     let on = |device: &Device| {
         let completer = open_completer(None, device).unwrap();
         let completer = completer.with_working_size(57, 76).unwrap();
-        complete(&completer, &frame.rgb, &sparse).unwrap().depth().unwrap()
+        complete(&completer, &frame.rgb, &sparse)
+            .unwrap()
+            .depth()
+            .unwrap()
     };
     let (here, there) = (on(&Device::flex()), on(&gpu));
     let squares = here

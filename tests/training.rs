@@ -64,10 +64,10 @@ fn losses(folder: &Path, run: &str) -> Vec<String> {
 /// The same through the joint fit, with edges judged, an average, and every loss.
 fn joint() -> String {
     CONFIG
-        .replace("octaves = 3", "octaves = 3\nedges = 8")
+        .replace("octaves = 3", "octaves = 3\naffinities = 8")
         .replace("ridge = 1e-4", "method = \"joint\"")
         .replace("held_out = 2", "held_out = 2\naverage = 0.9")
-        + "loss = { rmse = 1.0, edges = 0.1 }\n"
+        + "loss = { rmse = 1.0, affinities = 0.1 }\n"
 }
 
 #[test]
@@ -265,7 +265,7 @@ fn tensors(path: &Path) -> std::collections::BTreeMap<String, Vec<u8>> {
 }
 
 #[test]
-fn training_edges_leaves_base_functions_as_they_are() {
+fn training_affinities_leaves_basis_functions_as_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     std::fs::write(at.join("c.toml"), joint()).unwrap();
@@ -276,7 +276,7 @@ fn training_edges_leaves_base_functions_as_they_are() {
     );
     let edges = [
         "--set",
-        "train.part=\"edges\"",
+        "train.part=\"affinities\"",
         "--set",
         "train.start=\"a/weights.safetensors\"",
     ];
@@ -300,18 +300,18 @@ fn training_edges_leaves_base_functions_as_they_are() {
     let refused = Command::new(env!("CARGO_BIN_EXE_lsdc"))
         .current_dir(at)
         .args(["train", "--config", "d.toml", "-o", "c"])
-        .args(["--set", "train.part=\"edges\""])
+        .args(["--set", "train.part=\"affinities\""])
         .output()
         .unwrap();
     let text = String::from_utf8_lossy(&refused.stderr);
     assert!(
-        text.contains("needs a network with `edges` above 0"),
+        text.contains("needs a network with `affinities` above 0"),
         "{text}"
     );
 }
 
 #[test]
-fn edges_learn_the_same_whatever_the_base_functions() {
+fn affinities_learn_the_same_whatever_the_basis_functions() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     std::fs::write(at.join("c.toml"), CONFIG).unwrap();
@@ -323,7 +323,7 @@ fn edges_learn_the_same_whatever_the_base_functions() {
         tensors(&at.join(name).join("weights.safetensors"))
     };
     run("c.toml", "bases", &[]);
-    let edges = "train.part=\"edges\"";
+    let edges = "train.part=\"affinities\"";
     let start = "train.start=\"bases/weights.safetensors\"";
     let beside = run("d.toml", "beside", &["--set", edges, "--set", start]);
     let alone = run("d.toml", "alone", &["--set", edges]);

@@ -86,7 +86,7 @@ def encode(height: int, width: int, octaves: int) -> np.ndarray:
 
 
 def build(weights: str, height: int, width: int) -> onnx.ModelProto:
-    """Image `[1, 3, height, width]` to base functions `[1, N, height, width]`."""
+    """Image `[1, 3, height, width]` to basis functions `[1, N, height, width]`."""
     with safe_open(weights, "np") as file:
         config = json.loads(file.metadata()["network"])
     graph = Graph(load_file(weights))

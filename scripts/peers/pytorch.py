@@ -1,4 +1,4 @@
-"""The network of a weights file in PyTorch, channels last: image to base functions, and a step of
+"""The network of a weights file in PyTorch, channels last: image to basis functions, and a step of
 training."""
 
 import json
@@ -49,7 +49,7 @@ class Unit(nn.Module):
 
 
 class Network(nn.Module):
-    """Image `[batch, 3, height, width]` to base functions `[batch, N, height, width]`."""
+    """Image `[batch, 3, height, width]` to basis functions `[batch, N, height, width]`."""
 
     def __init__(self, path: str):
         super().__init__()

@@ -9,10 +9,10 @@ Needs Python 3.10 and `cargo build --release`. Packages come from PyPI into a sc
 (`target/peers`; PyTorch is a large download). Prints medians, their range, and ratios to the first
 peer.
 
-completion  image to base functions for the peers, image to dense depth for lsdc, the fit included;
+completion  image to basis functions for the peers, image to dense depth for lsdc, the fit included;
             first checks that all compute the same depth map
 training    a step of batch 2 with every pixel in the loss: forward, fit, backward, Adam
-solve       500 and 1000 points, 129 base functions, f64: lsdc (cargo bench --bench solve) against
+solve       500 and 1000 points, 129 basis functions, f64: lsdc (cargo bench --bench solve) against
             MKL's Cholesky on the normal equations and MKL's gelsd, as PyTorch calls them
 """
 
@@ -127,7 +127,7 @@ def race(title: str, rounds: int, programs: dict) -> None:
 
 
 def peers(args: argparse.Namespace, width: int, height: int) -> dict:
-    """Functions from an image to base functions, by name."""
+    """Functions from an image to basis functions, by name."""
     import onnxruntime
     import openvino
     import torch
@@ -264,7 +264,7 @@ def solve(args: argparse.Namespace) -> None:
             "MKL Cholesky": lambda: seconds(cholesky, 50) * 1e3,
             "MKL gelsd": lambda: seconds(gelsd, 10) * 1e3,
         }
-        title = f"{points} points, 129 base functions, {args.threads} threads"
+        title = f"{points} points, 129 basis functions, {args.threads} threads"
         race(title, args.rounds, programs)
 
 

@@ -136,7 +136,7 @@ fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
     let samples = Sampler::new(frames, (0..config.batch).collect(), sampler)?.batch(0)?;
     let colours = weights.normalisation;
     let batch = Batch::new(&samples, colours.mean, colours.deviation, &device)?;
-    // Random base functions may depend on each other.
+    // Random basis functions may depend on each other.
     let fit = FitConfig {
         ridge: 1e-4,
         ..FitConfig::default()

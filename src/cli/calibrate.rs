@@ -21,7 +21,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         fit.method = named.method;
         fit.lambda = Lambda::Evidence;
     }
-    fit.joint.cosines = args.waves.unwrap_or(fit.joint.cosines);
+    fit.joint.cosines = args.cosines.unwrap_or(fit.joint.cosines);
     fit.check()?;
     weights.record_fit(&fit);
     let config: TrainConfig = match weights.notes.get(TRAINING_NOTE) {

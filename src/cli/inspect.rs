@@ -49,7 +49,7 @@ pub(super) fn run(args: &Inspect) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// A contact sheet of base functions.
+/// A contact sheet of basis functions.
 fn bases(args: &Inspect, sheet: &Path) -> Result<Exit> {
     let [image] = &args.files[..] else {
         return Err(Error::config("`--bases` is for one image"));

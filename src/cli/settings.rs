@@ -1,6 +1,7 @@
 //! Flags laid over the configuration.
 
 use super::args::{Settings, Source};
+use super::ui;
 use crate::config::Config;
 use crate::data::{DataConfig, Dataset, Split};
 use crate::error::Result;
@@ -10,7 +11,9 @@ use std::sync::Arc;
 impl Settings {
     /// The configuration of file and `--set`.
     pub(super) fn load(&self) -> Result<Config> {
-        Config::load(self.config.as_deref(), &self.set)
+        let config = Config::load(self.config.as_deref(), &self.set)?;
+        config.remarks.iter().for_each(|remark| ui::say(remark));
+        Ok(config)
     }
 }
 

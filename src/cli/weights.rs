@@ -52,11 +52,11 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     let network = &weights.network;
     ui::print(&format!("weights    {}", weights_name(file)?));
     ui::print(&format!(
-        "network    {} parameters, {} base functions{}",
+        "network    {} parameters, {} basis functions{}",
         weights.parameters(),
         network.bases,
         if network.affinities > 0 {
-            ", judges edges"
+            ", learned affinities"
         } else {
             ""
         }

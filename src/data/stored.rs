@@ -2,7 +2,7 @@
 
 use super::files::{
     Array, Columns, Numbers, Row, Table, has_ending, read_array, read_exr, read_grey, read_h5,
-    read_npz, read_pfm, read_table, read_tiff,
+    read_npz, read_pfm, read_table, read_tiff, stored_unit,
 };
 use super::{DepthMap, Unit};
 use crate::error::{Error, Result};
@@ -87,13 +87,15 @@ pub(super) const DEPTHS: [&str; 14] = [
     "xyz",
 ];
 
-/// Reads a file by its ending. Arrays for which `is_table` are tables.
+/// Reads a file by its ending. Arrays for which `is_table` are tables. A unit that the file itself says
+/// stands where none is given.
 pub(super) fn read_stored(
     path: &Path,
     said: Option<Unit>,
     is_table: impl Fn(&Array) -> bool,
 ) -> Result<Stored> {
     let is = |ending: &str| has_ending(path, ending);
+    let said = said.or_else(|| stored_unit(path));
     let known = |numbers| KnownUnit::new(said, numbers);
     let metres = |numbers| known(numbers).unit.metres();
     let floats = || metres(Numbers::Floats);

@@ -49,11 +49,11 @@ impl Candidate {
 pub enum Enlargement {
     /// Bilinear interpolation between depths.
     Bilinear,
-    /// Base functions read at the larger size (Fang et al., section 4.5); `lsdc` alone has any.
+    /// Basis functions read at the larger size (Fang et al., section 4.5); `lsdc` alone has any.
     Bases,
 }
 
-/// What the predictions of a frame have in common: its base functions.
+/// What the predictions of a frame have in common: its basis functions.
 pub(super) struct Prepared<'a> {
     network: Option<(&'a Completer, Scene)>,
     uncertainty: bool,

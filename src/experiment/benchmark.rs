@@ -82,7 +82,7 @@ impl Study for Benchmark<'_> {
         section.findings.extend(table.verdict("lsdc"));
         section.tables.push(table);
         section.about.push(
-            "\"The paper's fit\" has the same basis functions without field, waves and prior: \
+            "\"The paper's fit\" has the same basis functions without field, cosines and prior: \
              least squares by truncated SVD."
                 .into(),
         );

@@ -6,9 +6,9 @@ use super::{
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
+use lsdc_core::network::{Basis, Network as _, Prepared};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
-use lsdc_core::network::{Basis, Network as _, Prepared};
 use proptest::prelude::*;
 
 fn image(height: usize, width: usize) -> Vec<f32> {
@@ -98,7 +98,9 @@ impl Trained {
         // Between pixels, and up to the rim of the image.
         let mut rng = Rng::stream(2, &["places"]);
         let mut within = |length: usize| f64::from(rng.unit()) * length as f64 - 0.5;
-        let mut between: Vec<_> = (0..60).map(|_| [within(output.1), within(output.0)]).collect();
+        let mut between: Vec<_> = (0..60)
+            .map(|_| [within(output.1), within(output.0)])
+            .collect();
         between.push([-0.5, output.0 as f64 - 0.5]);
         let mut functions = 0;
         for places in [centres, between] {

@@ -35,7 +35,7 @@ pub fn divide(frames: &dyn Dataset, count: usize) -> (Vec<usize>, Vec<usize>) {
     (training, order)
 }
 
-/// Shares of the variance that training images suggest, among which lambda is chosen for base
+/// Shares of the variance that training images suggest, among which lambda is chosen for basis
 /// functions beside a field: the fewer the points, the smaller it is.
 const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 /// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.

@@ -15,7 +15,8 @@ pub enum Part {
     #[default]
     All,
     /// What judges edges, through a field without basis functions; the others stay as they are.
-    Edges,
+    #[serde(alias = "edges")]
+    Affinities,
 }
 
 /// What turns gradients into steps.

@@ -122,7 +122,7 @@ impl Learner {
     ) -> Result<(GradientsParams, Step)> {
         let losses = match self.part {
             Part::All => losses(net, batch, &self.fit, self.robust, &self.loss),
-            Part::Edges => field_losses(net, batch, &self.fit, &self.loss),
+            Part::Affinities => field_losses(net, batch, &self.fit, &self.loss),
         };
         let step = Step::of(&losses);
         if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {

@@ -25,7 +25,8 @@ pub struct LossConfig {
     pub regularisation: f64,
     /// How unlikely the steps of the true depth are, if edges say how far neighbours may differ;
     /// for fits with a field.
-    pub edges: f64,
+    #[serde(alias = "edges")]
+    pub affinities: f64,
 }
 
 impl Default for LossConfig {
@@ -36,7 +37,7 @@ impl Default for LossConfig {
             rmse: 0.0,
             gradient: 1.0,
             regularisation: 1e-3,
-            edges: 0.0,
+            affinities: 0.0,
         }
     }
 }
@@ -49,16 +50,16 @@ impl LossConfig {
             self.rmse,
             self.gradient,
             self.regularisation,
-            self.edges,
+            self.affinities,
         ];
         if all.iter().all(|w| *w >= 0.0 && w.is_finite())
-            && self.l1 + self.l2 + self.rmse + self.edges > 0.0
+            && self.l1 + self.l2 + self.rmse + self.affinities > 0.0
         {
             Ok(())
         } else {
             Err(Error::config(
                 "`loss`: weights must be at least 0, and `l1`, `l2`, `rmse` or \
-                 `edges` above 0",
+                 `affinities` above 0",
             ))
         }
     }
@@ -123,10 +124,10 @@ pub fn losses(
         fitted = fitted + field.clone();
     }
     let mut losses = compared(fitted, &batch.depths, (points, batch.patch), config);
-    if config.edges > 0.0
+    if config.affinities > 0.0
         && let Some((_, edges)) = &field
     {
-        losses.total = losses.total + steps(edges, &batch.maps) * config.edges;
+        losses.total = losses.total + steps(edges, &batch.maps) * config.affinities;
     }
     if config.regularisation > 0.0 {
         losses.total = losses.total + weights.abs().mean() * config.regularisation;
@@ -172,8 +173,8 @@ pub(super) fn field_losses(
             l2: nothing,
         }
     };
-    if config.edges > 0.0 {
-        losses.total = losses.total + steps(&edges, &batch.maps) * config.edges;
+    if config.affinities > 0.0 {
+        losses.total = losses.total + steps(&edges, &batch.maps) * config.affinities;
     }
     losses
 }

@@ -95,9 +95,9 @@ impl Trainer {
         devices: &[Device],
     ) -> Result<Self> {
         network.check()?;
-        if config.part == Part::Edges && network.affinities == 0 {
+        if config.part == Part::Affinities && network.affinities == 0 {
             return Err(Error::config(
-                "`train.part = \"edges\"` needs a network with `affinities` above 0",
+                "`train.part = \"affinities\"` needs a network with `affinities` above 0",
             ));
         }
         fit.check()?;

@@ -2,8 +2,8 @@
 //! what it refuses and leaves nothing behind; the same command again changes nothing.
 
 use super::*;
-use lsdc::data::{Camera, Shard, Sparse, Unit, read_rgb, stored_unit};
-use lsdc::rng::Rng;
+use lsdc::data::{Camera, Contents, Shard, Unit, read_rgb, stored_unit};
+use lsdc_rng::Rng;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -477,9 +477,9 @@ fn read_map(path: &Path) -> Option<(DepthMap, f64)> {
     if !map || name.contains("color") || name.contains("sigma") {
         return None;
     }
-    let found = Sparse::read(path, None, None, (0, 0)).unwrap();
+    let found = Contents::read(path, None).unwrap();
     let off = stored_unit(path).map_or(0.0, |unit: Unit| 0.501 * unit.metres());
-    Some((found.depth, off))
+    Some((found.map()?.clone(), off))
 }
 
 fn check_files(row: &Choice, at: &Path, count: usize) -> Result<(), String> {

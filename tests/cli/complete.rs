@@ -60,7 +60,7 @@ fn complete_writes_depth_as_npy_and_two_pictures() {
 fn every_instruction_set_gives_the_same_depths() {
     let folder = room();
     let mut results = Vec::new();
-    for level in lsdc::simd::Level::ALL {
+    for level in lsdc_kernels::simd::Level::ALL {
         if !level.is_available() {
             continue;
         }
@@ -320,7 +320,7 @@ fn depth_is_made_of_base_functions_a_field_or_both() {
         };
         assert!(mean(true) < mean(false), "{fit}");
     }
-    // Base functions miss points, fields meet them.
+    // Basis functions miss points, fields meet them.
     assert!(residuals[0] > 10.0 * residuals[1] && residuals[0] > 10.0 * residuals[2]);
     refused(
         at,

@@ -207,7 +207,7 @@ fn reports_say_in_json_what_is_told_in_words() {
     assert_eq!(written["fit"]["method"], "joint");
     let depth = &written["depth"];
     assert!(depth["lowest"].as_f64() < depth["highest"].as_f64());
-    assert!(written["fit"]["left_out"].as_f64() > written["fit"]["residual"].as_f64());
+    assert!(written["fit"]["leave_one_out"].as_f64() > written["fit"]["residual"].as_f64());
     // Only the times differ from run to run, which is no conflict.
     complete(folder.path(), &args);
     let other = [&["complete"], &args[..], &["--fit", "lse"]].concat();

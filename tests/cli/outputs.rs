@@ -109,8 +109,8 @@ fn a_pipe_takes_one_file_of_one_image() {
     std::fs::write(at("both.npz"), &run.get_output().stdout).unwrap();
     let size = (304, 228);
     let found = lsdc::data::Sparse::read(&at("both.npz"), None, None, size).unwrap();
-    assert_eq!(found.depth.count(), 304 * 228);
-    assert_eq!(found.sigma.unwrap().count(), 304 * 228);
+    assert_eq!(found.points.len(), 304 * 228);
+    assert!(found.points.iter().all(|point| point.sigma.is_some()));
 }
 
 #[test]

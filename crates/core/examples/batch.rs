@@ -21,16 +21,24 @@ fn main() -> Result<(), Box<dyn Error>> {
             .into_par_iter()
             .map(|brighter| {
                 let colours = rgb.as_raw().iter();
-                let colours: Vec<u8> =
-                    colours.map(|v| v.saturating_add(10 * brighter as u8)).collect();
+                let colours: Vec<u8> = colours
+                    .map(|v| v.saturating_add(10 * brighter as u8))
+                    .collect();
                 let image = Image::new(width, height, Channels::Rgb, &colours)?;
                 completer.scene(&image)?.complete(&points)?.depth()
             })
             .collect::<lsdc_core::Result<_>>()
     })?;
 
-    let middle: Vec<f32> = maps.iter().map(|map| map.at(width / 2, height / 2)).collect();
+    let middle: Vec<f32> = maps
+        .iter()
+        .map(|map| map.at(width / 2, height / 2))
+        .collect();
     println!("depth in the middle of {} images: {middle:?} m", maps.len());
-    assert!(middle.iter().all(|depth| (depth / middle[0] - 1.0).abs() < 0.1));
+    assert!(
+        middle
+            .iter()
+            .all(|depth| (depth / middle[0] - 1.0).abs() < 0.1)
+    );
     Ok(())
 }

@@ -26,7 +26,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         let fit = FitConfig { method, ..recorded };
         let completer = Completer::builder(&weights).fit(fit).build()?;
         let completion = completer.scene(&image)?.complete(&points)?;
-        println!("{}: {:.4} m at the points", method.name(), completion.report().residual);
+        println!(
+            "{}: {:.4} m at the points",
+            method.name(),
+            completion.report().residual
+        );
         residuals.push(completion.report().residual);
     }
     // A field follows points that basis functions alone cannot.

@@ -35,7 +35,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         );
         errors.push(mean);
     }
-    println!("the network took {:.0} ms, once", scene.network_time().as_secs_f64() * 1e3);
+    println!(
+        "the network took {:.0} ms, once",
+        scene.network_time().as_secs_f64() * 1e3
+    );
     assert!(errors.iter().all(|error| *error < 0.25), "{errors:?}");
     Ok(())
 }

@@ -30,8 +30,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let rmse = (squares / truth.len() as f64).sqrt();
     let share = within as f64 / truth.len() as f64;
     println!("{} points, RMSE {rmse:.3} m", completion.report().used);
-    println!("{:.0} % of the errors are within a standard deviation", 100.0 * share);
-    println!("expected between the points: {:.3} m", completion.leave_one_out_error());
+    println!(
+        "{:.0} % of the errors are within a standard deviation",
+        100.0 * share
+    );
+    println!(
+        "expected between the points: {:.3} m",
+        completion.leave_one_out_error()
+    );
     assert!(rmse < 0.15, "{rmse}");
     Ok(())
 }

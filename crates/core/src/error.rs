@@ -175,7 +175,8 @@ impl SettingsError {
 pub enum FitError {
     /// Nothing to fit.
     #[error(
-        "none of {given} observations can be used: {invalid} without a positive, finite depth and place, {outside} outside the image"
+        "there is no sparse depth to fit: of {given} observations {invalid} have no depth that can be \
+         used, {outside} are outside the image"
     )]
     NoObservations {
         /// Observations that were given.

@@ -31,8 +31,12 @@ fn depth() -> impl Strategy<Value = f32> {
 
 fn observation() -> impl Strategy<Value = Observation> {
     let sigma = prop::option::weighted(0.2, depth());
-    (coordinate(), coordinate(), depth(), sigma)
-        .prop_map(|(u, v, depth, sigma)| Observation { u, v, depth, sigma })
+    (coordinate(), coordinate(), depth(), sigma).prop_map(|(u, v, depth, sigma)| Observation {
+        u,
+        v,
+        depth,
+        sigma,
+    })
 }
 
 fn observations() -> impl Strategy<Value = Observations> {
@@ -52,7 +56,8 @@ fn settings() -> impl Strategy<Value = FitConfig> {
     let method = prop::sample::select(FitMethod::ALL.to_vec());
     let prior = prop::sample::select(PriorKind::ALL.to_vec());
     let robust = prop::option::weighted(0.4, prop::sample::select(Loss::ALL.to_vec()));
-    let space = prop_oneof![4 => Just(Space::Depth), 1 => prop::sample::select(Space::ALL.to_vec())];
+    let space =
+        prop_oneof![4 => Just(Space::Depth), 1 => prop::sample::select(Space::ALL.to_vec())];
     (method, prior, robust, space).prop_map(move |(method, prior, loss, space)| FitConfig {
         method,
         prior,
@@ -177,7 +182,13 @@ fn the_largest_and_smallest_images_work() {
     for (width, height) in [(1, 1), (1, 500), (500, 1), (3000, 2)] {
         let colours = vec![90_u8; 3 * width * height];
         let image = Image::new(width, height, Channels::Rgb, &colours).unwrap();
-        let depth = COMPLETER.scene(&image).unwrap().complete(&one).unwrap().depth().unwrap();
+        let depth = COMPLETER
+            .scene(&image)
+            .unwrap()
+            .complete(&one)
+            .unwrap()
+            .depth()
+            .unwrap();
         assert_eq!(depth.values().len(), width * height);
         assert!(depth.values().iter().all(|v| (0.3..30.0).contains(v)));
     }

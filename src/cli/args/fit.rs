@@ -30,8 +30,8 @@ impl FitFlags {
     }
 
     /// Lays the flags over settings. A field is one of depths, and a learned prior one over weights
-    /// of depths: in another space base functions alone and the flat prior take their places. A
-    /// lambda that was chosen for base functions beside a field says nothing of base functions
+    /// of depths: in another space basis functions alone and the flat prior take their places. A
+    /// lambda that was chosen for basis functions beside a field says nothing of basis functions
     /// alone, and the reverse.
     pub(in crate::cli) fn apply(&self, fit: &mut FitConfig) {
         fit.robust = self.robust.map_or(fit.robust, Robustness::settings);

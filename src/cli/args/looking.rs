@@ -18,7 +18,7 @@ pub(in crate::cli) struct Inspect {
     /// Draw depth maps on the terminal, in colours.
     #[arg(long)]
     pub(in crate::cli) show: bool,
-    /// Draw the base functions of an image into this file (.svg or .png), by --weights.
+    /// Draw the basis functions of an image into this file (.svg or .png), by --weights.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["json", "show"])]
     pub(in crate::cli) bases: Option<PathBuf>,
     /// Weights for --bases, as `lsdc complete` takes them.

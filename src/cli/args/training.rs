@@ -51,10 +51,10 @@ pub(in crate::cli) struct Calibrate {
     /// For another fit than the weights say: lse, field, joint.
     #[arg(long = "fit", value_parser = typed::<NamedFit>, value_name = "METHOD")]
     pub(in crate::cli) fit_method: Option<NamedFit>,
-    /// Highest frequency of the smooth base functions beside those of the network, for the joint fit;
-    /// 0 for none [default: as the weights say].
-    #[arg(long, value_name = "F")]
-    pub(in crate::cli) waves: Option<f64>,
+    /// Highest frequency of the cosine basis beside the functions of the network, for the joint fit; 0
+    /// for none [default: as the weights say].
+    #[arg(long, alias = "waves", value_name = "F")]
+    pub(in crate::cli) cosines: Option<f64>,
     /// Weights file to write.
     #[arg(short, long, value_name = "FILE")]
     pub(in crate::cli) output: PathBuf,

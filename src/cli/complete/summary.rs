@@ -67,7 +67,7 @@ struct Fit {
     #[serde(skip_serializing_if = "Option::is_none")]
     outliers: Option<usize>,
     rank: usize,
-    /// Base functions, of which that many directions at most are determined.
+    /// Basis functions, of which that many directions at most are determined.
     functions: usize,
 }
 

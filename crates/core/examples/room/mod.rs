@@ -6,7 +6,9 @@ use std::error::Error;
 use std::path::PathBuf;
 
 fn asset(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../assets/room").join(name)
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("../../assets/room")
+        .join(name)
 }
 
 /// The image.
@@ -21,7 +23,11 @@ pub fn map(name: &str, width: usize) -> Result<Vec<(f64, f64, f32)>, Box<dyn Err
     let depths = bytes[header..].chunks_exact(4);
     let depths = depths.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     let place = |(i, depth): (usize, f32)| ((i % width) as f64, (i / width) as f64, depth);
-    Ok(depths.enumerate().map(place).filter(|point| point.2 > 0.0).collect())
+    Ok(depths
+        .enumerate()
+        .map(place)
+        .filter(|point| point.2 > 0.0)
+        .collect())
 }
 
 /// The sparse depths.

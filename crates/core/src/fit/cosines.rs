@@ -144,32 +144,36 @@ mod tests {
     fn waves_are_counted_by_their_frequency() {
         assert!(CosineBasis::up_to(0.0).is_empty());
         // (p / 4)^2 + (q / 3)^2 <= 1: p = 0 to 4 with q = 0, 3 with q = 1, 2 with q = 2, 0 with q = 3.
-        let waves = CosineBasis::up_to(1.0);
-        assert_eq!(waves.len(), 4 + 4 + 3 + 1);
-        // Four half-waves across have frequency 1: a weight of half the size counts as much as that of a
+        let cosines = CosineBasis::up_to(1.0);
+        assert_eq!(cosines.len(), 4 + 4 + 3 + 1);
+        // Four half-cosines across have frequency 1: a weight of half the size counts as much as that of a
         // constant.
-        let place = waves.pairs.iter().position(|&pair| pair == (4, 0)).unwrap();
-        assert!((waves.ridges(0.06)[place] - 0.24).abs() < 1e-12);
+        let place = cosines
+            .pairs
+            .iter()
+            .position(|&pair| pair == (4, 0))
+            .unwrap();
+        assert!((cosines.ridges(0.06)[place] - 0.24).abs() < 1e-12);
     }
 
     #[test]
-    fn a_map_is_the_sum_of_its_waves() {
-        let waves = CosineBasis::up_to(2.0);
+    fn a_map_is_the_sum_of_its_functions() {
+        let cosines = CosineBasis::up_to(2.0);
         let (height, width) = (9, 14);
-        let weights: Vec<f64> = (0..waves.len()).map(|i| (i as f64 * 0.7).sin()).collect();
+        let weights: Vec<f64> = (0..cosines.len()).map(|i| (i as f64 * 0.7).sin()).collect();
         let mut map = vec![1.5; height * width];
-        waves.add_to((height, width), &weights, &mut map);
+        cosines.add_to((height, width), &weights, &mut map);
         let pixels = 0..height * width;
         let given: Vec<f32> = pixels.clone().flat_map(|p| [7.0, p as f32]).collect();
         let places: Vec<[f64; 2]> = pixels
             .map(|p| [(p % width) as f64, (p / width) as f64])
             .collect();
-        let rows = waves.beside(&given, 2, (height, width), &places);
-        for (i, row) in rows.chunks(2 + waves.len()).enumerate() {
+        let rows = cosines.beside(&given, 2, (height, width), &places);
+        for (i, row) in rows.chunks(2 + cosines.len()).enumerate() {
             assert_eq!(row[..2], [7.0, i as f32]);
             let (x, y) = ((i % width) as f64, (i / width) as f64);
             let mut sum = 1.5;
-            for ((&(p, q), weight), value) in waves.pairs.iter().zip(&weights).zip(&row[2..]) {
+            for ((&(p, q), weight), value) in cosines.pairs.iter().zip(&weights).zip(&row[2..]) {
                 let turn = |n: usize, at: f64, length: usize| {
                     (std::f64::consts::PI * n as f64 * (at + 0.5) / length as f64).cos()
                 };

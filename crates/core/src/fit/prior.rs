@@ -124,7 +124,7 @@ impl Prior {
     /// starting from a constant depth. The noise, in the same unit, is the same for all images.
     ///
     /// # Errors
-    /// Fewer than two images, or base functions that are not finite.
+    /// Fewer than two images, or basis functions that are not finite.
     pub fn learn(images: &[ImageMoments]) -> Result<Self, FitError> {
         const ROUNDS: usize = 30;
         if images.len() < 2 {

@@ -1,8 +1,8 @@
-//! What base functions add up to.
+//! What basis functions add up to.
 
 use serde::{Deserialize, Serialize};
 
-/// A function of depth that is fitted as a sum of base functions.
+/// A function of depth that is fitted as a sum of basis functions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Space {
