@@ -28,9 +28,22 @@ pub fn device(name: &str) -> Result<Device> {
         "ndarray" if which.is_empty() => Ok(ndarray()),
         #[cfg(feature = "wgpu")]
         "wgpu" => wgpu(name, which),
+        #[cfg(not(feature = "wgpu"))]
+        "wgpu" => Err(without(name, "wgpu")),
+        #[cfg(not(feature = "ndarray"))]
+        "ndarray" if which.is_empty() => Err(without(name, "ndarray")),
         _ => Err(Error::device(format!("unknown device `{name}`"))
             .hint(format!("devices of this build: {}", names().join(", ")))),
     }
+}
+
+/// That a device is not part of this build, and with which command it is.
+#[cfg(not(all(feature = "wgpu", feature = "ndarray")))]
+fn without(name: &str, feature: &str) -> Error {
+    Error::device(format!("this build has no device `{name}`")).hint(format!(
+        "`cargo build --release --features {feature}` makes one that has, `cargo install --path . \
+         --features {feature}` installs it"
+    ))
 }
 
 /// Opens several devices, named with commas between them.
@@ -66,4 +79,30 @@ fn wgpu(name: &str, which: &str) -> Result<Device> {
                 .because(e)
                 .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(not(feature = "wgpu"))]
+    #[test]
+    fn a_device_that_was_not_built_names_the_command_that_builds_it() {
+        for name in ["wgpu", "wgpu:1", "wgpu:software"] {
+            let error = device(name).unwrap_err();
+            assert!(error.to_string().contains(name), "{error}");
+            assert!(
+                error.advice().unwrap().contains("--features wgpu"),
+                "{error}"
+            );
+        }
+        assert!(
+            device("cuda")
+                .unwrap_err()
+                .advice()
+                .unwrap()
+                .contains("cpu")
+        );
+        assert!(device("cpu").is_ok());
+    }
 }

@@ -229,7 +229,7 @@ fn trained_weights_complete() {
         .unwrap();
     let text = String::from_utf8(info.stdout).unwrap();
     for words in [
-        "judges edges",
+        "learned affinities",
         "edge-aware field",
         "learned prior",
         "2 steps",

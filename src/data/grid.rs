@@ -1,6 +1,8 @@
 //! Grids of pixels that cover the same view. Places count from the centre of the first pixel, as in
 //! OpenCV: a grid covers `-0.5..length - 0.5`.
 
+pub(super) use lsdc_core::cloud::pixel;
+
 /// More pixels than any image has that fits into memory as depths: 1 GiB of them.
 const MOST: usize = 1 << 28;
 
@@ -21,15 +23,6 @@ pub(super) fn same_shape(a: (usize, usize), b: (usize, usize)) -> bool {
 /// Whether an image of this size can be handled at all.
 pub(super) fn is_plausible((width, height): (usize, usize)) -> bool {
     width.checked_mul(height).is_some_and(|area| area <= MOST)
-}
-
-/// The index of the pixel that holds a place, if the grid does.
-pub(super) fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize> {
-    let within = |place: f64, length: usize| {
-        let place = (place + 0.5).floor();
-        (place >= 0.0 && place < length as f64).then_some(place as usize)
-    };
-    Some(within(v, height)? * width + within(u, width)?)
 }
 
 /// The pixels whose centres are nearest to a place of the grid: several where it is equally far from

@@ -7,14 +7,12 @@ mod contents;
 mod files;
 mod frame;
 mod grid;
-mod occlusion;
 mod orientation;
 mod sets;
 mod shard;
 mod source;
 mod sparse;
 mod stored;
-mod surface;
 mod unit;
 
 pub use camera::Camera;

@@ -3,6 +3,8 @@
 //!
 //!     cargo run --release -p lsdc-core --example robot
 
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
 #[path = "room/mod.rs"]
 mod files;
 

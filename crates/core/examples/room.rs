@@ -2,6 +2,8 @@
 //!
 //!     cargo run --release -p lsdc-core --example room
 
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
 #[path = "room/mod.rs"]
 mod files;
 

@@ -52,6 +52,9 @@
 
 #[doc(hidden)]
 pub mod bilinear;
+mod camera;
+#[doc(hidden)]
+pub mod cloud;
 mod completer;
 mod completion;
 mod error;
@@ -72,6 +75,9 @@ mod usable;
 #[doc(hidden)]
 pub mod weights;
 
+pub use camera::{Camera, Lens};
+#[doc(inline)]
+pub use cloud::Cloud;
 pub use completer::{Completer, CompleterBuilder};
 pub use completion::{Completion, OUTLYING, Outlier, RANGE, Report};
 pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError};
@@ -79,10 +85,12 @@ pub use image::{Channels, Image, MAX_PIXELS};
 pub use map::{DepthMap, Point};
 pub use observations::{Observation, Observations};
 pub use scene::Scene;
+#[doc(inline)]
 pub use weights::Weights;
 
 /// Settings of the fit.
 pub mod settings {
+    #[doc(inline)]
     pub use crate::fit::{
         FitConfig, FitMethod, JointConfig, Lambda, Loss, PriorKind, Robust, Space,
     };

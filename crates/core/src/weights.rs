@@ -104,7 +104,7 @@ pub struct Calibration {
 /// # fn main() -> Result<(), lsdc_core::Error> {
 /// # #[cfg(feature = "weights")] {
 /// let weights = Weights::builtin();
-/// assert_eq!(weights.network.bases, 128);
+/// assert!(weights.parameters() > 1_000_000);
 /// # }
 /// # Ok(())
 /// # }
@@ -113,14 +113,19 @@ pub struct Calibration {
 #[non_exhaustive]
 pub struct Weights {
     /// The network.
+    #[doc(hidden)]
     pub network: NetworkConfig,
     /// The preprocessing.
+    #[doc(hidden)]
     pub normalisation: Normalisation,
     /// Settings of other parts, as JSON by name (`fit`, `training`).
+    #[doc(hidden)]
     pub notes: BTreeMap<String, String>,
     /// Numbers of other parts, by name.
+    #[doc(hidden)]
     pub tables: BTreeMap<String, Tensor>,
     /// Those of the network, by name.
+    #[doc(hidden)]
     pub tensors: BTreeMap<String, Tensor>,
 }
 
@@ -142,6 +147,7 @@ const FACTOR: &str = "prior.factor";
 
 impl Weights {
     /// The tensors of a network, without a fit or a prior.
+    #[doc(hidden)]
     pub fn new(
         network: NetworkConfig,
         normalisation: Normalisation,
@@ -254,6 +260,7 @@ impl Weights {
     ///
     /// # Errors
     /// A record that cannot be understood, or a damaged prior.
+    #[doc(hidden)]
     pub fn prior(&self) -> Result<Option<(Prior, Calibration)>> {
         let tables = [MEAN, FACTOR].map(|name| self.tables.get(name));
         let calibration: Option<Calibration> = self.note(CALIBRATION)?;
@@ -274,11 +281,13 @@ impl Weights {
     }
 
     /// Keeps settings of the fit in the weights.
+    #[doc(hidden)]
     pub fn record_fit(&mut self, fit: &FitConfig) {
         self.keep(FIT, fit);
     }
 
     /// Keeps a prior and a calibration in the weights.
+    #[doc(hidden)]
     pub fn record_prior(&mut self, prior: &Prior, deviation: f64) {
         let (mean, factor) = prior.numbers();
         let columns = mean.len();

@@ -1,8 +1,9 @@
 //! Cameras as they are written in files.
 
-use super::{Camera, IDENTITY, Lens, Pose, dot, ros};
+use super::{Camera, IDENTITY, Pose, ros};
 use crate::data::files::has_ending;
 use crate::error::{Error, Result};
+use lsdc_core::Lens;
 use serde::Deserialize;
 use std::path::Path;
 use std::str::FromStr;
@@ -98,16 +99,16 @@ impl TryFrom<Stored> for Camera {
             (None, None) => None,
             _ => return Err("needs both width and height, or neither".to_owned()),
         };
-        camera.lens = stored.model.lens(&stored.distortion)?;
-        camera.pose = match (stored.world_to_camera, stored.camera_to_world) {
-            (None, None) => camera.pose,
+        let camera = camera.with_lens(stored.model.lens(&stored.distortion)?);
+        let (rotation, translation) = match (stored.world_to_camera, stored.camera_to_world) {
+            (None, None) => return Ok(camera),
             (Some(rows), None) => pose(&rows)?,
             (None, Some(rows)) => inverse(pose(&rows)?),
             (Some(_), Some(_)) => {
                 return Err("has both world_to_camera and camera_to_world".to_owned());
             }
         };
-        Ok(camera)
+        Ok(camera.with_pose(rotation, translation))
     }
 }
 
@@ -128,7 +129,7 @@ impl Model {
             (Self::Radtan, 4 | 5 | 8) => {
                 let mut coefficients = [0.0; 8];
                 coefficients[..distortion.len()].copy_from_slice(distortion);
-                Ok(Lens::radtan(coefficients))
+                Ok(Lens::radial_tangential(coefficients))
             }
             (Self::Radtan, _) => few("4, 5 or 8: k1, k2, p1, p2, k3, k4, k5, k6"),
             (Self::Fisheye, _) => match *distortion {
@@ -168,6 +169,10 @@ fn pose(rows: &[[f64; 4]]) -> std::result::Result<Pose, String> {
         return Err("has a pose that mirrors the world: its axes are left-handed".to_owned());
     }
     Ok((rotation, [a[3], b[3], c[3]]))
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn inverse((rotation, translation): Pose) -> Pose {

@@ -1,49 +1,40 @@
 //! Cameras: where points appear in the image, and where pixels lie in space.
 
 mod file;
-mod lens;
 mod ros;
 
 use super::Orientation;
-use super::grid::{rescaled, same_shape};
+use super::grid::same_shape;
 use crate::error::{Error, Result};
-pub(super) use lens::Lens;
+use lsdc_core::Lens;
 use std::fmt::{Display, Formatter};
 
-/// A calibrated camera at its place in the world. Pixels count from the centre of the first, as in
-/// OpenCV; x points to the right, y down, z forwards.
+/// The camera of an image that is shown upright, whatever way its file stores it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// Width and height of the image, upright, if they are known.
     size: Option<(usize, usize)>,
-    /// Of the pixels as they are stored, as the principal point.
-    focal: [f64; 2],
-    center: [f64; 2],
-    lens: Lens,
+    /// Of the pixels as they are stored.
+    optics: lsdc_core::Camera,
     /// How the stored image is turned upright, if it is.
     turned: Option<Orientation>,
-    /// From the world to the camera.
-    pose: Pose,
 }
-
-/// A rotation, row by row, and a translation.
-type Pose = ([[f64; 3]; 3], [f64; 3]);
 
 impl Camera {
     /// A camera without distortion at the origin.
     pub fn pinhole(focal: [f64; 2], center: [f64; 2]) -> Self {
         Self {
             size: None,
-            focal,
-            center,
-            lens: Lens::Pinhole,
+            optics: lsdc_core::Camera::pinhole(focal, center),
             turned: None,
-            pose: (IDENTITY, [0.0; 3]),
         }
     }
 
     pub(super) fn with_lens(self, lens: Lens) -> Self {
-        Self { lens, ..self }
+        Self {
+            optics: self.optics.with_lens(lens),
+            ..self
+        }
     }
 
     pub(super) fn with_size(self, size: (usize, usize)) -> Self {
@@ -55,20 +46,21 @@ impl Camera {
 
     pub(super) fn with_pose(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
         Self {
-            pose: (rotation, translation),
+            optics: self.optics.with_pose(rotation, translation),
             ..self
         }
     }
 
     /// Pixels from edge to edge of a radian straight ahead, the mean of both axes.
     pub(super) fn focal(&self) -> f64 {
-        f64::midpoint(self.focal[0], self.focal[1])
+        let [fx, fy] = self.optics.focal();
+        f64::midpoint(fx, fy)
     }
 
     /// The same camera where the world is measured in another unit, so many times as long.
-    pub(super) fn in_unit(mut self, factor: f64) -> Self {
-        self.pose.1 = self.pose.1.map(|v| v * factor);
-        self
+    pub(super) fn in_unit(self, factor: f64) -> Self {
+        let (rotation, translation) = self.optics.pose();
+        self.with_pose(rotation, translation.map(|v| v * factor))
     }
 
     /// The camera of the same image at another size.
@@ -90,13 +82,14 @@ impl Camera {
         let turned = self.turned.map(|turned| turned.resized(size));
         let stored = |size, turned: Option<Orientation>| turned.map_or(size, |t| t.stored());
         let (from, to) = (stored(from, self.turned), stored(size, turned));
-        let mut camera = self.clone().with_size(size);
-        camera.turned = turned;
-        for (axis, (from, to)) in [(from.0, to.0), (from.1, to.1)].into_iter().enumerate() {
-            camera.focal[axis] *= to as f64 / from.max(1) as f64;
-            camera.center[axis] = rescaled(camera.center[axis], from, to);
+        let factor = |from: usize, to: usize| to as f64 / from.max(1) as f64;
+        Self {
+            size: Some(size),
+            optics: self
+                .optics
+                .scaled([factor(from.0, to.0), factor(from.1, to.1)]),
+            turned,
         }
-        camera
     }
 
     /// The camera of an image as it is shown, and what is to be said about it, if the file stores the
@@ -140,51 +133,30 @@ impl Camera {
     /// Pixels between the principal point and the centre of an image.
     fn off_centre(&self, (width, height): (usize, usize)) -> f64 {
         let middle = [width, height].map(|length| (length as f64 - 1.0) / 2.0);
-        (self.center[0] - middle[0]).hypot(self.center[1] - middle[1])
+        let center = self.optics.center();
+        (center[0] - middle[0]).hypot(center[1] - middle[1])
     }
 
     /// Pixel (column, row) and depth of a point of the world; `None` behind the camera and where the
     /// lens does not look.
     pub fn project(&self, point: [f64; 3]) -> Option<([f64; 2], f64)> {
-        let (rotation, translation) = &self.pose;
-        let mut place = *translation;
-        for (coordinate, row) in place.iter_mut().zip(rotation) {
-            *coordinate += dot(*row, point);
-        }
-        let [x, y, z] = place;
-        if !(z > 0.0 && z.is_finite()) {
-            return None;
-        }
-        let seen = self.lens.distort([x / z, y / z])?;
-        let pixel = [0, 1].map(|axis| self.focal[axis] * seen[axis] + self.center[axis]);
+        let (pixel, depth) = self.optics.project(point)?;
         let pixel = self.turned.map_or(pixel, |turned| turned.turned(pixel));
-        pixel.iter().all(|v| v.is_finite()).then_some((pixel, z))
+        Some((pixel, depth))
     }
 
     /// The point of the world at a pixel (column, row) and depth; `None` where the lens does not
     /// look.
     pub fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]> {
-        let pixel = self
-            .turned
-            .map_or(pixel, |turned| turned.turned_back(pixel));
-        let seen = [0, 1].map(|axis| (pixel[axis] - self.center[axis]) / self.focal[axis]);
-        let [x, y] = self.lens.undistort(seen)?;
-        let (rotation, translation) = &self.pose;
-        let place = [
-            x * depth - translation[0],
-            y * depth - translation[1],
-            depth - translation[2],
-        ];
-        // The inverse of a rotation is its transpose.
-        Some([0, 1, 2].map(|axis| dot([0, 1, 2].map(|row| rotation[row][axis]), place)))
+        let stored = self.turned.map(|turned| turned.turned_back(pixel));
+        self.optics.unproject(stored.unwrap_or(pixel), depth)
     }
 }
 
-const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// A rotation, row by row, and a translation.
+type Pose = ([[f64; 3]; 3], [f64; 3]);
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
+const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 fn other_shape(own: (usize, usize), image: (usize, usize)) -> Error {
     Error::shape(format!(
@@ -199,13 +171,13 @@ impl Display for Camera {
         if let Some((width, height)) = self.size {
             write!(f, "{width}x{height}, ")?;
         }
-        let ([fx, fy], [cx, cy]) = (self.focal, self.center);
+        let ([fx, fy], [cx, cy]) = (self.optics.focal(), self.optics.center());
         write!(
             f,
             "fx {fx}, fy {fy}, cx {cx}, cy {cy}, {}",
-            self.lens.name()
+            self.optics.lens().name()
         )?;
-        if self.pose == (IDENTITY, [0.0; 3]) {
+        if self.optics.pose() == (IDENTITY, [0.0; 3]) {
             Ok(())
         } else {
             write!(f, ", at its place in the world")

@@ -2,7 +2,7 @@
 
 use super::Parsed;
 use crate::data::Camera;
-use crate::data::camera::Lens;
+use lsdc_core::Lens;
 
 /// What a file says of a camera.
 pub(super) struct Calibration {
@@ -40,7 +40,8 @@ impl Calibration {
             // COLMAP has the centre of the first pixel at 0.5.
             Camera::pinhole([fx, fy], [cx - 0.5, cy - 0.5])
         };
-        let radtan = |k1: f64, k2: f64| Lens::radtan([k1, k2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let radtan =
+            |k1: f64, k2: f64| Lens::radial_tangential([k1, k2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         let camera = match (model, parameters) {
             ("SIMPLE_PINHOLE", &[f, cx, cy]) => Some(pinhole(f, f, cx, cy)),
             ("PINHOLE", &[fx, fy, cx, cy]) => Some(pinhole(fx, fy, cx, cy)),
@@ -51,11 +52,11 @@ impl Calibration {
                 Some(pinhole(f, f, cx, cy).with_lens(radtan(k1, k2)))
             }
             ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-                let lens = Lens::radtan([k1, k2, p1, p2, 0.0, 0.0, 0.0, 0.0]);
+                let lens = Lens::radial_tangential([k1, k2, p1, p2, 0.0, 0.0, 0.0, 0.0]);
                 Some(pinhole(fx, fy, cx, cy).with_lens(lens))
             }
             ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
-                let lens = Lens::radtan([k1, k2, p1, p2, k3, k4, k5, k6]);
+                let lens = Lens::radial_tangential([k1, k2, p1, p2, k3, k4, k5, k6]);
                 Some(pinhole(fx, fy, cx, cy).with_lens(lens))
             }
             ("OPENCV_FISHEYE", &[fx, fy, cx, cy, k1, k2, k3, k4]) => {

@@ -2,11 +2,10 @@
 
 use super::Sparse;
 use crate::data::grid::pixel;
-use crate::data::occlusion::remove_hidden;
-use crate::data::surface::{fronts, is_behind};
 use crate::data::{Camera, Unit};
 use crate::error::Error;
 use lsdc_core::Observation;
+use lsdc_core::cloud::retain_visible;
 use std::path::Path;
 
 /// Points on their way into an image, and what is left out.
@@ -80,32 +79,9 @@ impl Points {
         }
     }
 
-    /// Takes out what nearer surfaces hide in the same pixel and, of a cloud, around it, and says how
-    /// many points that were. What is left does not depend on the order of the points.
-    fn remove_hidden(&mut self) -> usize {
-        let (width, height) = self.size;
-        let at = |point: &Observation| pixel([point.u, point.v], self.size).unwrap_or(0);
-        let points = self.found.iter().map(|point| (at(point), point));
-        let fronts = fronts(points, width * height);
-        let mut seen: Vec<f32> = Vec::new();
-        if self.is_cloud {
-            let nearest = |front: &f32| if front.is_finite() { *front } else { 0.0 };
-            seen = fronts.iter().map(nearest).collect();
-            remove_hidden(width, &mut seen);
-        }
-        let stays = |point: &&Observation| {
-            let pixel = at(point);
-            !is_behind(point, fronts[pixel]) && seen.get(pixel).is_none_or(|&depth| depth > 0.0)
-        };
-        let stay: Vec<Observation> = self.found.iter().filter(stays).copied().collect();
-        let hidden = self.found.len() - stay.len();
-        self.found = stay;
-        hidden
-    }
-
     /// What is left; `row` is what a point is called in the file.
     pub(super) fn sparse(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
-        let hidden = self.remove_hidden();
+        let hidden = retain_visible(&mut self.found, self.size, self.is_cloud);
         let remark = (self.bad_sigmas > 0).then(|| {
             format!(
                 "{} points are left out, as their standard deviations are not positive and finite; \

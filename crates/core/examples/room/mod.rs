@@ -1,5 +1,7 @@
 //! The rendered room of the repository: an image and sparse depths.
 
+#![allow(dead_code)]
+
 use image::RgbImage;
 use lsdc_core::Observations;
 use std::error::Error;
@@ -12,12 +14,12 @@ fn asset(name: &str) -> PathBuf {
 }
 
 /// The image.
-pub fn image() -> Result<RgbImage, Box<dyn Error>> {
+pub(crate) fn image() -> Result<RgbImage, Box<dyn Error>> {
     Ok(image::open(asset("rgb.png"))?.into_rgb8())
 }
 
 /// A map of NumPy's format with float32 depths, 0 where there is none.
-pub fn map(name: &str, width: usize) -> Result<Vec<(f64, f64, f32)>, Box<dyn Error>> {
+pub(crate) fn map(name: &str, width: usize) -> Result<Vec<(f64, f64, f32)>, Box<dyn Error>> {
     let bytes = std::fs::read(asset(name))?;
     let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
     let depths = bytes[header..].chunks_exact(4);
@@ -31,7 +33,7 @@ pub fn map(name: &str, width: usize) -> Result<Vec<(f64, f64, f32)>, Box<dyn Err
 }
 
 /// The sparse depths.
-pub fn points(width: usize) -> Result<Observations, Box<dyn Error>> {
+pub(crate) fn points(width: usize) -> Result<Observations, Box<dyn Error>> {
     let mut points = Observations::new();
     for (u, v, depth) in map("sparse.npy", width)? {
         points.add(u, v, depth);

@@ -105,6 +105,7 @@ impl Default for FitConfig {
 
 impl FitConfig {
     /// The solver of one linear problem without a prior.
+    #[doc(hidden)]
     pub fn solver(&self) -> Solver {
         if self.ridge > 0.0 {
             Solver::Ridge(self.ridge)
@@ -114,6 +115,7 @@ impl FitConfig {
     }
 
     /// Up to which frequency the cosine basis is part of the field.
+    #[doc(hidden)]
     pub fn cosines(&self) -> f64 {
         match self.method {
             FitMethod::Joint => self.joint.cosines,

@@ -2,18 +2,24 @@
 
 /// How a lens moves the picture of a point.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::data) enum Lens {
+#[non_exhaustive]
+pub enum Lens {
+    /// None.
     Pinhole,
     /// Brown's radial and tangential distortion as in OpenCV: k1, k2, p1, p2, k3, k4, k5, k6.
     /// Beyond the radius (the tangent of the angle), pictures fold back.
     Radtan {
+        /// In the order of `OpenCV`.
         coefficients: [f64; 8],
+        /// Where pictures begin to fold back.
         radius: f64,
     },
     /// Kannala and Brandt (2006) as in OpenCV's fisheye module: k1 to k4. Beyond the angle, pictures
     /// fold back.
     Fisheye {
+        /// In the order of `OpenCV`.
         coefficients: [f64; 4],
+        /// Where pictures begin to fold back.
         angle: f64,
     },
 }
@@ -22,7 +28,8 @@ pub(in crate::data) enum Lens {
 const STEPS: usize = 20;
 
 impl Lens {
-    pub(in crate::data) fn radtan(coefficients: [f64; 8]) -> Self {
+    /// Brown's radial and tangential distortion: k1, k2, p1, p2, k3, k4, k5, k6.
+    pub fn radial_tangential(coefficients: [f64; 8]) -> Self {
         /// The tangent of 84 degrees.
         const LAST: f64 = 10.0;
         Self::Radtan {
@@ -31,7 +38,8 @@ impl Lens {
         }
     }
 
-    pub(in crate::data) fn fisheye(coefficients: [f64; 4]) -> Self {
+    /// The fisheye of Kannala and Brandt: k1 to k4.
+    pub fn fisheye(coefficients: [f64; 4]) -> Self {
         Self::Fisheye {
             coefficients,
             angle: fold(std::f64::consts::FRAC_PI_2, |a| {
@@ -41,7 +49,7 @@ impl Lens {
     }
 
     /// As files of cameras call it.
-    pub(super) fn name(&self) -> &'static str {
+    pub fn name(&self) -> &'static str {
         match self {
             Self::Pinhole => "pinhole",
             Self::Radtan { .. } => "radtan",

@@ -1,6 +1,6 @@
 //! Which points of one pixel lie on its nearest surface.
 
-use lsdc_core::Observation;
+use crate::observations::Observation;
 
 /// How much nearer a surface must be to hide a point: its share of the depth.
 pub(super) const NEARER: f32 = 0.05;
@@ -10,7 +10,7 @@ const SURE: f32 = 3.0;
 
 /// The depth up to which the nearest surface of each pixel reaches, infinite where there is none.
 /// A point whose standard deviation is large says little about where the surface is.
-pub(super) fn fronts<'a>(
+pub fn fronts<'a>(
     points: impl Iterator<Item = (usize, &'a Observation)>,
     pixels: usize,
 ) -> Vec<f32> {
@@ -23,7 +23,7 @@ pub(super) fn fronts<'a>(
 }
 
 /// Whether a point lies behind the surface in front of it, across a gap, rather than on it.
-pub(super) fn is_behind(point: &Observation, front: f32) -> bool {
+pub fn is_behind(point: &Observation, front: f32) -> bool {
     point.depth * (1.0 - NEARER) - SURE * point.sigma.unwrap_or(0.0) > front
 }
 

@@ -1,0 +1,125 @@
+//! Cameras: where points appear in the image, and where pixels lie in space.
+
+mod lens;
+
+pub use lens::Lens;
+
+/// A calibrated camera at its place in the world.
+///
+/// Pixels count from the centre of the first, as in `OpenCV`; x points to the right, y down, z forwards.
+///
+/// ```
+/// use lsdc_core::{Camera, Lens};
+/// let camera = Camera::pinhole([500.0, 500.0], [319.5, 239.5])
+///     .with_lens(Lens::radial_tangential([-0.2, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
+/// let (pixel, depth) = camera.project([0.4, -0.1, 2.0]).expect("in front of the camera");
+/// assert_eq!(depth, 2.0);
+/// let back = camera.unproject(pixel, depth).expect("where the lens looks");
+/// assert!((back[0] - 0.4).abs() < 1e-8 && (back[1] + 0.1).abs() < 1e-8);
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    focal: [f64; 2],
+    center: [f64; 2],
+    lens: Lens,
+    /// From the world to the camera.
+    rotation: [[f64; 3]; 3],
+    translation: [f64; 3],
+}
+
+const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+impl Camera {
+    /// A camera without distortion at the origin, of focal lengths and a principal point in pixels.
+    pub fn pinhole(focal: [f64; 2], center: [f64; 2]) -> Self {
+        Self {
+            focal,
+            center,
+            lens: Lens::Pinhole,
+            rotation: IDENTITY,
+            translation: [0.0; 3],
+        }
+    }
+
+    /// The same through a lens that distorts.
+    #[must_use]
+    pub fn with_lens(self, lens: Lens) -> Self {
+        Self { lens, ..self }
+    }
+
+    /// The same at another place: a point of the world is first rotated, row by row, then translated.
+    #[must_use]
+    pub fn with_pose(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
+        Self {
+            rotation,
+            translation,
+            ..self
+        }
+    }
+
+    /// The camera of the same view on a grid of pixels of another size: so many times as many columns
+    /// and rows.
+    #[must_use]
+    pub fn scaled(&self, factors: [f64; 2]) -> Self {
+        let mut camera = self.clone();
+        for (axis, factor) in factors.into_iter().enumerate() {
+            camera.focal[axis] *= factor;
+            camera.center[axis] = (camera.center[axis] + 0.5) * factor - 0.5;
+        }
+        camera
+    }
+
+    /// Focal lengths in pixels.
+    pub fn focal(&self) -> [f64; 2] {
+        self.focal
+    }
+
+    /// The principal point in pixels.
+    pub fn center(&self) -> [f64; 2] {
+        self.center
+    }
+
+    /// What the lens does.
+    pub fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
+    /// Rotation, row by row, and translation from the world to the camera.
+    pub fn pose(&self) -> ([[f64; 3]; 3], [f64; 3]) {
+        (self.rotation, self.translation)
+    }
+
+    /// Pixel (column, row) and depth of a point of the world; `None` behind the camera and where the
+    /// lens does not look.
+    pub fn project(&self, point: [f64; 3]) -> Option<([f64; 2], f64)> {
+        let mut place = self.translation;
+        for (coordinate, row) in place.iter_mut().zip(&self.rotation) {
+            *coordinate += dot(*row, point);
+        }
+        let [x, y, z] = place;
+        if !(z > 0.0 && z.is_finite()) {
+            return None;
+        }
+        let seen = self.lens.distort([x / z, y / z])?;
+        let pixel = [0, 1].map(|axis| self.focal[axis] * seen[axis] + self.center[axis]);
+        pixel.iter().all(|v| v.is_finite()).then_some((pixel, z))
+    }
+
+    /// The point of the world at a pixel (column, row) and depth; `None` where the lens does not
+    /// look.
+    pub fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]> {
+        let seen = [0, 1].map(|axis| (pixel[axis] - self.center[axis]) / self.focal[axis]);
+        let [x, y] = self.lens.undistort(seen)?;
+        let place = [
+            x * depth - self.translation[0],
+            y * depth - self.translation[1],
+            depth - self.translation[2],
+        ];
+        // The inverse of a rotation is its transpose.
+        Some([0, 1, 2].map(|axis| dot([0, 1, 2].map(|row| self.rotation[row][axis]), place)))
+    }
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}

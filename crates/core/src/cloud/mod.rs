@@ -1,0 +1,106 @@
+//! Point clouds as a camera sees them.
+
+mod occlusion;
+mod surface;
+
+use crate::camera::Camera;
+use crate::observations::{Observation, Observations};
+use occlusion::remove_hidden;
+pub use surface::{fronts, is_behind};
+
+/// What a camera sees of a point cloud, and what it does not see.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Cloud {
+    /// The points that it sees, at their places in the image.
+    pub observations: Observations,
+    /// Points whose coordinates are not finite.
+    pub invalid: usize,
+    /// Points behind the camera or outside the image.
+    pub outside: usize,
+    /// Points behind nearer surfaces.
+    pub hidden: usize,
+}
+
+impl Cloud {
+    /// The points of a cloud, in the unit of the camera's pose, in an image of `width` x `height` pixels.
+    /// Points that nearer surfaces hide are left out; some remain where these are sparse, which a robust
+    /// fit leaves little weight.
+    ///
+    /// ```
+    /// use lsdc_core::{Camera, Cloud};
+    /// let camera = Camera::pinhole([100.0, 100.0], [31.5, 23.5]);
+    /// let points = [[0.0, 0.0, 2.0], [0.1, 0.0, 2.0], [0.0, 0.0, 5.0], [0.0, 0.0, -1.0]];
+    /// let cloud = Cloud::seen_by(&camera, 64, 48, points);
+    /// assert_eq!((cloud.observations.len(), cloud.hidden, cloud.outside), (2, 1, 1));
+    /// ```
+    pub fn seen_by(
+        camera: &Camera,
+        width: usize,
+        height: usize,
+        points: impl IntoIterator<Item = [f64; 3]>,
+    ) -> Self {
+        let (mut invalid, mut outside) = (0, 0);
+        let mut found = Vec::new();
+        for point in points {
+            if point.iter().any(|v| !v.is_finite()) {
+                invalid += 1;
+                continue;
+            }
+            match camera.project(point) {
+                Some(([u, v], depth)) if pixel([u, v], (width, height)).is_some() => {
+                    found.push(Observation {
+                        u,
+                        v,
+                        depth: depth as f32,
+                        sigma: None,
+                    });
+                }
+                _ => outside += 1,
+            }
+        }
+        let hidden = retain_visible(&mut found, (width, height), true);
+        Self {
+            observations: found.into_iter().collect(),
+            invalid,
+            outside,
+            hidden,
+        }
+    }
+}
+
+/// The index of the pixel that holds a place, if an image of `size` (width, height) does.
+pub fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize> {
+    let within = |place: f64, length: usize| {
+        let place = (place + 0.5).floor();
+        (place >= 0.0 && place < length as f64).then_some(place as usize)
+    };
+    Some(within(v, height)? * width + within(u, width)?)
+}
+
+/// Takes out what nearer surfaces hide in the same pixel of an image of `size` (width, height) and,
+/// `between` the points of a cloud, around it, and returns how many points that were. What is left does
+/// not depend on the order of the points.
+pub fn retain_visible(
+    points: &mut Vec<Observation>,
+    (width, height): (usize, usize),
+    between: bool,
+) -> usize {
+    let at = |point: &Observation| pixel([point.u, point.v], (width, height)).unwrap_or(0);
+    let fronts = fronts(
+        points.iter().map(|point| (at(point), point)),
+        width * height,
+    );
+    let mut seen: Vec<f32> = Vec::new();
+    if between {
+        let nearest = |front: &f32| if front.is_finite() { *front } else { 0.0 };
+        seen = fronts.iter().map(nearest).collect();
+        remove_hidden(width, &mut seen);
+    }
+    let before = points.len();
+    points.retain(|point| {
+        let pixel = at(point);
+        !is_behind(point, fronts[pixel]) && seen.get(pixel).is_none_or(|&depth| depth > 0.0)
+    });
+    before - points.len()
+}
