@@ -31,7 +31,7 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
         match event {
             Event::Resumed(count) => {
                 bar.suspend(|| {
-                    ui::say(&format!("{count} results of an earlier run are used again"))
+                    ui::say(&format!("{count} results of an earlier run are used again"));
                 });
             }
             Event::Trying { done, total, cell } => {

@@ -139,7 +139,7 @@ fn check(path: &Path, first: &str, made_from: &Value) -> Result<()> {
     }
     let mut words = found[..found.len().min(SHOWN)].join("; ");
     if found.len() > SHOWN {
-        words += &format!("; and {} more", found.len() - SHOWN);
+        words = format!("{words}; and {} more", found.len() - SHOWN);
     }
     Err(Error::config(format!(
         "`{}` belongs to another evaluation: {words}",

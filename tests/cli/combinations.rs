@@ -17,6 +17,10 @@ const CAMERA: &str = "40,40,23.5,17.5";
 /// A flag or another choice, and its values.
 type Factor = (&'static str, &'static [&'static str]);
 
+fn has_ending(name: &str, ending: &str) -> bool {
+    Path::new(name).extension().is_some_and(|e| e == ending)
+}
+
 /// A value for each factor.
 type Row = Vec<usize>;
 
@@ -26,8 +30,8 @@ fn pairs(factors: &[Factor]) -> Vec<Row> {
     let mut rng = Rng::stream(0, &["combinations"]);
     let mut left = BTreeSet::new();
     for (b, (_, second)) in factors.iter().enumerate() {
-        for a in 0..b {
-            for i in 0..factors[a].1.len() {
+        for (a, (_, first)) in factors[..b].iter().enumerate() {
+            for i in 0..first.len() {
                 left.extend((0..second.len()).map(|j| (a, i, b, j)));
             }
         }
@@ -519,7 +523,7 @@ fn check_files(row: &Choice, at: &Path, count: usize) -> Result<(), String> {
                 format!("{name}: {}", map.count())
             })?;
         }
-        if name.ends_with(".ply") {
+        if has_ending(&name, "ply") {
             let bytes = std::fs::read(&path).unwrap();
             let text = String::from_utf8_lossy(&bytes[..bytes.len().min(300)]).into_owned();
             let vertices = format!("element vertex {}\n", width * height);
@@ -606,7 +610,7 @@ fn every_pair_of_flags_of_complete() {
             })?;
             let mut now = files(at);
             // Reports say how long it took.
-            now.retain(|name, _| !name.ends_with(".json") || name.ends_with("weights.json"));
+            now.retain(|name, _| !has_ending(name, "json") || name.ends_with("weights.json"));
             let changed: Vec<_> = now
                 .iter()
                 .filter(|(name, bytes)| after[*name] != **bytes)

@@ -83,7 +83,9 @@ impl Cells {
             for c in within(column, self.columns) {
                 if (r - row).abs().max((c - column).abs()) == ring {
                     let members = &self.members[r as usize * self.columns + c as usize];
-                    members.iter().for_each(|&i| visit(i));
+                    for &i in members {
+                        visit(i);
+                    }
                 }
             }
         }

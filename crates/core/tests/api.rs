@@ -292,7 +292,7 @@ fn outliers_are_judged_by_their_own_deviations() {
 #[test]
 fn a_robust_fit_leaves_outliers_little_weight() {
     let robust = with(&COMPLETER, |fit| {
-        fit.robust = Some(Robust::new(Loss::Cauchy))
+        fit.robust = Some(Robust::new(Loss::Cauchy));
     });
     let scene = scene_of(&robust, 96, 72);
     let mut given: Vec<Observation> = observations(96, 72, 150).iter().copied().collect();

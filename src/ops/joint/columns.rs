@@ -3,7 +3,7 @@
 use burn::tensor::{Int, Tensor, TensorData};
 use lsdc_core::fit::{CosineBasis, JointConfig};
 
-/// CosineBasis over images of one size, each times such a number that its weight counts as much as those of
+/// The cosine basis over images of one size, each times such a number that its weight counts as much as those of
 /// basis functions.
 pub(super) struct Columns {
     cosines: CosineBasis,

@@ -18,8 +18,11 @@ pub(crate) fn image() -> Result<RgbImage, Box<dyn Error>> {
     Ok(image::open(asset("rgb.png"))?.into_rgb8())
 }
 
+/// Column, row and depth.
+type Pixel = (f64, f64, f32);
+
 /// A map of NumPy's format with float32 depths, 0 where there is none.
-pub(crate) fn map(name: &str, width: usize) -> Result<Vec<(f64, f64, f32)>, Box<dyn Error>> {
+pub(crate) fn map(name: &str, width: usize) -> Result<Vec<Pixel>, Box<dyn Error>> {
     let bytes = std::fs::read(asset(name))?;
     let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
     let depths = bytes[header..].chunks_exact(4);

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Tensors, and which of them have been used.
 pub(super) struct Tensors<'a> {
-    tensors: &'a BTreeMap<String, Tensor>,
+    all: &'a BTreeMap<String, Tensor>,
     used: RefCell<BTreeSet<&'a str>>,
     pub(super) level: Level,
 }
@@ -31,7 +31,7 @@ impl Linear {
 impl<'a> Tensors<'a> {
     pub(super) fn new(tensors: &'a BTreeMap<String, Tensor>, level: Level) -> Self {
         Self {
-            tensors,
+            all: tensors,
             used: RefCell::default(),
             level,
         }
@@ -40,7 +40,7 @@ impl<'a> Tensors<'a> {
     /// The values of a tensor of that shape.
     pub(super) fn values(&self, name: &str, shape: &[usize]) -> Result<&'a [f32], WeightsError> {
         let (name, tensor) = self
-            .tensors
+            .all
             .get_key_value(name)
             .ok_or_else(|| WeightsError::tensor(name, "is missing"))?;
         if tensor.shape() != shape {
@@ -55,11 +55,7 @@ impl<'a> Tensors<'a> {
     /// Whether every tensor was used.
     pub(super) fn check_all_used(&self) -> Result<(), WeightsError> {
         let used = self.used.borrow();
-        match self
-            .tensors
-            .keys()
-            .find(|name| !used.contains(name.as_str()))
-        {
+        match self.all.keys().find(|name| !used.contains(name.as_str())) {
             None => Ok(()),
             Some(name) => Err(WeightsError::tensor(name, "is superfluous")),
         }
@@ -106,7 +102,9 @@ impl<'a> Tensors<'a> {
         let line = self.line(name, outputs)?;
         let rows = values.chunks_exact_mut(channels * taps * taps);
         for (row, (slope, _)) in rows.zip(&line) {
-            row.iter_mut().for_each(|value| *value *= slope);
+            for value in row {
+                *value *= slope;
+            }
         }
         let bias: Vec<f32> = line.into_iter().map(|(_, offset)| offset).collect();
         Ok(Layer::new(self.level, &values, sizes, &bias, spec))

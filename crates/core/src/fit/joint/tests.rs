@@ -383,7 +383,7 @@ fn cosines_without_their_columns_are_refused() {
 /// of the outermost.
 fn places_between() -> Vec<[f64; 2]> {
     let [us, vs] = ["u", "v"].map(|name| random(POINTS, name));
-    let inside = |value: f64, length: usize| (value.sin() + 1.0) / 2.0 * length as f64 - 0.5;
+    let inside = |value: f64, length: usize| f64::midpoint(value.sin(), 1.0) * length as f64 - 0.5;
     let pairs = us.into_iter().zip(vs);
     let place = |(u, v)| [inside(7.0 * u, 3 * WIDTH), inside(7.0 * v, 3 * HEIGHT)];
     let mut places: Vec<[f64; 2]> = pairs.map(place).collect();
@@ -426,8 +426,8 @@ fn residuals_between_pixels_are_those_of_the_map_that_is_written() {
         example.depths[7] += 0.4;
         let fit = example.fit_in(&settings(method), (3 * HEIGHT, 3 * WIDTH), |_| true);
         let written = read_at(&fit, &example.places);
-        for i in 0..POINTS {
-            let expected = f64::from(example.depths[i]) - written[i];
+        for (i, written) in written.into_iter().enumerate() {
+            let expected = f64::from(example.depths[i]) - written;
             assert!(
                 (fit.residuals[i] - expected).abs() < 1e-5,
                 "{i}: {} {expected}",
@@ -442,7 +442,7 @@ fn leave_one_out_residuals_between_pixels_are_those_of_fits_without_the_point() 
     for method in [FitMethod::Joint, FitMethod::Field] {
         let (example, all) = between(method);
         let found = all.leave_one_out(&all.leverages(&example.bases));
-        for i in 0..POINTS {
+        for (i, found) in found.into_iter().enumerate() {
             // Points of one pixel of the field share an observation.
             let cell = |j: usize| example.places[j].map(|v| ((v + 0.5) / 3.0).floor());
             if (0..POINTS).any(|j| j != i && cell(j) == cell(i)) {
@@ -462,11 +462,7 @@ fn leave_one_out_residuals_between_pixels_are_those_of_fits_without_the_point() 
                 .zip(&without.weights)
                 .map(|(b, w)| f64::from(*b) * w);
             let expected = f64::from(example.depths[i]) - functions.sum::<f64>() - taps.read(&own);
-            assert!(
-                (found[i] - expected).abs() < 1e-5,
-                "{i}: {} {expected}",
-                found[i]
-            );
+            assert!((found - expected).abs() < 1e-5, "{i}: {found} {expected}");
         }
     }
 }
