@@ -42,7 +42,7 @@ NETWORK = {
     "octaves": 5,
     "hidden": [128, 128],
     "bases": 128,
-    "edges": 0,
+    "affinities": 0,
     "norm": "batch",
 }
 # Its extractor as the medium network has it.
@@ -87,7 +87,7 @@ class Variant:
 
 
 def edges(**changes: dict) -> Variant:
-    return Variant("nyu-affinities", laid_over({"network": {"edges": 16}}, changes))
+    return Variant("nyu-affinities", laid_over({"network": {"affinities": 16}}, changes))
 
 
 def bases(after: str = "", **changes: dict) -> Variant:
@@ -109,14 +109,14 @@ VARIANTS = {
     "edges, basis functions alone": Variant(weights="edges", flags=("--fit", "lse")),
     "colours alone": Variant(weights="start"),
     "colours and field alone": Variant(weights="start", flags=("--fit", "field")),
-    "half as wide": edges(network={"edges": 8}),
-    "wider by half": edges(network={"edges": 24}),
-    "likelihood of steps": edges(train=loss(l1=0.0, rmse=0.0, edges=1.0)),
-    "and likelihood of steps": edges(train=loss(edges=0.05)),
+    "half as wide": edges(network={"affinities": 8}),
+    "wider by half": edges(network={"affinities": 24}),
+    "likelihood of steps": edges(train=loss(l1=0.0, rmse=0.0, affinities=1.0)),
+    "and likelihood of steps": edges(train=loss(affinities=0.05)),
     "rms error alone": edges(train=loss(l1=0.0)),
     "absolute error alone": edges(train=loss(rmse=0.0)),
     "no average of steps": edges(train={"average": None}),
-    "everything, jointly": Variant("nyu-joint", {"network": {"edges": 16}}),
+    "everything, jointly": Variant("nyu-joint", {"network": {"affinities": 16}}),
     "bases": bases(),
     "bases, not sharpened": bases(network={"extractor": {"sharpening": 0}}),
     "bases, 32 features": bases(network={"extractor": {"features": 32}}),

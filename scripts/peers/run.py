@@ -80,7 +80,8 @@ def random_weights(args: argparse.Namespace) -> str:
     path = SCRATCH / f"{args.preset}.safetensors"
     if not path.exists():
         with tempfile.TemporaryDirectory() as folder:
-            settings = ["train.steps=1", "train.held_out=0", "data.rooms.train=2", "fit.ridge=1e-4"]
+            settings = ["train.steps=1", "train.held_out=0", "train.calibrate=false"]
+            settings += ["data.rooms.train=2", "fit.ridge=1e-4"]
             words = [word for setting in settings for word in ("--set", setting)]
             words += ["--set", f'preset="{args.preset}"']
             lsdc(args, "train", "--dataset", "rooms", *words, "-o", f"{folder}/run")

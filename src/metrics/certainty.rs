@@ -74,15 +74,15 @@ impl Certainty {
 
     /// Adds other frames.
     pub fn add(&mut self, other: &Self) {
-        self.within_one += other.within_one;
-        self.within_two += other.within_two;
+        self.within_one = self.within_one.saturating_add(other.within_one);
+        self.within_two = self.within_two.saturating_add(other.within_two);
         for (own, others) in [
             (&mut self.predicted, &other.predicted),
             (&mut self.ideal, &other.ideal),
         ] {
             for (slice, other) in own.iter_mut().zip(others) {
-                slice.pixels += other.pixels;
-                slice.squares += other.squares;
+                slice.pixels = slice.pixels.saturating_add(other.pixels);
+                slice.squares = slice.squares.saturating_add(other.squares);
             }
         }
     }
@@ -194,5 +194,17 @@ mod tests {
             sum.ideal[3].squares,
             a.ideal[3].squares + b.ideal[3].squares
         );
+    }
+
+    #[test]
+    fn sums_beyond_all_numbers_stay_at_the_largest() {
+        let mut huge = Certainty {
+            within_one: u64::MAX - 1,
+            ..Certainty::default()
+        };
+        huge.predicted[0].squares = u64::MAX - 1;
+        let other = huge.clone();
+        huge.add(&other);
+        assert_eq!((huge.within_one, huge.predicted[0].squares), (u64::MAX, u64::MAX));
     }
 }

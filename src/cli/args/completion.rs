@@ -84,7 +84,8 @@ pub(in crate::cli) struct Complete {
     )]
     pub(in crate::cli) preserve_input: Preserve,
     /// The standard deviation of each sparse depth, a map in the unit of the depths [default: what a
-    /// list has].
+    /// table has]. Points at the median of these count as points without any do, the others by the
+    /// square of the ratio.
     #[arg(
         long,
         value_name = "FILE",
