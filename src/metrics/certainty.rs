@@ -205,6 +205,9 @@ mod tests {
         huge.predicted[0].squares = u64::MAX - 1;
         let other = huge.clone();
         huge.add(&other);
-        assert_eq!((huge.within_one, huge.predicted[0].squares), (u64::MAX, u64::MAX));
+        assert_eq!(
+            (huge.within_one, huge.predicted[0].squares),
+            (u64::MAX, u64::MAX)
+        );
     }
 }
