@@ -3,8 +3,9 @@
 use super::Size;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
-use fast_image_resize::images::{Image, ImageRef};
-use fast_image_resize::{FilterType, PixelType, ResizeAlg, ResizeOptions, Resizer};
+use fast_image_resize::images::{TypedImage, TypedImageRef};
+use fast_image_resize::pixels::{F32, U8x3};
+use fast_image_resize::{FilterType, PixelTrait, ResizeAlg, ResizeOptions, Resizer};
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
@@ -93,7 +94,10 @@ pub fn resize_rgb(rgb: &RgbImage, size: Size, law: Interpolation) -> Result<RgbI
     check(from, size)?;
     match law.algorithm() {
         Algorithm::Weighted(algorithm) => {
-            let bytes = convolve(rgb.as_raw(), from, size, PixelType::U8x3, algorithm)?;
+            let colours = rgb.as_raw().as_chunks().0.iter();
+            let colours: Vec<U8x3> = colours.map(|&colour| U8x3::new(colour)).collect();
+            let colours = convolve(&colours, from, size, algorithm)?;
+            let bytes = colours.into_iter().flat_map(|colour| colour.0).collect();
             RgbImage::from_raw(size.width as u32, size.height as u32, bytes)
                 .ok_or_else(|| Error::shape("resized image has the wrong size"))
         }
@@ -138,17 +142,9 @@ pub fn resize_depth(depth: &DepthMap, size: Size, law: Interpolation) -> Result<
 
 fn weigh(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) -> Result<Vec<f32>> {
     let filter = |values: &[f32]| -> Result<Vec<f32>> {
-        let mut bytes = vec![0; size_of_val(values)];
-        for (bytes, value) in bytes.as_chunks_mut::<4>().0.iter_mut().zip(values) {
-            *bytes = value.to_ne_bytes();
-        }
-        let resized = convolve(&bytes, from, to, PixelType::F32, algorithm)?;
-        Ok(resized
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|b| f32::from_ne_bytes(*b))
-            .collect())
+        let values: Vec<F32> = values.iter().map(|&value| F32::new(value)).collect();
+        let resized = convolve(&values, from, to, algorithm)?;
+        Ok(resized.into_iter().map(|value| value.0).collect())
     };
     let mut values = filter(depth.values())?;
     if depth.count() < depth.values().len() {
@@ -197,23 +193,26 @@ fn check(from: Size, to: Size) -> Result<()> {
     Ok(())
 }
 
-fn convolve(
-    bytes: &[u8],
+fn convolve<P: PixelTrait>(
+    pixels: &[P],
     from: Size,
     to: Size,
-    pixel: PixelType,
     algorithm: ResizeAlg,
-) -> Result<Vec<u8>> {
+) -> Result<Vec<P>> {
     let wrong =
         |e: &dyn std::fmt::Display| Error::shape(format!("cannot resize {from} to {to}: {e}"));
-    let source = ImageRef::new(from.width as u32, from.height as u32, bytes, pixel)
+    let source = TypedImageRef::new(from.width as u32, from.height as u32, pixels)
         .map_err(|e| wrong(&e))?;
-    let mut target = Image::new(to.width as u32, to.height as u32, pixel);
+    let mut resized = vec![P::default(); to.width * to.height];
+    let (width, height) = (to.width as u32, to.height as u32);
+    let mut target =
+        TypedImage::from_pixels_slice(width, height, &mut resized).map_err(|e| wrong(&e))?;
     let options = ResizeOptions::new().resize_alg(algorithm);
+    // Not `resize`, which is compiled for every type of pixel.
     Resizer::new()
-        .resize(&source, &mut target, &options)
+        .resize_typed(&source, &mut target, &options)
         .map_err(|e| wrong(&e))?;
-    Ok(target.into_vec())
+    Ok(resized)
 }
 
 #[cfg(test)]

@@ -118,6 +118,7 @@ impl<'a> CompleterBuilder<'a> {
     }
 
     /// Another implementation of the network, for example on another device.
+    #[doc(hidden)]
     pub fn network(self, network: Arc<dyn Network>) -> Self {
         Self {
             network: Some(network),

@@ -1,7 +1,7 @@
 //! A fit, and what follows from it: depth anywhere, standard deviations, residuals, outliers.
 
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, LocalNoise, root_mean_square};
+use crate::fit::{Fit, FitMethod, LocalNoise};
 use crate::image::{check_rows, check_size};
 use crate::map::DepthMap;
 use crate::scene::Scene;
@@ -172,9 +172,14 @@ impl Completion {
         let outside = places
             .iter()
             .find(|[u, v]| !(inside(*u, width) && inside(*v, height)));
-        if let Some([u, v]) = outside {
-            let what = format!("({u}, {v}) is not in the image of {width}x{height}");
-            return Err(FitError::Shape(what).into());
+        if let Some(&[u, v]) = outside {
+            return Err(FitError::Outside {
+                u,
+                v,
+                width,
+                height,
+            }
+            .into());
         }
         let rows = scene.completer().run(|| scene.at((height, width), places));
         let columns = rows.len() / places.len().max(1);
@@ -215,7 +220,9 @@ impl Completion {
         })
     }
 
-    /// The standard deviation of the error of every pixel of the image.
+    /// The standard deviation of the error of every pixel of the image. The factor that makes it agree with
+    /// errors was found in training with the fit that the weights record; with other settings it is an
+    /// approximation.
     ///
     /// # Errors
     /// Too few observations to say.
@@ -245,6 +252,11 @@ impl Completion {
         } = &*self.0;
         let from = scene.size();
         let factor = scene.completer().deviation();
+        if fit.is_saturated() {
+            let what = "as many observations as basis functions, or fewer, are met whatever they are, and \
+                        say nothing of the errors between them";
+            return Err(FitError::TooFewPoints(what).into());
+        }
         let noise = LocalNoise::new(fit, self.leverages(), &usable.places, from);
         let (right, down) = (from.1 as f64 / width as f64, from.0 as f64 / height as f64);
         let noise_at = |pixel: usize| {
@@ -252,8 +264,8 @@ impl Completion {
             noise.at(x * right, y * down)
         };
         let mut values = vec![0.0; height * width];
-        if fit.smooth().is_some() && noise.is_silent() {
-            let what = "the points say nothing of how far a field is off between them";
+        if noise.is_silent() {
+            let what = "the points say nothing of how far the depth is off between them";
             return Err(FitError::TooFewPoints(what).into());
         }
         if let Some(deviations) = fit.field_deviations(|size, places| scene.at(size, places)) {
@@ -289,7 +301,8 @@ impl Completion {
     }
 
     /// For every given observation its depth less what a fit to all others would say there (leave-one-
-    /// out, in closed form: Allen 1974); NaN for those that were not used. The root mean square, the
+    /// out, in closed form: Allen 1974); NaN for those that were not used, and for those that the fit meets
+    /// whatever their depths are. The root mean square, the
     /// PRESS error, says without a true depth map how far the depth is off between the points, where
     /// these are spread as the pixels are.
     pub fn leave_one_out(&self) -> Vec<f64> {
@@ -298,9 +311,10 @@ impl Completion {
             .spread(&self.0.fit.leave_one_out(self.leverages()))
     }
 
-    /// Root mean square of the leave-one-out errors of the observations that were used.
-    pub fn leave_one_out_error(&self) -> f64 {
-        root_mean_square(&self.0.fit.leave_one_out(self.leverages()))
+    /// Root mean square of the leave-one-out errors; `None` if no observation has one, because the fit
+    /// meets all of them whatever their depths are.
+    pub fn leave_one_out_error(&self) -> Option<f64> {
+        self.0.fit.leave_one_out_error(self.leverages())
     }
 
     /// For every given observation how much it counted in the end, 1 for a plain fit without standard
@@ -342,12 +356,20 @@ impl Completion {
     }
 
     fn leverages(&self) -> &[f64] {
-        self.0.leverages.get_or_init(|| {
-            let Inner {
-                scene, fit, usable, ..
-            } = &*self.0;
-            let bases = || scene.at(scene.size(), &usable.places);
-            scene.completer().run(|| fit.leverages_with(bases))
-        })
+        let Inner {
+            scene,
+            fit,
+            usable,
+            leverages,
+            ..
+        } = &*self.0;
+        if let Some(leverages) = leverages.get() {
+            return leverages;
+        }
+        // Not within the initialiser: a thread that waits for others there may take up work that asks
+        // for the same.
+        let bases = || scene.at(scene.size(), &usable.places);
+        let found = scene.completer().run(|| fit.leverages_with(bases));
+        leverages.get_or_init(|| found)
     }
 }

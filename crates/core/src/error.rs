@@ -170,7 +170,7 @@ impl SettingsError {
 }
 
 /// The fit has no answer.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FitError {
     /// Nothing to fit.
@@ -195,6 +195,18 @@ pub enum FitError {
     /// Arrays do not go together.
     #[error("{0}")]
     Shape(String),
+    /// A place is not in the image.
+    #[error("({u}, {v}) is not in the image of {width}x{height} pixels")]
+    Outside {
+        /// Column.
+        u: f64,
+        /// Row.
+        v: f64,
+        /// Columns of the image.
+        width: usize,
+        /// Rows of the image.
+        height: usize,
+    },
     /// The fit needs a prior that the weights do not hold, or not in this space.
     #[error("{0}")]
     NoPrior(&'static str),
@@ -204,6 +216,23 @@ pub enum FitError {
     /// A decomposition failed.
     #[error("the fit cannot be solved: {0}")]
     Unsolvable(&'static str),
+    /// Weights of another fit are of other basis functions.
+    #[error(
+        "weights of {found} functions are not those of another fit of these {expected} basis functions and \
+         cosines"
+    )]
+    OtherWeights {
+        /// Basis functions and cosines of this fit.
+        expected: usize,
+        /// Weights that were given.
+        found: usize,
+    },
+    /// Weights of another fit say nothing: they are all 0, or not finite.
+    #[error("the weights of the other fit are all 0, or not finite")]
+    NearNothing,
+    /// A fit cannot be drawn towards another one.
+    #[error("a fit without the learned prior over weights of depths cannot be drawn towards another one")]
+    NearWithoutPrior,
     /// The points do not determine what was asked for.
     #[error("{0}")]
     TooFewPoints(&'static str),
@@ -223,6 +252,16 @@ impl FitError {
             ),
             Self::TooFewPoints(_) => {
                 Some("give more points, or choose another fit (`fit.method = \"lse\"`)")
+            }
+            Self::Outside { .. } => {
+                Some("places count in pixels from the centre of the first: from -0.5 to the length - 0.5")
+            }
+            Self::OtherWeights { .. } => {
+                Some("take `Completion::weights` of a completion by the same weights and settings")
+            }
+            Self::NearNothing => Some("complete this image without them"),
+            Self::NearWithoutPrior => {
+                Some("set `fit.prior` to \"learned\" and `fit.method` to \"lse\" or \"joint\"")
             }
             Self::Shape(_) | Self::NoAffinities(_) => None,
         }

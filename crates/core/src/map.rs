@@ -55,7 +55,11 @@ impl DepthMap {
     }
 
     /// A map without any measurement.
+    ///
+    /// # Panics
+    /// If a side is 0, or there are more pixels than any image has.
     pub fn empty(width: usize, height: usize) -> Self {
+        assert!(check_size(width, height).is_ok(), "{width}x{height} pixels");
         Self {
             width,
             height,
@@ -64,11 +68,19 @@ impl DepthMap {
         }
     }
 
-    /// A map that holds only the given points; those outside are left out.
+    /// A map that holds only the given points. Those outside, and those whose depths are not positive
+    /// and finite, are [ignored](Self::ignored).
+    ///
+    /// # Panics
+    /// As [`Self::empty`].
     pub fn from_points(width: usize, height: usize, points: &[Point]) -> Self {
         let mut map = Self::empty(width, height);
-        for point in points.iter().filter(|p| p.x < width && p.y < height) {
-            map.values[point.y * width + point.x] = point.depth;
+        for point in points {
+            if point.x < width && point.y < height && point.depth.is_finite() && point.depth > 0.0 {
+                map.values[point.y * width + point.x] = point.depth;
+            } else {
+                map.ignored += 1;
+            }
         }
         map
     }
@@ -93,9 +105,18 @@ impl DepthMap {
         self.values
     }
 
-    /// The depth at a pixel of the map.
+    /// The depth at a pixel of the map; 0 = no measurement.
+    ///
+    /// # Panics
+    /// If the pixel is outside the map.
     pub fn at(&self, x: usize, y: usize) -> f32 {
+        assert!(x < self.width, "column {x} of {}", self.width);
         self.values[y * self.width + x]
+    }
+
+    /// The depth at a pixel of the map; `None` outside.
+    pub fn get(&self, x: usize, y: usize) -> Option<f32> {
+        (x < self.width && y < self.height).then(|| self.at(x, y))
     }
 
     /// The pixels with a measurement, row by row.
@@ -143,6 +164,23 @@ mod tests {
         assert_eq!(map.range(), Some((1.0, 2.5)));
         let last = map.points().last().unwrap();
         assert_eq!((last.x, last.y), (2, 1));
+    }
+
+    #[test]
+    fn pixels_outside_have_no_depth() {
+        let map = DepthMap::new(2, 2, vec![1.0, 2.0, 3.0, 4.0]).unwrap();
+        assert_eq!([map.get(1, 1), map.get(2, 0), map.get(0, 2)], [Some(4.0), None, None]);
+        // Not the first pixel of the next row.
+        assert!(std::panic::catch_unwind(|| map.at(2, 0)).is_err());
+    }
+
+    #[test]
+    fn points_that_are_no_measurements_are_counted() {
+        let at = |x, depth| Point { x, y: 0, depth };
+        let points = [at(0, 1.5), at(1, f32::NAN), at(2, -1.0), at(3, 2.0)];
+        let map = DepthMap::from_points(3, 1, &points);
+        assert_eq!(map.values(), [1.5, 0.0, 0.0]);
+        assert_eq!(map.ignored(), 3);
     }
 
     #[test]

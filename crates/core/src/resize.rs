@@ -1,8 +1,9 @@
 //! The image at the size that the network works at.
 
 use crate::error::{ImageError, Result};
-use fast_image_resize::images::{Image, ImageRef};
-use fast_image_resize::{FilterType, PixelType, ResizeAlg, ResizeOptions, Resizer};
+use fast_image_resize::images::{TypedImage, TypedImageRef};
+use fast_image_resize::pixels::U8x3;
+use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
 
 /// Colours of `from` (height, width) at another size as PIL's `BILINEAR` gives them, which takes in
 /// every pixel when it shrinks.
@@ -19,12 +20,14 @@ pub(crate) fn resized(rgb: Vec<u8>, from: (usize, usize), to: (usize, usize)) ->
     else {
         return Err(failed().into());
     };
-    let pixel = PixelType::U8x3;
-    let source = ImageRef::new(width, height, &rgb, pixel).map_err(|_| failed())?;
-    let mut target = Image::new(new_width, new_height, pixel);
+    let source = TypedImageRef::<U8x3>::from_buffer(width, height, &rgb).map_err(|_| failed())?;
+    let mut colours = vec![0; 3 * to.0 * to.1];
+    let mut target = TypedImage::<U8x3>::from_buffer(new_width, new_height, &mut colours)
+        .map_err(|_| failed())?;
     let bilinear = ResizeAlg::Convolution(FilterType::Bilinear);
     let options = ResizeOptions::new().resize_alg(bilinear);
-    let done = Resizer::new().resize(&source, &mut target, &options);
+    // Not `resize`, which is compiled for every type of pixel.
+    let done = Resizer::new().resize_typed(&source, &mut target, &options);
     done.map_err(|_| failed())?;
-    Ok(target.into_vec())
+    Ok(colours)
 }

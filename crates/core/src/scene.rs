@@ -2,9 +2,9 @@
 
 use crate::completer::Completer;
 use crate::completion::Completion;
-use crate::error::{FitError, Result, WeightsError};
+use crate::error::{FitError, Result};
 use crate::fit::{
-    Affinities, CosineBasis, FitMethod, ImageMoments, Points, Prior, Scene as Placed, fit,
+    Affinities, CosineBasis, FitMethod, ImageMoments, Points, Prior, PriorKind, Scene as Placed, fit,
 };
 use crate::image::Image;
 use crate::network::Basis;
@@ -119,7 +119,7 @@ impl Scene {
     /// a video. `weights` are [those](Completion::weights) of the frame before.
     ///
     /// # Errors
-    /// As [`Self::complete`]; weights without a prior, or weights of other basis functions.
+    /// As [`Self::complete`]; a fit without the learned prior, or `weights` of other basis functions.
     pub fn complete_near(
         &self,
         observations: &Observations,
@@ -137,16 +137,14 @@ impl Scene {
         let inner = &*self.0;
         let usable = Usable::new(observations, inner.size)?;
         let mut config = *inner.completer.fit_config();
+        let drawn = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
         let about: Option<Prior> = match (near, inner.completer.prior()) {
             (None, _) => None,
-            (Some(_), None) => {
-                let what = "is missing: there is nothing to draw towards another fit";
-                return Err(WeightsError::Prior(what.to_owned()).into());
-            }
-            (Some(weights), Some(prior)) => {
+            (Some(weights), Some(prior)) if drawn => {
                 config.lambda = config.lambda.times(CLOSER);
-                Some(prior.about(weights)?)
+                Some(prior.about(weights, inner.cosines.len())?)
             }
+            (Some(_), _) => return Err(FitError::NearWithoutPrior.into()),
         };
         let prior = about.as_ref().or(inner.completer.prior());
         // On a thread of the pool, which need not be awaited for each step.

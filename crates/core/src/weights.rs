@@ -137,6 +137,8 @@ pub const NETWORK: &str = "network";
 pub const NORMALISATION: &str = "normalisation";
 /// As above: the version of the program that wrote the file.
 pub const VERSION: &str = "lsdc";
+/// Pixels of the images of a training.
+const LARGEST_INPUT: usize = 1 << 23;
 /// The note that holds a `FitConfig`.
 const FIT: &str = "fit";
 /// The note that holds a `Calibration`.
@@ -222,6 +224,11 @@ impl Weights {
         take(VERSION)?;
         network.check()?;
         normalisation.check()?;
+        // A file must not decide on tens of gigabytes; a user may.
+        if normalisation.input[0] * normalisation.input[1] > LARGEST_INPUT {
+            let reason = format!("images of more than {LARGEST_INPUT} pixels are implausible");
+            return Err(WeightsError::record(NORMALISATION, reason).into());
+        }
         let mut weights = Self {
             notes,
             ..Self::new(network, normalisation, BTreeMap::new())

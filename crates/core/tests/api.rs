@@ -3,9 +3,9 @@
 #![cfg(feature = "weights")]
 #![allow(clippy::unwrap_used)]
 
-use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
+use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{
-    Channels, Completer, DepthMap, Error, FitError, Image, Observation, Observations, Scene,
+    Camera, Channels, Cloud, Completer, DepthMap, Error, FitError, Image, Observation, Observations, Scene,
     Weights,
 };
 use std::sync::{Arc, LazyLock};
@@ -319,8 +319,62 @@ fn the_next_frame_of_a_video_starts_from_the_one_before() {
     let near = scene.complete_near(&few, many.weights()).unwrap();
     let near = error(near.depth().unwrap());
     assert!(near < 0.9 * alone, "{near} {alone}");
-    assert!(scene.complete_near(&few, &[1.0]).is_err());
-    assert!(scene.complete_near(&few, &[f64::NAN; 400]).is_err());
+    // Weights of other basis functions, and none that say anything.
+    let count = many.weights().len();
+    for wrong in [vec![1.0], vec![1.0; count + 1], vec![0.0; count], vec![f64::NAN; count]] {
+        let error = scene.complete_near(&few, &wrong).unwrap_err();
+        assert!(error.hint().is_some(), "{error}");
+    }
+}
+
+#[test]
+fn only_fits_with_the_learned_prior_are_drawn_towards_another() {
+    let given = observations(96, 72, 50);
+    let whole = scene_of(&COMPLETER, 96, 72).complete(&given).unwrap();
+    let changes: [fn(&mut FitConfig); 3] = [
+        |fit| fit.prior = PriorKind::Flat,
+        |fit| (fit.method, fit.prior) = (FitMethod::Lse, PriorKind::None),
+        |fit| fit.method = FitMethod::Field,
+    ];
+    for change in changes {
+        let scene = scene_of(&with(&COMPLETER, change), 96, 72);
+        let error = scene.complete_near(&given, whole.weights()).unwrap_err();
+        let expected = FitError::NearWithoutPrior;
+        assert!(matches!(&error, Error::Fit(found) if *found == expected), "{error}");
+    }
+}
+
+/// Threads that wait for their part of one question take up another that needs the same answer.
+#[test]
+fn a_completion_can_be_asked_from_many_threads_at_once() {
+    let scene = scene_of(&COMPLETER, 64, 48);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    for seed in 0..20 {
+        let given = observations(64, 48, 30 + seed);
+        let completion = scene.complete(&given).unwrap();
+        let expected = scene.complete(&given).unwrap().standard_deviation().unwrap();
+        let ((deviation, _), _) = pool.install(|| {
+            let ask = || rayon::join(|| completion.standard_deviation(), || completion.outliers());
+            rayon::join(ask, || completion.leave_one_out())
+        });
+        assert_eq!(deviation.unwrap(), expected);
+    }
+}
+
+/// A fit with as many functions as points meets them all, whatever they are.
+#[test]
+fn a_fit_that_meets_every_point_knows_nothing_of_its_errors() {
+    let saturated = with(&COMPLETER, |fit| {
+        (fit.method, fit.prior) = (FitMethod::Lse, PriorKind::None);
+    });
+    let completion = scene_of(&saturated, 96, 72).complete(&observations(96, 72, 40)).unwrap();
+    assert!(completion.report().residual < 1e-4);
+    assert!(matches!(
+        completion.standard_deviation().unwrap_err(),
+        Error::Fit(FitError::TooFewPoints(_))
+    ));
+    assert_eq!(completion.leave_one_out_error(), None);
+    assert!(completion.leave_one_out().iter().all(|error| error.is_nan()));
 }
 
 #[test]
@@ -399,16 +453,33 @@ fn weights_of_the_crate_are_sound() {
 
 #[test]
 fn depth_between_points_is_plausible() {
-    // The plane with a step that the points were taken from.
-    let given = observations(160, 120, 400);
+    // Of the plane with a step, every other point is fitted, and the others are looked at.
+    let all = observations(160, 120, 800);
+    let given: Observations = all.iter().step_by(2).copied().collect();
     let depth = scene_of(&COMPLETER, 160, 120)
         .complete(&given)
         .unwrap()
         .depth()
         .unwrap();
-    let off = given
+    let left_out: Vec<_> = all.iter().skip(1).step_by(2).collect();
+    let off = left_out
         .iter()
         .map(|p| (read(&depth, p.u, p.v) - f64::from(p.depth)).abs());
-    let mean = off.sum::<f64>() / given.len() as f64;
+    let mean = off.sum::<f64>() / left_out.len() as f64;
     assert!(mean < 0.03, "{mean}");
+}
+
+#[test]
+fn cameras_that_mirror_or_have_no_focal_length_are_refused() {
+    let camera = Camera::pinhole([100.0; 2], [31.5, 23.5]);
+    let mut mirror = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
+    let seen = |camera: &Camera, width| Cloud::seen_by(camera, width, 48, [[0.0, 0.0, 2.0]]);
+    assert_eq!(seen(&camera, 64).unwrap().observations.len(), 1);
+    assert!(seen(&camera, usize::MAX).is_err());
+    assert!(seen(&camera.clone().with_pose(mirror, [0.0; 3]), 64).is_err());
+    mirror[2][2] = 2.0;
+    assert!(seen(&camera.with_pose(mirror, [0.0; 3]), 64).is_err());
+    let flat = Camera::pinhole([0.0, 100.0], [31.5, 23.5]);
+    assert!(seen(&flat, 64).is_err());
+    assert_eq!(flat.unproject([0.0, 0.0], 1.0), None);
 }

@@ -147,7 +147,7 @@ impl<'a> Engine<'a> {
         let (width, height) = (depth.width(), depth.height());
         let deviations = wanted.then(|| completion.standard_deviation_at(width, height));
         let diagnostics = Diagnostics {
-            leave_one_out: self.explains.then(|| completion.leave_one_out_error()),
+            leave_one_out: (self.explains.then(|| completion.leave_one_out_error())).flatten(),
             outliers: self.explains.then(|| completion.outliers()),
             deviations: deviations.transpose()?,
             completion,

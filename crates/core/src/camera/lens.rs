@@ -8,6 +8,7 @@ pub enum Lens {
     Pinhole,
     /// Brown's radial and tangential distortion as in OpenCV: k1, k2, p1, p2, k3, k4, k5, k6.
     /// Beyond the radius (the tangent of the angle), pictures fold back.
+    #[non_exhaustive]
     Radtan {
         /// In the order of `OpenCV`.
         coefficients: [f64; 8],
@@ -16,6 +17,7 @@ pub enum Lens {
     },
     /// Kannala and Brandt (2006) as in OpenCV's fisheye module: k1 to k4. Beyond the angle, pictures
     /// fold back.
+    #[non_exhaustive]
     Fisheye {
         /// In the order of `OpenCV`.
         coefficients: [f64; 4],

@@ -4,6 +4,8 @@ mod lens;
 
 pub use lens::Lens;
 
+use crate::error::SettingsError;
+
 /// A calibrated camera at its place in the world.
 ///
 /// Pixels count from the centre of the first, as in `OpenCV`; x points to the right, y down, z forwards.
@@ -69,6 +71,38 @@ impl Camera {
         camera
     }
 
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// Numbers that are not finite, focal lengths that are not above 0, or a pose that is no rotation: one
+    /// that mirrors or scales.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        /// Rotations are often written with few digits.
+        const ROUNDING: f64 = 1e-3;
+        let rows = &self.rotation;
+        let mut numbers = [self.center, self.focal].concat();
+        numbers.extend(self.translation.iter().chain(rows.as_flattened()));
+        if !numbers.iter().all(|v| v.is_finite()) {
+            return Err(SettingsError::new("a number of the camera is not finite"));
+        }
+        if !self.focal.iter().all(|length| *length > 0.0) {
+            let found = format!("the focal lengths {:?} of the camera are not above 0", self.focal);
+            return Err(SettingsError::new(found));
+        }
+        let [x, y, z] = *rows;
+        let cross = [0, 1, 2].map(|i| {
+            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+            x[j] * y[k] - x[k] * y[j]
+        });
+        let off = |found: f64, expected: f64| (found - expected).abs() > ROUNDING;
+        let scales = rows.iter().any(|row| off(dot(*row, *row), 1.0)) || off(dot(x, y), 0.0);
+        if scales || (0..3).any(|i| off(cross[i], z[i])) {
+            return Err(SettingsError::new("the pose of the camera mirrors or scales")
+                .with_hint("give the rows of a rotation"));
+        }
+        Ok(())
+    }
+
     /// Focal lengths in pixels.
     pub fn focal(&self) -> [f64; 2] {
         self.focal
@@ -116,7 +150,9 @@ impl Camera {
             depth - self.translation[2],
         ];
         // The inverse of a rotation is its transpose.
-        Some([0, 1, 2].map(|axis| dot([0, 1, 2].map(|row| self.rotation[row][axis]), place)))
+        let turned = |axis| dot([0, 1, 2].map(|row: usize| self.rotation[row][axis]), place);
+        let point = [0, 1, 2].map(turned);
+        point.iter().all(|v| v.is_finite()).then_some(point)
     }
 }
 

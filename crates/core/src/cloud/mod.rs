@@ -4,6 +4,8 @@ mod occlusion;
 mod surface;
 
 use crate::camera::Camera;
+use crate::error::Result;
+use crate::image::check_size;
 use crate::observations::{Observation, Observations};
 use occlusion::remove_hidden;
 pub use surface::{fronts, is_behind};
@@ -27,19 +29,27 @@ impl Cloud {
     /// Points that nearer surfaces hide are left out; some remain where these are sparse, which a robust
     /// fit leaves little weight.
     ///
+    /// # Errors
+    /// An implausible size, or a camera with [numbers that cannot be](Camera::check).
+    ///
     /// ```
+    /// # fn main() -> lsdc_core::Result<()> {
     /// use lsdc_core::{Camera, Cloud};
     /// let camera = Camera::pinhole([100.0, 100.0], [31.5, 23.5]);
     /// let points = [[0.0, 0.0, 2.0], [0.1, 0.0, 2.0], [0.0, 0.0, 5.0], [0.0, 0.0, -1.0]];
-    /// let cloud = Cloud::seen_by(&camera, 64, 48, points);
+    /// let cloud = Cloud::seen_by(&camera, 64, 48, points)?;
     /// assert_eq!((cloud.observations.len(), cloud.hidden, cloud.outside), (2, 1, 1));
+    /// # Ok(())
+    /// # }
     /// ```
     pub fn seen_by(
         camera: &Camera,
         width: usize,
         height: usize,
         points: impl IntoIterator<Item = [f64; 3]>,
-    ) -> Self {
+    ) -> Result<Self> {
+        check_size(width, height)?;
+        camera.check()?;
         let (mut invalid, mut outside) = (0, 0);
         let mut found = Vec::new();
         for point in points {
@@ -60,12 +70,12 @@ impl Cloud {
             }
         }
         let hidden = retain_visible(&mut found, (width, height), true);
-        Self {
+        Ok(Self {
             observations: found.into_iter().collect(),
             invalid,
             outside,
             hidden,
-        }
+        })
     }
 }
 

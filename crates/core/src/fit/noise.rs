@@ -1,6 +1,6 @@
 //! How far depths are off around each pixel.
 
-use super::Fit;
+use super::{Fit, root_mean_square};
 use rayon::prelude::*;
 
 /// The variance of depths about a fit, which differs from place to place: what basis functions
@@ -14,6 +14,8 @@ pub struct LocalNoise {
     columns: usize,
     rows: usize,
     side: f64,
+    /// The mean square of the values that were fitted.
+    square: f64,
 }
 
 impl LocalNoise {
@@ -67,12 +69,15 @@ impl LocalNoise {
             columns,
             rows,
             side,
+            square: root_mean_square(&fit.values).powi(2),
         }
     }
 
-    /// Whether there is none anywhere.
+    /// Whether there is none anywhere, but for rounding.
     pub fn is_silent(&self) -> bool {
-        self.values.iter().all(|v| *v <= 0.0)
+        const ROUNDING: f64 = 1e-20;
+        let least = ROUNDING * self.square;
+        self.values.iter().all(|v| *v <= least)
     }
 
     /// The variance at a place, from 0 to the image's width and height; bilinear between cells.

@@ -31,7 +31,7 @@ pub struct Fit {
     /// The variance of a point of weight 1 about the fit, in the squared unit of the space.
     pub(super) noise: f64,
     /// Depths, and residuals, in the space of the fit.
-    values: Vec<f64>,
+    pub(super) values: Vec<f64>,
     pub(super) rests: Vec<f64>,
     solution: Solution,
     pub(super) field: Option<Arc<FieldFit>>,
@@ -102,13 +102,31 @@ impl Fit {
     /// What the residual of each point would be, in metres, had it been left out of the fit: the
     /// residual over 1 - leverage (Allen 1974). Their root mean square, the PRESS error, says
     /// without a true depth map how far the depth is off between the points, where these are spread
-    /// as the pixels are.
+    /// as the pixels are. NaN for a point that the fit meets whatever its depth is.
     pub fn leave_one_out(&self, leverages: &[f64]) -> Vec<f64> {
-        metres(
-            &self.values,
-            &leave_one_out(&self.rests, leverages, self.field.is_some()),
-            self.space,
-        )
+        let field = self.field.is_some();
+        let rests = leave_one_out(&self.rests, leverages, field);
+        let mut errors = metres(&self.values, &rests, self.space);
+        for (error, leverage) in errors.iter_mut().zip(leverages) {
+            if 1.0 - leverage < least_freedom(field) {
+                *error = f64::NAN;
+            }
+        }
+        errors
+    }
+
+    /// The root mean square of leave-one-out errors, but for those that are NaN; `None` if all are.
+    pub fn leave_one_out_error(&self, leverages: &[f64]) -> Option<f64> {
+        let mut errors = self.leave_one_out(leverages);
+        errors.retain(|error| !error.is_nan());
+        (!errors.is_empty()).then(|| root_mean_square(&errors))
+    }
+
+    /// Whether the points say nothing of the noise about the fit, which meets them all whatever their
+    /// depths are.
+    pub fn is_saturated(&self) -> bool {
+        let used = self.point_weights.iter().filter(|w| **w > 0.0).count();
+        self.field.is_none() && self.lambda.is_none() && used <= self.rank
     }
 
     /// How many robust standard deviations each point lies off what the others say (the modified
@@ -183,11 +201,16 @@ fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
 /// residual is 0 over 0, and stays small. A field meets every point nearly, but for what its
 /// neighbours say, which is exact to rounding.
 pub(super) fn leave_one_out(residuals: &[f64], leverages: &[f64], field: bool) -> Vec<f64> {
-    let least_freedom = if field { 1e-9 } else { 1e-3 };
+    let least = least_freedom(field);
     let pairs = residuals.iter().zip(leverages);
     pairs
-        .map(|(r, h)| r / (1.0 - h).max(least_freedom))
+        .map(|(r, h)| r / (1.0 - h).max(least))
         .collect()
+}
+
+/// Less of 1 - leverage is rounding.
+fn least_freedom(field: bool) -> f64 {
+    if field { 1e-9 } else { 1e-3 }
 }
 
 /// The root of the mean square.

@@ -101,22 +101,25 @@ impl Prior {
         Self { noise, ..self }
     }
 
-    /// The same spread about other weights, of any scale. Those of cosines behind them play no part.
+    /// The same spread about other weights, of any scale, behind which are those of so many cosines, which
+    /// play no part.
     ///
     /// # Errors
-    /// Too few weights, or weights that are not finite.
-    pub fn about(&self, weights: &[f64]) -> Result<Self, WeightsError> {
-        match weights.get(..self.columns()) {
-            Some(mean) if mean.iter().all(|w| w.is_finite()) => Ok(Self {
-                mean: mean.to_vec(),
-                ..self.clone()
-            }),
-            _ => Err(WeightsError::Prior(format!(
-                "is one of {} functions, not of {}, or these are not finite",
-                self.columns(),
-                weights.len()
-            ))),
+    /// Weights of other basis functions, that are not finite, or that are all 0.
+    pub fn about(&self, weights: &[f64], cosines: usize) -> Result<Self, FitError> {
+        let expected = self.columns() + cosines;
+        if weights.len() != expected {
+            let found = weights.len();
+            return Err(FitError::OtherWeights { expected, found });
         }
+        let mean = &weights[..self.columns()];
+        if !mean.iter().all(|w| w.is_finite()) || mean.iter().all(|w| *w == 0.0) {
+            return Err(FitError::NearNothing);
+        }
+        Ok(Self {
+            mean: mean.to_vec(),
+            ..self.clone()
+        })
     }
 
     /// Learns mean and covariance from images whose depths were divided by their mean: the maximum

@@ -117,6 +117,13 @@ impl Robust {
 
     pub(super) fn check(self) -> Result<(), SettingsError> {
         let positive = |v: f64| v > 0.0 && v.is_finite();
+        /// Neighbours of a point, and rounds.
+        const MOST: usize = 1000;
+        if self.neighbours > MOST || self.iterations > MOST {
+            return Err(SettingsError::new(format!(
+                "`fit.robust`: neighbours and iterations must be at most {MOST}"
+            )));
+        }
         let fine = positive(self.threshold) && self.tuning.is_none_or(positive);
         if fine && self.tolerance >= 0.0 {
             Ok(())

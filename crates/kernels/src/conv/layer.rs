@@ -27,7 +27,7 @@ impl Layer {
     /// Prepares weights `[outputs, channels, taps, taps]`; an empty bias is 0.
     ///
     /// # Panics
-    /// If there are not as many weights, or as many biases as outputs.
+    /// If there are not as many weights, or as many biases as outputs, or taps, stride or dilation are 0.
     pub fn new(
         level: Level,
         weights: &[f32],
@@ -46,6 +46,7 @@ impl Layer {
             taps,
             spec,
         };
+        shape.check();
         let area = taps * taps;
         let weights = if shape.is_winograd() {
             let turned = transposed(weights, outputs, channels * area);
@@ -138,7 +139,7 @@ impl Layer {
 /// `[outputs, channels, taps, taps]`.
 ///
 /// # Panics
-/// If lengths do not go together.
+/// If lengths do not go together, or taps, stride or dilation are 0.
 pub fn input_gradient(
     level: Level,
     weights: &[f32],
@@ -146,6 +147,7 @@ pub fn input_gradient(
     shape: &Shape,
     scratch: &Scratch,
 ) -> Vec<f32> {
+    shape.check();
     let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
     assert_eq!(weights.len(), outputs * channels * area, "weights");
     assert_eq!(grad.len(), shape.out_pixels() * outputs, "gradient");
@@ -172,7 +174,7 @@ pub fn input_gradient(
 /// The gradient of the weights `[outputs, channels, taps, taps]` from that of the output.
 ///
 /// # Panics
-/// If lengths do not go together.
+/// If lengths do not go together, or taps, stride or dilation are 0.
 pub fn weight_gradient(
     level: Level,
     x: &[f32],
@@ -180,6 +182,7 @@ pub fn weight_gradient(
     shape: &Shape,
     scratch: &Scratch,
 ) -> Vec<f32> {
+    shape.check();
     let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
     assert_eq!(
         x.len(),
@@ -187,6 +190,9 @@ pub fn weight_gradient(
         "input"
     );
     assert_eq!(grad.len(), shape.out_pixels() * outputs, "gradient");
+    if grad.is_empty() {
+        return vec![0.0; outputs * channels * area];
+    }
     if shape.is_winograd() {
         let (sizes, dilation) = ((channels, outputs), shape.spec.dilation);
         let gradient =
@@ -236,4 +242,45 @@ fn reversed(weights: &[f32], channels: usize) -> Vec<f32> {
         }
     });
     target
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shape(batch: usize, dilation: usize) -> Shape {
+        let spec = ConvSpec {
+            dilation,
+            ..ConvSpec::same(1)
+        };
+        Shape {
+            batch,
+            height: 4,
+            width: 4,
+            channels: 2,
+            outputs: 3,
+            taps: 3,
+            spec,
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "dilation must be above 0")]
+    fn a_dilation_of_0_is_refused() {
+        let spec = ConvSpec {
+            padding: 0,
+            ..shape(1, 0).spec
+        };
+        Layer::new(Level::here(), &[0.0; 54], [3, 2, 3], &[], spec);
+    }
+
+    #[test]
+    fn the_gradient_of_no_image_is_0_whatever_was_computed_before() {
+        let scratch = Scratch::new();
+        let (x, grad) = ([1.0; 32], [1.0; 48]);
+        let one = weight_gradient(Level::here(), &x, &grad, &shape(1, 1), &scratch);
+        assert!(one.iter().any(|v| *v != 0.0));
+        let none = weight_gradient(Level::here(), &[], &[], &shape(0, 1), &scratch);
+        assert_eq!(none, vec![0.0; 54]);
+    }
 }

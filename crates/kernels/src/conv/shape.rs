@@ -22,6 +22,17 @@ pub struct Shape {
 }
 
 impl Shape {
+    /// What every kernel relies on.
+    pub(super) fn check(&self) {
+        let ConvSpec {
+            stride, dilation, ..
+        } = self.spec;
+        assert!(
+            self.taps > 0 && stride > 0 && dilation > 0,
+            "taps, stride and dilation must be above 0"
+        );
+    }
+
     /// Rows and columns of the output.
     pub fn out(&self) -> (usize, usize) {
         (

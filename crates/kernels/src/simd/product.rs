@@ -147,6 +147,9 @@ pub struct Packed {
 
 impl Packed {
     /// Packs `at(row, column)`; an empty bias is 0.
+    ///
+    /// # Panics
+    /// If there are not as many biases as columns, or more values than can be counted.
     pub fn new(
         level: Level,
         (depth, columns): (usize, usize),
@@ -154,8 +157,12 @@ impl Packed {
         at: impl Fn(usize, usize) -> f32,
     ) -> Self {
         let width = 2 * level.lanes();
+        assert!(bias.is_empty() || bias.len() == columns, "bias");
         let panels = columns.div_ceil(width);
-        let mut values = Buffer::zeros(panels * depth * width);
+        let length = depth
+            .checked_mul(width)
+            .and_then(|panel| panel.checked_mul(panels));
+        let mut values = Buffer::zeros(length.expect("more weights than can be counted"));
         for (i, values) in values.chunks_exact_mut(width).enumerate() {
             let (first, row) = (i / depth * width, i % depth);
             for (value, column) in values.iter_mut().zip(first..columns) {
@@ -190,7 +197,7 @@ impl Packed {
     pub(crate) fn write(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset) {
         let rows = output.len() / self.columns.max(1);
         assert!(
-            x.len() >= rows * self.depth && x.len().is_multiple_of(rows.max(1)),
+            rows == 0 || x.len() / rows >= self.depth && x.len().is_multiple_of(rows),
             "input"
         );
         assert_eq!(output.len(), rows * self.columns, "output");
