@@ -1,9 +1,9 @@
-//! Dense and sparse maps of depths.
+//! Dense and sparse depth maps.
 
 use crate::error::{ImageError, Result};
 use crate::image::check_size;
 
-/// Depths in metres along the optical axis, row by row; 0 means no measurement.
+/// A map of depths in metres along the optical axis, row by row; 0 means no measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthMap {
     width: usize,
@@ -24,7 +24,7 @@ pub struct Point {
 }
 
 impl DepthMap {
-    /// Takes `height` rows of `width` values; NaN, infinite and negative values become 0.
+    /// Makes a map from `height` rows of `width` values; NaN, infinite and negative values become 0.
     ///
     /// # Errors
     /// The number of values is not `width * height`, or the map is empty.
@@ -54,7 +54,7 @@ impl DepthMap {
         })
     }
 
-    /// A map without any measurement.
+    /// A map without measurements.
     pub fn empty(width: usize, height: usize) -> Self {
         Self {
             width,
@@ -64,7 +64,7 @@ impl DepthMap {
         }
     }
 
-    /// A map that holds only the given points; those outside are left out.
+    /// A map with only the given points; those outside are left out.
     pub fn from_points(width: usize, height: usize, points: &[Point]) -> Self {
         let mut map = Self::empty(width, height);
         for point in points.iter().filter(|p| p.x < width && p.y < height) {
@@ -73,12 +73,12 @@ impl DepthMap {
         map
     }
 
-    /// Columns.
+    /// Number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -88,7 +88,7 @@ impl DepthMap {
         &self.values
     }
 
-    /// The same, without the map.
+    /// All values, row by row, without a copy.
     pub fn into_values(self) -> Vec<f32> {
         self.values
     }
@@ -116,12 +116,12 @@ impl DepthMap {
         self.values.iter().filter(|v| **v > 0.0).count()
     }
 
-    /// The number of NaN, infinite and negative values that the map was made from.
+    /// The number of NaN, infinite and negative values that were replaced by 0.
     pub fn ignored(&self) -> usize {
         self.ignored
     }
 
-    /// The smallest and largest measurement, or `None` without any.
+    /// The smallest and the largest measurement, or `None` if there is none.
     pub fn range(&self) -> Option<(f32, f32)> {
         self.points().fold(None, |range, p| match range {
             None => Some((p.depth, p.depth)),

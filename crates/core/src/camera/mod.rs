@@ -1,12 +1,12 @@
-//! Cameras: where points appear in the image, and where pixels lie in space.
+//! Cameras: projection of points to the image, and back-projection of pixels.
 
 mod lens;
 
 pub use lens::Lens;
 
-/// A calibrated camera at its place in the world.
+/// A calibrated camera with its pose in the world.
 ///
-/// Pixels count from the centre of the first, as in `OpenCV`; x points to the right, y down, z forwards.
+/// The centre of the first pixel is (0, 0), as in `OpenCV`; x points to the right, y down, z forwards.
 ///
 /// ```
 /// use lsdc_core::{Camera, Lens};
@@ -30,7 +30,7 @@ pub struct Camera {
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 impl Camera {
-    /// A camera without distortion at the origin, of focal lengths and a principal point in pixels.
+    /// A camera without distortion at the origin, with the given focal lengths and principal point in pixels.
     pub fn pinhole(focal: [f64; 2], center: [f64; 2]) -> Self {
         Self {
             focal,
@@ -41,13 +41,14 @@ impl Camera {
         }
     }
 
-    /// The same through a lens that distorts.
+    /// The same camera with a lens that distorts.
     #[must_use]
     pub fn with_lens(self, lens: Lens) -> Self {
         Self { lens, ..self }
     }
 
-    /// The same at another place: a point of the world is first rotated, row by row, then translated.
+    /// The same camera at another pose: a point of the world is first rotated (the matrix is given row by
+    /// row), then translated.
     #[must_use]
     pub fn with_pose(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
         Self {
@@ -57,8 +58,7 @@ impl Camera {
         }
     }
 
-    /// The camera of the same view on a grid of pixels of another size: so many times as many columns
-    /// and rows.
+    /// The camera for the same image at another resolution: `factors` scale the numbers of columns and rows.
     #[must_use]
     pub fn scaled(&self, factors: [f64; 2]) -> Self {
         let mut camera = self.clone();
@@ -79,18 +79,18 @@ impl Camera {
         self.center
     }
 
-    /// What the lens does.
+    /// The lens model.
     pub fn lens(&self) -> &Lens {
         &self.lens
     }
 
-    /// Rotation, row by row, and translation from the world to the camera.
+    /// The rotation, row by row, and the translation from the world to the camera.
     pub fn pose(&self) -> ([[f64; 3]; 3], [f64; 3]) {
         (self.rotation, self.translation)
     }
 
-    /// Pixel (column, row) and depth of a point of the world; `None` behind the camera and where the
-    /// lens does not look.
+    /// The pixel (column, row) and depth of a point of the world; `None` behind the camera and outside the
+    /// valid field of view of the lens.
     pub fn project(&self, point: [f64; 3]) -> Option<([f64; 2], f64)> {
         let mut place = self.translation;
         for (coordinate, row) in place.iter_mut().zip(&self.rotation) {
@@ -105,8 +105,8 @@ impl Camera {
         pixel.iter().all(|v| v.is_finite()).then_some((pixel, z))
     }
 
-    /// The point of the world at a pixel (column, row) and depth; `None` where the lens does not
-    /// look.
+    /// The point of the world at a pixel (column, row) and depth; `None` outside the valid field of view of
+    /// the lens.
     pub fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]> {
         let seen = [0, 1].map(|axis| (pixel[axis] - self.center[axis]) / self.focal[axis]);
         let [x, y] = self.lens.undistort(seen)?;
