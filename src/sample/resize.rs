@@ -201,8 +201,8 @@ fn convolve<P: PixelTrait>(
 ) -> Result<Vec<P>> {
     let wrong =
         |e: &dyn std::fmt::Display| Error::shape(format!("cannot resize {from} to {to}: {e}"));
-    let source = TypedImageRef::new(from.width as u32, from.height as u32, pixels)
-        .map_err(|e| wrong(&e))?;
+    let source =
+        TypedImageRef::new(from.width as u32, from.height as u32, pixels).map_err(|e| wrong(&e))?;
     let mut resized = vec![P::default(); to.width * to.height];
     let (width, height) = (to.width as u32, to.height as u32);
     let mut target =

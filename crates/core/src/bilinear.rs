@@ -1,8 +1,8 @@
 //! Bilinear interpolation between pixel centres (`align_corners = false`).
 
-/// The two neighbours, on an axis of `to` pixels, of a place on an axis of `from`, and the weight of
-/// the second. Places count from the centre of the first pixel; beyond the outermost centres these
-/// hold.
+/// The two neighbouring pixels, on an axis of `to` pixels, of a position on an axis of `from` pixels, and the
+/// weight of the second. Position 0 is the centre of the first pixel; positions beyond the outermost centres
+/// take the outermost value.
 pub fn neighbours(place: f64, from: usize, to: usize) -> (usize, usize, f64) {
     let last = to.saturating_sub(1);
     let position = ((place + 0.5) * (to as f64 / from as f64) - 0.5).clamp(0.0, last as f64);
@@ -10,8 +10,8 @@ pub fn neighbours(place: f64, from: usize, to: usize) -> (usize, usize, f64) {
     (low, (low + 1).min(last), position - low as f64)
 }
 
-/// The pixels of a grid between whose centres a place lies, and their weights, which add up to 1.
-/// A place on a pixel's centre has that pixel alone.
+/// The pixels of a grid that a position is interpolated from, and their weights, which add up to 1. A
+/// position at a pixel's centre uses that pixel alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Taps {
     /// Pixels `y * width + x`, the first `count` of them, none twice.
@@ -21,7 +21,7 @@ pub struct Taps {
 }
 
 impl Taps {
-    /// Of a place (u, v) in an image of `size` (height, width), on a grid of another size.
+    /// The taps of a position (u, v) in an image of `size` (height, width), on a grid of another size.
     pub fn new([u, v]: [f64; 2], size: (usize, usize), grid: (usize, usize)) -> Self {
         let (left, right, across) = neighbours(u, size.1, grid.1);
         let (top, bottom, down) = neighbours(v, size.0, grid.0);
@@ -43,7 +43,7 @@ impl Taps {
         taps
     }
 
-    /// One pixel.
+    /// The taps of a single pixel.
     pub fn pixel(pixel: u32) -> Self {
         Self {
             pixels: [pixel, 0, 0, 0],
@@ -52,18 +52,18 @@ impl Taps {
         }
     }
 
-    /// The pixel, if it is only one.
+    /// The pixel, if there is only one.
     pub fn single(&self) -> Option<u32> {
         (self.count == 1).then_some(self.pixels[0])
     }
 
-    /// Pixels and their weights.
+    /// The pixels and their weights.
     pub fn iter(&self) -> impl Iterator<Item = (u32, f64)> + '_ {
         let pixels = self.pixels[..self.count].iter().copied();
         pixels.zip(self.shares[..self.count].iter().copied())
     }
 
-    /// The value there of a map on the grid.
+    /// The interpolated value of a map on the grid.
     pub fn read(&self, values: &[f64]) -> f64 {
         self.iter()
             .map(|(pixel, share)| share * values[pixel as usize])

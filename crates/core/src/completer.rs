@@ -1,4 +1,4 @@
-//! A trained network and the settings of a fit, ready for images.
+//! A trained network with the settings of the fit, ready to complete images.
 
 use crate::error::{Result, SettingsError};
 use crate::fit::{FitConfig, Prior};
@@ -10,10 +10,10 @@ use lsdc_kernels::simd::Level;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 
-/// A trained network and the settings of a fit: what completes depth.
+/// A trained network with the settings of the fit: the entry point to depth completion.
 ///
-/// Cheap to clone, and shared between threads as it is. A completer turns images into [`Scene`]s; a
-/// scene completes any number of sets of points without running the network again.
+/// Cheap to clone, and can be shared between threads. A completer turns an image into a [`Scene`]; a scene
+/// completes any number of sets of points without running the network again.
 ///
 /// ```
 /// # #[cfg(feature = "weights")]
@@ -44,12 +44,12 @@ pub struct Completer {
     normalisation: Normalisation,
     fit: FitConfig,
     prior: Option<Arc<Prior>>,
-    /// Standard deviations as they come from the fit, times this are those of the errors.
+    /// The calibration factor from the standard deviations of the fit to those of the errors.
     deviation: f64,
     pool: Option<Arc<ThreadPool>>,
 }
 
-/// How a [`Completer`] is put together.
+/// Builder of a [`Completer`].
 ///
 /// ```
 /// # #[cfg(feature = "weights")]
@@ -81,7 +81,7 @@ pub struct CompleterBuilder<'a> {
 }
 
 impl<'a> CompleterBuilder<'a> {
-    /// Settings of the fit instead of those that the weights were made for.
+    /// Uses these settings of the fit instead of those stored with the weights.
     pub fn fit(self, fit: FitConfig) -> Self {
         Self {
             fit: Some(fit),
@@ -89,8 +89,9 @@ impl<'a> CompleterBuilder<'a> {
         }
     }
 
-    /// Height and width to whose number of pixels images are resized before the network sees them,
-    /// their shape kept, instead of those of training. More pixels cost more and show more edges.
+    /// Resizes images to about as many pixels as this height and width have, keeping their aspect ratio,
+    /// before they enter the network, instead of to the size of the training images. More pixels cost more
+    /// time and resolve more edges.
     pub fn working_size(self, height: usize, width: usize) -> Self {
         Self {
             working_size: Some((height, width)),
@@ -98,8 +99,8 @@ impl<'a> CompleterBuilder<'a> {
         }
     }
 
-    /// A pool of threads of its own. Without it, work runs on the pool of the caller: the global one
-    /// of `rayon`, or the one that installed the call.
+    /// Uses a thread pool of its own. By default, work runs on the caller's pool: the global one of `rayon`,
+    /// or the one in which the call was installed.
     pub fn threads(self, threads: usize) -> Self {
         Self {
             threads: Some(threads),
@@ -108,7 +109,7 @@ impl<'a> CompleterBuilder<'a> {
         }
     }
 
-    /// A pool of threads that is shared with others.
+    /// Uses a shared thread pool.
     pub fn thread_pool(self, pool: Arc<ThreadPool>) -> Self {
         Self {
             pool: Some(pool),
@@ -117,7 +118,7 @@ impl<'a> CompleterBuilder<'a> {
         }
     }
 
-    /// Another implementation of the network, for example on another device.
+    /// Uses another implementation of the network, for example on another device.
     #[doc(hidden)]
     pub fn network(self, network: Arc<dyn Network>) -> Self {
         Self {
@@ -126,11 +127,11 @@ impl<'a> CompleterBuilder<'a> {
         }
     }
 
-    /// Puts it together.
+    /// Builds the completer.
     ///
     /// # Errors
-    /// Weights that do not belong to their network, settings that are out of range, or threads that
-    /// cannot be started.
+    /// Weights that do not match their network, settings that are out of range, or threads that cannot be
+    /// started.
     pub fn build(self) -> Result<Completer> {
         let pool = match (self.pool, self.threads) {
             (Some(pool), _) => Some(pool),
@@ -176,15 +177,15 @@ impl<'a> CompleterBuilder<'a> {
 }
 
 impl Completer {
-    /// A completer with the settings that the weights were made for.
+    /// A completer with the settings stored with the weights.
     ///
     /// # Errors
-    /// Weights that do not belong to their network.
+    /// Weights that do not match their network.
     pub fn new(weights: &Weights) -> Result<Self> {
         Self::builder(weights).build()
     }
 
-    /// A completer with settings of its own.
+    /// A builder for a completer with other settings.
     pub fn builder(weights: &Weights) -> CompleterBuilder<'_> {
         CompleterBuilder {
             weights,
@@ -196,10 +197,10 @@ impl Completer {
         }
     }
 
-    /// Runs the network on an image: everything that depends on the image alone.
+    /// Runs the network on an image, and computes everything that depends on the image alone.
     ///
     /// # Errors
-    /// Colours that are not finite, settings out of range, or affinities of a damaged network.
+    /// Colours that are not finite, settings that are out of range, or affinities of a damaged network.
     pub fn scene(&self, image: &Image<'_>) -> Result<Scene> {
         Scene::new(self.clone(), image)
     }
@@ -209,8 +210,8 @@ impl Completer {
         &self.fit
     }
 
-    /// The same with other settings of the fit, which are checked when an image is seen; the network is
-    /// shared.
+    /// The same completer with other settings of the fit, which are checked when a scene is made; the network
+    /// is shared.
     #[must_use]
     pub fn with_fit(&self, fit: FitConfig) -> Self {
         Self {
@@ -219,7 +220,7 @@ impl Completer {
         }
     }
 
-    /// The same with images resized to the number of pixels of that height and width.
+    /// The same completer with another working size (see [`CompleterBuilder::working_size`]).
     ///
     /// # Errors
     /// An implausible size.
@@ -235,7 +236,8 @@ impl Completer {
         })
     }
 
-    /// The same knowing which weights are likely, and by what to multiply standard deviations.
+    /// The same completer with another prior over the weights and another calibration factor for standard
+    /// deviations.
     #[doc(hidden)]
     #[must_use]
     pub fn with_prior(&self, prior: Prior, deviation: f64) -> Self {

@@ -1,4 +1,4 @@
-//! A fit, and what follows from it: depth anywhere, standard deviations, residuals, outliers.
+//! A fit and everything derived from it: depth at any position, standard deviations, residuals, outliers.
 
 use crate::error::{FitError, Result};
 use crate::fit::{Fit, FitMethod, LocalNoise};
@@ -10,20 +10,20 @@ use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// Depths stay within the range of the observations widened by this factor both ways. Relative, so
-/// that scaling the observations scales the result.
+/// Depths are clamped to the range of the observations, widened by this factor at both ends. It is relative,
+/// so that scaling the observations scales the result.
 pub const RANGE: f32 = 10.0;
 
 /// The score above which an observation is called an outlier (Iglewicz and Hoaglin 1993).
 pub const OUTLYING: f64 = 3.5;
 
-/// Pixels whose basis functions are held at once.
+/// Number of pixels whose basis functions are held in memory at once.
 const STRIP: usize = 1 << 13;
 
 /// A scene fitted to observations.
 ///
-/// Nothing but the fit is computed until it is asked for. Depths are in the unit of the observations,
-/// along the optical axis.
+/// Everything beyond the fit is computed on request. Depths are measured along the optical axis, in the unit
+/// of the observations.
 #[derive(Clone, Debug)]
 pub struct Completion(Arc<Inner>);
 
@@ -36,52 +36,53 @@ struct Inner {
     leverages: OnceLock<Vec<f64>>,
 }
 
-/// How a fit went.
+/// Statistics of a fit.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Report {
-    /// Observations that were given: `used + invalid + outside`.
+    /// Number of observations given: `used + invalid + outside`.
     pub given: usize,
-    /// Those that were fitted.
+    /// Number of observations that were fitted.
     pub used: usize,
-    /// Those whose depth or standard deviation is not from 1e-15 to 1e15, or whose place is not finite.
+    /// Number of observations whose depth or standard deviation is not between 1e-15 and 1e15, or whose
+    /// position is not finite.
     pub invalid: usize,
-    /// Those outside the image.
+    /// Number of observations outside the image.
     pub outside: usize,
-    /// Those of the used without a standard deviation of their own, where others had one: the median of
-    /// these was taken.
+    /// Number of used observations without a standard deviation where others had one: they were given the
+    /// median of these.
     pub assumed_deviations: usize,
-    /// What depth is made of.
+    /// The model of depth.
     pub method: FitMethod,
     /// Root mean square of the residuals, in the unit of the observations.
     pub residual: f64,
-    /// Directions that the observations determine, at most `functions`.
+    /// Number of directions that the observations determine, at most `functions`.
     pub rank: usize,
-    /// Basis functions of the network, and the constant.
+    /// Number of basis functions of the network, including the constant.
     pub functions: usize,
-    /// How strongly the weights were drawn towards a prior, if there is one: the variance of the noise
-    /// over that of the prior.
+    /// The strength of the prior, if there is one: the ratio of the noise variance to the variance of the
+    /// prior.
     pub lambda: Option<f64>,
-    /// The time of the network.
+    /// Run time of the network.
     pub network: Duration,
-    /// The time of the fit, with the basis functions at the observations.
+    /// Run time of the fit, including the evaluation of the basis functions at the observations.
     pub fit: Duration,
-    /// The time of the solution alone.
+    /// Run time of the solver alone.
     pub solve: Duration,
 }
 
-/// An observation that does not agree with the others.
+/// An observation that disagrees with the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Outlier {
-    /// Which of the given observations.
+    /// The index among the given observations.
     pub index: usize,
-    /// How many robust standard deviations it lies off what the others say: positive where it is
-    /// farther.
+    /// The distance from the value predicted by the other observations, in robust standard deviations;
+    /// positive where the observation is farther away.
     pub score: f64,
-    /// Its depth less what the others say.
+    /// Its depth minus the depth predicted by the other observations.
     pub error: f64,
-    /// How much a robust fit left of its weight.
+    /// The weight that it kept in a robust fit.
     pub weight: f64,
 }
 
@@ -117,22 +118,21 @@ impl Completion {
         }))
     }
 
-    /// How the fit went.
+    /// Statistics of the fit.
     pub fn report(&self) -> &Report {
         &self.0.report
     }
 
     /// The dense depth at the size of the image.
     ///
-    /// # Errors
-    /// None for images that a scene was made of.
+    /// Does not fail for images that a scene was made from.
     pub fn depth(&self) -> Result<DepthMap> {
         let (height, width) = self.0.scene.size();
         self.depth_at(width, height)
     }
 
-    /// The dense depth at another size: basis functions and field are read between pixels, nothing is
-    /// enlarged.
+    /// The dense depth at another size: basis functions and field are evaluated at that resolution, rather
+    /// than a depth map being enlarged.
     ///
     /// # Errors
     /// An implausible size.
@@ -141,11 +141,11 @@ impl Completion {
         DepthMap::new(width, height, self.dense((height, width)))
     }
 
-    /// The dense depth into a buffer of the caller, rows `stride` values apart.
+    /// Writes the dense depth into a buffer of the caller, whose rows start `stride` values apart.
     ///
     /// # Errors
-    /// An implausible size, rows that overlap, or a buffer that is too short; the buffer is then as it
-    /// was.
+    /// An implausible size, rows that overlap, or a buffer that is too short; the buffer is then left
+    /// unchanged.
     pub fn write_depth(
         &self,
         width: usize,
@@ -161,10 +161,10 @@ impl Completion {
         Ok(())
     }
 
-    /// The depth at places (u, v) of the image, in pixels from the centre of the first.
+    /// The depth at positions (u, v) of the image in pixels, where (0, 0) is the centre of the first pixel.
     ///
     /// # Errors
-    /// A place that is not in the image.
+    /// A position outside the image.
     pub fn at(&self, places: &[[f64; 2]]) -> Result<Vec<f32>> {
         let Inner { scene, fit, .. } = &*self.0;
         let (height, width) = scene.size();
@@ -199,7 +199,8 @@ impl Completion {
             .collect())
     }
 
-    /// The range that depths are clamped to: that of the observations, widened by [`RANGE`] both ways.
+    /// The range that depths are clamped to: that of the observations, widened by the factor [`RANGE`] at
+    /// both ends.
     pub fn limits(&self) -> (f32, f32) {
         let (low, high) = self.0.usable.range();
         (low / RANGE, high * RANGE)
@@ -220,22 +221,22 @@ impl Completion {
         })
     }
 
-    /// The standard deviation of the error of every pixel of the image. The factor that makes it agree with
-    /// errors was found in training with the fit that the weights record; with other settings it is an
-    /// approximation.
+    /// The standard deviation of the depth error at every pixel of the image. It is calibrated for the fit
+    /// settings that the weights record, and approximate with others.
     ///
     /// # Errors
-    /// Too few observations to say.
+    /// Too few observations for an estimate.
     pub fn standard_deviation(&self) -> Result<DepthMap> {
         let (height, width) = self.0.scene.size();
         self.standard_deviation_at(width, height)
     }
 
-    /// The standard deviation of the error of every pixel at another size: that of the noise around it
-    /// and that of the weights, which grows away from what the observations determine.
+    /// The standard deviation of the depth error at every pixel of a map of another size. It combines the
+    /// local noise with the uncertainty of the weights, which grows away from what the observations
+    /// determine.
     ///
     /// # Errors
-    /// An implausible size, or too few observations to say.
+    /// An implausible size, or too few observations for an estimate.
     pub fn standard_deviation_at(&self, width: usize, height: usize) -> Result<DepthMap> {
         check_size(width, height)?;
         let values = self
@@ -294,17 +295,17 @@ impl Completion {
         Ok(values)
     }
 
-    /// For every given observation its depth less the fitted one, before the latter is clamped; NaN for
-    /// those that were not used.
+    /// For every given observation, its depth minus the fitted depth (before clamping); NaN for those that
+    /// were not used.
     pub fn residuals(&self) -> Vec<f64> {
         self.0.usable.spread(&self.0.fit.residuals)
     }
 
-    /// For every given observation its depth less what a fit to all others would say there (leave-one-
-    /// out, in closed form: Allen 1974); NaN for those that were not used, and for those that the fit meets
-    /// whatever their depths are. The root mean square, the
-    /// PRESS error, says without a true depth map how far the depth is off between the points, where
-    /// these are spread as the pixels are.
+    /// For every given observation, its depth minus the depth predicted by a fit to all other observations
+    /// (the leave-one-out error, in closed form: Allen 1974); NaN for those that were not used, and for those
+    /// that the fit passes through whatever their depths are. The root mean square (the PRESS error) estimates
+    /// the error of the depth between the points without ground truth, if the points are distributed like the
+    /// pixels.
     pub fn leave_one_out(&self) -> Vec<f64> {
         self.0
             .usable
@@ -312,19 +313,19 @@ impl Completion {
     }
 
     /// Root mean square of the leave-one-out errors; `None` if no observation has one, because the fit
-    /// meets all of them whatever their depths are.
+    /// passes through all of them whatever their depths are.
     pub fn leave_one_out_error(&self) -> Option<f64> {
         self.0.fit.leave_one_out_error(self.leverages())
     }
 
-    /// For every given observation how much it counted in the end, 1 for a plain fit without standard
-    /// deviations; NaN for those that were not used.
+    /// The final weight of every given observation, which is 1 in a plain fit without standard deviations;
+    /// NaN for those that were not used.
     pub fn point_weights(&self) -> Vec<f64> {
         self.0.usable.spread(&self.0.fit.point_weights)
     }
 
-    /// The observations that do not agree with the others, the worst first: those more than
-    /// [`OUTLYING`] robust standard deviations off.
+    /// The observations that disagree with the others by more than [`OUTLYING`] robust standard deviations,
+    /// worst first.
     pub fn outliers(&self) -> Vec<Outlier> {
         let Inner { fit, usable, .. } = &*self.0;
         let scores = fit.scores(self.leverages());
@@ -344,8 +345,8 @@ impl Completion {
         found
     }
 
-    /// The weights of the basis functions, the constant first, then of cosines: what
-    /// [`Scene::complete_near`] takes.
+    /// The weights of the basis functions, with the constant first, followed by those of the cosine basis, as
+    /// taken by [`Scene::complete_near`].
     pub fn weights(&self) -> &[f64] {
         &self.0.fit.weights
     }

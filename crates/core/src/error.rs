@@ -1,30 +1,30 @@
-//! What can go wrong, by operation.
+//! The errors of this crate, by operation.
 
 /// The result of this crate's operations.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Any error of this crate.
 ///
-/// The message says what is wrong and where; [`Error::hint`] often says what to do.
+/// The message says what is wrong and where; [`Error::hint`] often suggests a remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// An image, a map or a buffer cannot be used.
+    /// An image, map or buffer cannot be used.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// Weights cannot be read or do not belong to their network.
+    /// Weights cannot be read or do not match their network.
     #[error(transparent)]
     Weights(#[from] WeightsError),
     /// A setting is out of range.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// The fit has no answer.
+    /// The fit has no solution.
     #[error(transparent)]
     Fit(#[from] FitError),
 }
 
 impl Error {
-    /// What to do about it, where that is known.
+    /// A suggestion for what to do, if there is one.
     pub fn hint(&self) -> Option<&str> {
         match self {
             Self::Image(_) => None,
@@ -35,7 +35,7 @@ impl Error {
     }
 }
 
-/// An image, a map or a buffer cannot be used.
+/// An image, map or buffer cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageError {
@@ -58,9 +58,9 @@ pub enum ImageError {
     /// The buffer ends before the last pixel, or is longer than a map without gaps.
     #[error("a buffer of {found} values does not hold the {expected} of {width}x{height} pixels")]
     Length {
-        /// Values that are needed.
+        /// Number of values needed.
         expected: usize,
-        /// Values that there are.
+        /// Number of values found.
         found: usize,
         /// Columns.
         width: usize,
@@ -77,22 +77,22 @@ pub enum ImageError {
     },
 }
 
-/// Weights cannot be read or do not belong to their network.
+/// Weights cannot be read or do not match their network.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WeightsError {
     /// The file cannot be read.
     #[error("cannot read weights from `{path}`")]
     Read {
-        /// Where.
+        /// The path.
         path: std::path::PathBuf,
-        /// Why not.
+        /// The cause.
         source: std::io::Error,
     },
     /// The bytes are not a safetensors file.
     #[error("the weights are not a safetensors file")]
     Format(#[source] safetensors::SafeTensorError),
-    /// What the file says of its network, preprocessing or fit is missing or cannot be understood.
+    /// A metadata record on the network, preprocessing or fit is missing or cannot be parsed.
     #[error("the weights have no usable `{name}` record: {reason}")]
     Record {
         /// The key of the record.
@@ -100,7 +100,7 @@ pub enum WeightsError {
         /// What is wrong with it.
         reason: String,
     },
-    /// A tensor is missing, superfluous, damaged or of another shape.
+    /// A tensor is missing, unexpected, damaged or of the wrong shape.
     #[error("the weights do not belong to their network: `{name}` {reason}")]
     Tensor {
         /// The name of the tensor.
@@ -108,10 +108,10 @@ pub enum WeightsError {
         /// What is wrong with it.
         reason: String,
     },
-    /// The prior over weights is damaged or belongs to other basis functions.
+    /// The prior over the weights of the basis functions is damaged or belongs to other basis functions.
     #[error("the prior over the weights of basis functions {0}")]
     Prior(String),
-    /// The network cannot run here.
+    /// This kind of network cannot be run here.
     #[error("this network cannot be prepared for the CPU: {0}")]
     Unsupported(&'static str),
 }
@@ -161,7 +161,7 @@ impl SettingsError {
         }
     }
 
-    /// Adds what to do about it.
+    /// Adds a suggestion for what to do.
     #[must_use]
     pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
         self.hint = Some(hint.into());
@@ -169,21 +169,21 @@ impl SettingsError {
     }
 }
 
-/// The fit has no answer.
+/// The fit has no solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FitError {
-    /// Nothing to fit.
+    /// There is no usable observation.
     #[error(
         "there is no sparse depth to fit: of {given} observations {invalid} have no depth that can be \
          used, {outside} are outside the image"
     )]
     NoObservations {
-        /// Observations that were given.
+        /// Number of observations given.
         given: usize,
-        /// Those whose depth or place is NaN, infinite or not positive.
+        /// Number of observations whose depth or position is NaN, infinite or not positive.
         invalid: usize,
-        /// Those outside the image.
+        /// Number of observations outside the image.
         outside: usize,
     },
     /// Basis functions, affinities or depths are NaN or infinite.
@@ -192,7 +192,7 @@ pub enum FitError {
     /// A standard deviation is NaN, infinite or not positive.
     #[error("a standard deviation is not a positive, finite number")]
     StandardDeviation,
-    /// Arrays do not go together.
+    /// The lengths of arrays do not match.
     #[error("{0}")]
     Shape(String),
     /// A place is not in the image.
@@ -207,10 +207,10 @@ pub enum FitError {
         /// Rows of the image.
         height: usize,
     },
-    /// The fit needs a prior that the weights do not hold, or not in this space.
+    /// The fit needs a prior that the weights do not contain, or not for this space.
     #[error("{0}")]
     NoPrior(&'static str),
-    /// The fit needs how strongly the pixels of the image are joined.
+    /// The fit needs affinities of the pixels of the image.
     #[error("`fit.method = \"{0}\"` needs the image that the points lie in")]
     NoAffinities(&'static str),
     /// A decomposition failed.
@@ -231,9 +231,11 @@ pub enum FitError {
     #[error("the weights of the other fit are all 0, or not finite")]
     NearNothing,
     /// A fit cannot be drawn towards another one.
-    #[error("a fit without the learned prior over weights of depths cannot be drawn towards another one")]
+    #[error(
+        "a fit without the learned prior over weights of depths cannot be drawn towards another one"
+    )]
     NearWithoutPrior,
-    /// The points do not determine what was asked for.
+    /// The points do not determine the requested quantity.
     #[error("{0}")]
     TooFewPoints(&'static str),
 }
@@ -253,9 +255,9 @@ impl FitError {
             Self::TooFewPoints(_) => {
                 Some("give more points, or choose another fit (`fit.method = \"lse\"`)")
             }
-            Self::Outside { .. } => {
-                Some("places count in pixels from the centre of the first: from -0.5 to the length - 0.5")
-            }
+            Self::Outside { .. } => Some(
+                "places count in pixels from the centre of the first: from -0.5 to the length - 0.5",
+            ),
             Self::OtherWeights { .. } => {
                 Some("take `Completion::weights` of a completion by the same weights and settings")
             }

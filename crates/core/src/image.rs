@@ -1,28 +1,28 @@
-//! Images in anybody's memory.
+//! Images in any memory layout.
 
 use crate::error::{ImageError, Result};
 
-/// Images and maps of more pixels are refused.
+/// Images and maps with more pixels are rejected.
 pub const MAX_PIXELS: usize = 1 << 30;
 
-/// How the colours of a pixel lie in memory.
+/// The order of the colour channels of a pixel in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Channels {
     /// Red, green, blue.
     Rgb,
-    /// Blue, green, red: what `OpenCV` reads.
+    /// Blue, green, red, as read by `OpenCV`.
     Bgr,
-    /// Red, green, blue, and a fourth value that is not looked at.
+    /// Red, green, blue, and a fourth value that is ignored.
     Rgba,
-    /// Blue, green, red, and a fourth value that is not looked at.
+    /// Blue, green, red, and a fourth value that is ignored.
     Bgra,
-    /// One grey value.
+    /// A single grey value.
     Gray,
 }
 
 impl Channels {
-    /// Values of a pixel.
+    /// The number of values per pixel.
     pub fn count(self) -> usize {
         match self {
             Self::Gray => 1,
@@ -31,7 +31,7 @@ impl Channels {
         }
     }
 
-    /// Where red, green and blue lie in a pixel.
+    /// The indices of red, green and blue in a pixel.
     fn places(self) -> [usize; 3] {
         match self {
             Self::Gray => [0; 3],
@@ -63,12 +63,12 @@ pub struct Image<'a> {
     width: usize,
     height: usize,
     channels: Channels,
-    /// Values from one row to the next.
+    /// Number of values from the start of one row to the next.
     stride: usize,
 }
 
 impl<'a> Image<'a> {
-    /// Eight bits a channel, rows one after the other.
+    /// An image with eight bits per channel, stored without gaps between rows.
     ///
     /// # Errors
     /// A side of 0, too many pixels, or a buffer that is too short.
@@ -76,7 +76,8 @@ impl<'a> Image<'a> {
         Self::of(width, height, channels, Values::Bytes(bytes))
     }
 
-    /// Floats, 0 for black and 1 for white; what lies outside is clamped. Rows one after the other.
+    /// An image of floats, with 0 for black and 1 for white (values outside are clamped), stored without gaps
+    /// between rows.
     ///
     /// # Errors
     /// A side of 0, too many pixels, or a buffer that is too short.
@@ -101,7 +102,7 @@ impl<'a> Image<'a> {
         image.with_stride(image.stride)
     }
 
-    /// The same with rows that begin `stride` values apart.
+    /// The same image with rows that start `stride` values apart.
     ///
     /// # Errors
     /// Rows that overlap, or a buffer that is too short.
@@ -120,12 +121,12 @@ impl<'a> Image<'a> {
         Ok(Self { stride, ..self })
     }
 
-    /// Columns.
+    /// Number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -162,7 +163,7 @@ impl<'a> Image<'a> {
     }
 }
 
-/// Whether a map of that size can be used.
+/// Checks that a map of this size can be used.
 pub(crate) fn check_size(width: usize, height: usize) -> Result<(), ImageError> {
     match width.checked_mul(height) {
         Some(1..=MAX_PIXELS) => Ok(()),
@@ -170,7 +171,7 @@ pub(crate) fn check_size(width: usize, height: usize) -> Result<(), ImageError> 
     }
 }
 
-/// Whether `found` values hold rows of `width * channels`, `stride` apart.
+/// Checks that `found` values hold rows of `width * channels` values, `stride` apart.
 pub(crate) fn check_rows(
     width: usize,
     height: usize,

@@ -1,18 +1,19 @@
 //! Depth completion by least squares: an RGB image and a few sparse depths in, a dense depth map out.
 //!
-//! A network turns the image *alone* into basis functions and affinities; a least-squares fit finds the
-//! weights, and a field that is smooth but for edges, that match the sparse depths (Fang et al.,
-//! "Depth-Independent Depth Completion via Least Square Estimation"). Because no network ever sees a
-//! depth, scaling the depths scales the result exactly, number and pattern of the points are free, the
-//! result can be read at any size, and its errors follow in closed form.
+//! A network turns the image *alone* into basis functions and affinities (how strongly neighbouring pixels
+//! are tied together). A least-squares fit then finds the weights of the basis functions, together with a
+//! field that is smooth except across edges, so that the result matches the sparse depths (Fang et al.,
+//! "Depth-Independent Depth Completion via Least Square Estimation"). Because no network ever sees a depth,
+//! scaling the depths scales the result exactly, the number and pattern of the points are arbitrary, the
+//! result can be evaluated at any resolution, and its errors follow in closed form.
 //!
-//! The way through this crate:
+//! How to use this crate:
 //!
-//! 1. [`Weights`], which come with the crate (feature `weights`, on by default) or from a file;
-//! 2. a [`Completer`], shared by all threads;
-//! 3. a [`Scene`] for each [`Image`]: the network runs here, once;
-//! 4. a [`Completion`] for each set of [`Observations`]: a fit, from which depth, standard deviations,
-//!    residuals, leave-one-out errors and outliers are read when they are asked for.
+//! 1. get [`Weights`], which are built into the crate (feature `weights`, on by default) or read from a file;
+//! 2. make a [`Completer`], which all threads can share;
+//! 3. make a [`Scene`] for each [`Image`]: this runs the network, once;
+//! 4. make a [`Completion`] for each set of [`Observations`]: this runs a fit, from which depth, standard
+//!    deviations, residuals, leave-one-out errors and outliers are computed on request.
 //!
 //! ```
 //! # #[cfg(feature = "weights")]
@@ -43,12 +44,12 @@
 //! # fn main() {}
 //! ```
 //!
-//! Nothing here prints, panics on input, or starts threads unasked: work runs on `rayon`'s pool of the
-//! caller, or on one of the completer's own. The same input gives the same bits for any number of
-//! threads on one instruction set; instruction sets differ in rounding.
+//! Nothing here prints, panics on bad input, or starts threads unless asked to: work runs on the caller's
+//! `rayon` pool, or on one of the completer's own. The same input gives the same bits for any number of
+//! threads with one instruction set; different instruction sets round differently.
 //!
-//! The modules that are hidden from this page are the parts that the `lsdc` program trains with; they
-//! may change at any time.
+//! The modules hidden from this page are used by the `lsdc` program for training; they may change at any
+//! time.
 
 #[doc(hidden)]
 pub mod bilinear;

@@ -1,9 +1,9 @@
-//! Dense and sparse maps of depths.
+//! Dense and sparse depth maps.
 
 use crate::error::{ImageError, Result};
 use crate::image::check_size;
 
-/// Depths in metres along the optical axis, row by row; 0 means no measurement.
+/// A map of depths in metres along the optical axis, row by row; 0 means no measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthMap {
     width: usize,
@@ -24,7 +24,7 @@ pub struct Point {
 }
 
 impl DepthMap {
-    /// Takes `height` rows of `width` values; NaN, infinite and negative values become 0.
+    /// Makes a map from `height` rows of `width` values; NaN, infinite and negative values become 0.
     ///
     /// # Errors
     /// The number of values is not `width * height`, or the map is empty.
@@ -54,10 +54,7 @@ impl DepthMap {
         })
     }
 
-    /// A map without any measurement.
-    ///
-    /// # Panics
-    /// If a side is 0, or there are more pixels than any image has.
+    /// A map without measurements.
     pub fn empty(width: usize, height: usize) -> Self {
         assert!(check_size(width, height).is_ok(), "{width}x{height} pixels");
         Self {
@@ -68,11 +65,7 @@ impl DepthMap {
         }
     }
 
-    /// A map that holds only the given points. Those outside, and those whose depths are not positive
-    /// and finite, are [ignored](Self::ignored).
-    ///
-    /// # Panics
-    /// As [`Self::empty`].
+    /// A map with only the given points; those outside are left out.
     pub fn from_points(width: usize, height: usize, points: &[Point]) -> Self {
         let mut map = Self::empty(width, height);
         for point in points {
@@ -85,12 +78,12 @@ impl DepthMap {
         map
     }
 
-    /// Columns.
+    /// Number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -100,7 +93,7 @@ impl DepthMap {
         &self.values
     }
 
-    /// The same, without the map.
+    /// All values, row by row, without a copy.
     pub fn into_values(self) -> Vec<f32> {
         self.values
     }
@@ -137,12 +130,12 @@ impl DepthMap {
         self.values.iter().filter(|v| **v > 0.0).count()
     }
 
-    /// The number of NaN, infinite and negative values that the map was made from.
+    /// The number of NaN, infinite and negative values that were replaced by 0.
     pub fn ignored(&self) -> usize {
         self.ignored
     }
 
-    /// The smallest and largest measurement, or `None` without any.
+    /// The smallest and the largest measurement, or `None` if there is none.
     pub fn range(&self) -> Option<(f32, f32)> {
         self.points().fold(None, |range, p| match range {
             None => Some((p.depth, p.depth)),
@@ -169,7 +162,10 @@ mod tests {
     #[test]
     fn pixels_outside_have_no_depth() {
         let map = DepthMap::new(2, 2, vec![1.0, 2.0, 3.0, 4.0]).unwrap();
-        assert_eq!([map.get(1, 1), map.get(2, 0), map.get(0, 2)], [Some(4.0), None, None]);
+        assert_eq!(
+            [map.get(1, 1), map.get(2, 0), map.get(0, 2)],
+            [Some(4.0), None, None]
+        );
         // Not the first pixel of the next row.
         assert!(std::panic::catch_unwind(|| map.at(2, 0)).is_err());
     }

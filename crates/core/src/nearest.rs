@@ -1,6 +1,6 @@
-//! The nearest of scattered places.
+//! Nearest-neighbour search among scattered positions.
 
-/// Places in square cells.
+/// Positions sorted into square cells.
 #[derive(Clone, Debug)]
 pub struct Cells {
     places: Vec<[f64; 2]>,
@@ -13,7 +13,7 @@ pub struct Cells {
 }
 
 impl Cells {
-    /// Sorts `places` (x, y), which must be finite, into cells, about one to each.
+    /// Sorts `places` (x, y), which must be finite, into cells of about one position each.
     pub fn new(places: &[[f64; 2]]) -> Self {
         let bound = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| {
             places.iter().map(|p| p[axis]).fold(start, pick)
@@ -40,7 +40,7 @@ impl Cells {
         cells
     }
 
-    /// The column and row of the cell nearest to a place; those of places in cells hold them.
+    /// The column and row of the cell nearest to a position, or containing it.
     fn cell(&self, place: [f64; 2]) -> [i64; 2] {
         let counts = [self.columns, self.rows];
         [0, 1].map(|axis| {
@@ -49,8 +49,8 @@ impl Cells {
         })
     }
 
-    /// The `count` nearest places to another, the nearest first: squared distance and index; the
-    /// first in order among equals.
+    /// The `count` positions nearest to a given one, nearest first, as squared distance and index; ties are
+    /// broken by index.
     pub fn nearest(&self, place: [f64; 2], count: usize) -> Vec<(f64, usize)> {
         let [column, row] = self.cell(place);
         let order = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));

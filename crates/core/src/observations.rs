@@ -1,18 +1,18 @@
-//! Depths that are known at some places of an image.
+//! Known depths at some positions of an image.
 
 use crate::map::{DepthMap, Point};
 
 /// One known depth.
 ///
-/// `u` counts to the right and `v` down, in pixels, from the centre of the first pixel (as in
-/// OpenCV): the image covers `-0.5..width - 0.5` and `-0.5..height - 0.5`.
+/// `u` is measured to the right and `v` down, in pixels; (0, 0) is the centre of the first pixel, as in
+/// `OpenCV`: the image covers `-0.5..width - 0.5` and `-0.5..height - 0.5`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation {
     /// Horizontal position in pixels.
     pub u: f64,
     /// Vertical position in pixels.
     pub v: f64,
-    /// Depth along the optical axis in metres (in any unit: the result has the same).
+    /// Depth along the optical axis in metres, or in any other unit, which is then that of the result.
     pub depth: f32,
     /// Standard deviation of the depth, in the same unit, if it is known.
     pub sigma: Option<f32>,
@@ -20,12 +20,13 @@ pub struct Observation {
 
 /// Known depths, in the order in which they were added.
 ///
-/// Nothing is refused here: what cannot be used is left out, and counted, when an image is completed.
+/// All values are accepted here: observations that cannot be used are left out and counted when an image is
+/// completed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observations(Vec<Observation>);
 
 impl Observations {
-    /// None yet.
+    /// An empty set.
     pub fn new() -> Self {
         Self::default()
     }
@@ -41,7 +42,7 @@ impl Observations {
         map.points().map(observation).collect()
     }
 
-    /// Adds a depth at (u, v) whose standard deviation is not known.
+    /// Adds a depth at (u, v) with unknown standard deviation.
     pub fn add(&mut self, u: f64, v: f64, depth: f32) {
         self.push(Observation {
             u,
@@ -51,27 +52,27 @@ impl Observations {
         });
     }
 
-    /// Adds one.
+    /// Adds an observation.
     pub fn push(&mut self, observation: Observation) {
         self.0.push(observation);
     }
 
-    /// How many there are.
+    /// The number of observations.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no observations.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// All, in the order in which they were added.
+    /// All observations, in the order in which they were added.
     pub fn as_slice(&self) -> &[Observation] {
         &self.0
     }
 
-    /// All, in the order in which they were added.
+    /// All observations, in the order in which they were added.
     pub fn iter(&self) -> std::slice::Iter<'_, Observation> {
         self.0.iter()
     }

@@ -1,12 +1,12 @@
-//! The image at the size that the network works at.
+//! Resizing of the image to the size at which the network works.
 
 use crate::error::{ImageError, Result};
 use fast_image_resize::images::{TypedImage, TypedImageRef};
 use fast_image_resize::pixels::U8x3;
 use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
 
-/// Colours of `from` (height, width) at another size as PIL's `BILINEAR` gives them, which takes in
-/// every pixel when it shrinks.
+/// The colours of an image of size `from` (height, width) at another size, as PIL's `BILINEAR` filter gives
+/// them, which averages all pixels when shrinking.
 pub(crate) fn resized(rgb: Vec<u8>, from: (usize, usize), to: (usize, usize)) -> Result<Vec<u8>> {
     if from == to {
         return Ok(rgb);

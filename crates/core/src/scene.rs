@@ -1,10 +1,11 @@
-//! What the network says of one image, ready for any points.
+//! The network's output for one image, ready for any set of points.
 
 use crate::completer::Completer;
 use crate::completion::Completion;
 use crate::error::{FitError, Result};
 use crate::fit::{
-    Affinities, CosineBasis, FitMethod, ImageMoments, Points, Prior, PriorKind, Scene as Placed, fit,
+    Affinities, CosineBasis, FitMethod, ImageMoments, Points, Prior, PriorKind, Scene as Placed,
+    fit,
 };
 use crate::image::Image;
 use crate::network::Basis;
@@ -14,14 +15,14 @@ use crate::usable::Usable;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// How much closer to those of another frame than to those of any image weights are expected, as a
-/// ratio of variances.
+/// How much closer the weights are expected to be to those of the previous frame than to those of an
+/// arbitrary image, as a ratio of variances.
 const CLOSER: f64 = 10.0;
 
 /// The basis functions and affinities of an image.
 ///
-/// Holds everything that depends on the image alone, so that new points for the same image cost only a
-/// fit. Cheap to clone, and shared between threads as it is.
+/// Holds everything that depends on the image alone, so that new points for the same image cost only a fit.
+/// Cheap to clone, and can be shared between threads.
 #[derive(Clone, Debug)]
 pub struct Scene(Arc<Inner>);
 
@@ -29,7 +30,7 @@ pub struct Scene(Arc<Inner>);
 struct Inner {
     completer: Completer,
     basis: Box<dyn Basis>,
-    /// Computed at once for a fit with a field, else when first asked for.
+    /// Computed immediately for a fit with a field, otherwise on first use.
     affinities: OnceLock<Affinities>,
     cosines: CosineBasis,
     /// Height and width of the image.
@@ -66,28 +67,28 @@ impl Scene {
         Ok(Self(Arc::new(inner)))
     }
 
-    /// Columns of the image.
+    /// Number of columns of the image.
     pub fn width(&self) -> usize {
         self.0.size.1
     }
 
-    /// Rows of the image.
+    /// Number of rows of the image.
     pub fn height(&self) -> usize {
         self.0.size.0
     }
 
-    /// The time that the network took.
+    /// The run time of the network.
     pub fn network_time(&self) -> Duration {
         self.0.network
     }
 
     /// Fits the basis functions of the image to observations of its depth.
     ///
-    /// Observations whose depth or standard deviation is not a number from 1e-15 to 1e15, or outside the
-    /// image, are left out; the [report](Completion::report) counts them.
+    /// Observations outside the image, or whose depth or standard deviation is not between 1e-15 and 1e15,
+    /// are left out; the [report](Completion::report) counts them.
     ///
     /// # Errors
-    /// No observation that can be used, or a damaged network.
+    /// No usable observation, or a damaged network.
     ///
     /// ```
     /// # #[cfg(feature = "weights")]
@@ -115,11 +116,11 @@ impl Scene {
         self.complete_with(observations, None)
     }
 
-    /// The same, expecting weights near those of another fit, up to their scale: for the next frame of
-    /// a video. `weights` are [those](Completion::weights) of the frame before.
+    /// The same, but with a prior centred on the weights of another fit, up to their scale: for the next
+    /// frame of a video. `weights` are [those](Completion::weights) of the previous frame.
     ///
     /// # Errors
-    /// As [`Self::complete`]; a fit without the learned prior, or `weights` of other basis functions.
+    /// As for [`Self::complete`]; weights files without a prior, or weights of other basis functions.
     pub fn complete_near(
         &self,
         observations: &Observations,
@@ -176,16 +177,16 @@ impl Scene {
     }
 
     /// The basis functions that the network found, `[places, N + 1]`, the first being the constant 1, at
-    /// places (u, v) in pixels of the image from the centre of the first.
+    /// positions (u, v) of the image in pixels, where (0, 0) is the centre of the first pixel.
     pub fn basis_functions(&self, places: &[[f64; 2]]) -> Vec<f32> {
         let inner = &*self.0;
         inner.completer.run(|| inner.basis.at(inner.size, places))
     }
 
-    /// What a prior over weights is learned from.
+    /// The statistics that a prior over weights is learned from.
     ///
     /// # Errors
-    /// No observation that can be used, or a damaged network.
+    /// No usable observation, or a damaged network.
     #[doc(hidden)]
     pub fn moments(&self, observations: &Observations) -> Result<ImageMoments> {
         let inner = &*self.0;
@@ -202,7 +203,7 @@ impl Scene {
         &self.0.completer
     }
 
-    /// Basis functions, then cosines, at places (u, v) of the image at `size` (height, width).
+    /// Basis functions, followed by cosines, at positions (u, v) of the image at `size` (height, width).
     pub(crate) fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         self.0.at(size, places)
     }
@@ -253,7 +254,7 @@ impl Inner {
     }
 }
 
-/// Colours less their mean, over their deviation.
+/// Colours minus their mean, divided by their standard deviation.
 fn normalised(rgb: &[u8], mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
     let tables: [[f32; 256]; 3] = std::array::from_fn(|c| {
         std::array::from_fn(|v| (v as f32 / 255.0 - mean[c]) / deviation[c])

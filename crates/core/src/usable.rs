@@ -1,32 +1,33 @@
-//! Which observations are used, and why the others are not.
+//! Which observations can be used, and why the others cannot.
 
 use crate::error::FitError;
 use crate::observations::{Observation, Observations};
 
-/// Depths and standard deviations of all units that there are; beyond, their squares leave `f32`.
+/// The accepted range of depths and standard deviations, in any unit; beyond it, squares overflow or
+/// underflow `f32`.
 const LEAST: f32 = 1e-15;
 const MOST: f32 = 1e15;
 
 /// The observations that a fit can use, in their order.
 #[derive(Clone, Debug)]
 pub(crate) struct Usable {
-    /// How many there were.
+    /// Number of observations given.
     pub(crate) given: usize,
-    /// Which of them each is.
+    /// The indices of the usable observations.
     pub(crate) which: Vec<usize>,
     pub(crate) places: Vec<[f64; 2]>,
     pub(crate) depths: Vec<f32>,
-    /// If any is known.
+    /// Standard deviations, if any is known.
     pub(crate) deviations: Option<Vec<f32>>,
-    /// Observations whose depth, place or standard deviation is not a number that can be used.
+    /// Number of observations whose depth, position or standard deviation cannot be used.
     pub(crate) invalid: usize,
     pub(crate) outside: usize,
-    /// Observations whose standard deviation was taken to be the median of the others.
+    /// Number of observations whose standard deviation was set to the median of the others.
     pub(crate) assumed: usize,
 }
 
 impl Usable {
-    /// Those for an image of `size` (height, width).
+    /// The usable observations for an image of `size` (height, width).
     pub(crate) fn new(
         observations: &Observations,
         (height, width): (usize, usize),
@@ -70,7 +71,7 @@ impl Usable {
         Ok(usable)
     }
 
-    /// That there is none.
+    /// The error that no observation can be used.
     pub(crate) fn none(&self) -> FitError {
         FitError::NoObservations {
             given: self.given,
@@ -79,7 +80,7 @@ impl Usable {
         }
     }
 
-    /// Values of the observations that are used, at their places among all; NaN elsewhere.
+    /// Expands values of the usable observations to all given ones, with NaN for the others.
     pub(crate) fn spread(&self, values: &[f64]) -> Vec<f64> {
         let mut all = vec![f64::NAN; self.given];
         for (&i, &value) in self.which.iter().zip(values) {

@@ -1,4 +1,4 @@
-//! Weights files: safetensors with a record of what the weights belong to.
+//! Weights files: safetensors with metadata on what the weights belong to.
 
 use crate::error::{Result, SettingsError, WeightsError};
 use crate::fit::{FitConfig, NoisePrior, Prior};
@@ -10,20 +10,20 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What is done to colours before the network sees them.
+/// The normalisation of colours before they enter the network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Normalisation {
     /// Subtracted from colours in `[0, 1]`.
     pub mean: [f32; 3],
-    /// Then divided by.
+    /// Divisor of the colours after that.
     pub deviation: [f32; 3],
-    /// Height and width of the images of training: the size at which the network works best.
+    /// Height and width of the training images: the size at which the network works best.
     pub input: [usize; 2],
 }
 
 impl Default for Normalisation {
-    /// `ImageNet`'s statistics and NYU's evaluation size.
+    /// The statistics of `ImageNet` and the size of NYU's evaluation.
     fn default() -> Self {
         Self {
             mean: [0.485, 0.456, 0.406],
@@ -58,7 +58,7 @@ impl Normalisation {
     }
 }
 
-/// Numbers, row by row.
+/// An array of numbers, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
     shape: Vec<usize>,
@@ -66,7 +66,7 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// `None` if there are not as many values as the shape says.
+    /// `None` if the number of values does not match the shape.
     pub fn new(shape: Vec<usize>, values: Vec<f32>) -> Option<Self> {
         let count = shape
             .iter()
@@ -74,30 +74,29 @@ impl Tensor {
         (count == Some(values.len())).then_some(Self { shape, values })
     }
 
-    /// Lengths of the axes.
+    /// The lengths of the axes.
     pub fn shape(&self) -> &[usize] {
         &self.shape
     }
 
-    /// As many as the shape says.
+    /// The values, row by row.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
 }
 
-/// What was learned about the basis functions once they were trained.
+/// What is learned about the basis functions after training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// What is known of the noise before any depth is seen.
+    /// The prior over the noise.
     pub noise: NoisePrior,
-    /// Standard deviations of pixels, as they come from the fit, times this are those of the
-    /// errors.
+    /// The calibration factor from the standard deviations of the fit to those of the errors.
     pub deviation: f64,
 }
 
-/// A trained network with all that belongs to it: preprocessing, settings of the fit, the prior over
-/// the weights of its basis functions.
+/// A trained network with everything that belongs to it: preprocessing, settings of the fit, and the prior
+/// over the weights of its basis functions.
 ///
 /// ```
 /// use lsdc_core::Weights;
@@ -112,7 +111,7 @@ pub struct Calibration {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Weights {
-    /// The network.
+    /// The sizes of the network.
     #[doc(hidden)]
     pub network: NetworkConfig,
     /// The preprocessing.
@@ -121,21 +120,21 @@ pub struct Weights {
     /// Settings of other parts, as JSON by name (`fit`, `training`).
     #[doc(hidden)]
     pub notes: BTreeMap<String, String>,
-    /// Numbers of other parts, by name.
+    /// Arrays of other parts, by name.
     #[doc(hidden)]
     pub tables: BTreeMap<String, Tensor>,
-    /// Those of the network, by name.
+    /// The tensors of the network, by name.
     #[doc(hidden)]
     pub tensors: BTreeMap<String, Tensor>,
 }
 
-/// What the names of tables begin with in a file.
+/// The prefix of the names of tables in a file.
 pub const TABLE: &str = "table.";
-/// The records of every file.
+/// The name of a metadata record that every file has: the sizes of the network.
 pub const NETWORK: &str = "network";
-/// As above.
+/// The same: the normalisation.
 pub const NORMALISATION: &str = "normalisation";
-/// As above: the version of the program that wrote the file.
+/// The same: the version of the program that wrote the file.
 pub const VERSION: &str = "lsdc";
 /// Pixels of the images of a training.
 const LARGEST_INPUT: usize = 1 << 23;
@@ -164,7 +163,7 @@ impl Weights {
         }
     }
 
-    /// The most accurate weights that come with this crate.
+    /// The most accurate weights built into this crate.
     ///
     /// # Panics
     /// Never: the tests of the crate read them.
@@ -173,7 +172,7 @@ impl Weights {
         Self::embedded(DEFAULT)
     }
 
-    /// Smaller weights for weak machines: two thirds of the time, less accurate.
+    /// Smaller weights for low-power machines: two thirds of the time, less accurate.
     ///
     /// # Panics
     /// Never: the tests of the crate read them.
@@ -191,7 +190,7 @@ impl Weights {
     /// Reads a weights file.
     ///
     /// # Errors
-    /// A file that cannot be read or is no weights file.
+    /// A file that cannot be read or is not a weights file.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let bytes = std::fs::read(path).map_err(|source| WeightsError::Read {
@@ -201,11 +200,11 @@ impl Weights {
         Self::from_bytes(&bytes)
     }
 
-    /// Reads the bytes of a weights file. They are not trusted: nothing that they declare is allocated
-    /// before it was compared with their length.
+    /// Reads the bytes of a weights file. They are not trusted: declared sizes are compared with the length
+    /// before anything is allocated.
     ///
     /// # Errors
-    /// Bytes that are no safetensors file with the records that lsdc writes, numbers that are not
+    /// Bytes that are not a safetensors file with the metadata that lsdc writes, numbers that are not
     /// finite, or sizes that are out of range.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let file = SafeTensors::deserialize(bytes).map_err(WeightsError::Format)?;
@@ -247,26 +246,26 @@ impl Weights {
         Ok(weights)
     }
 
-    /// The number of trained numbers of the network.
+    /// The number of trained parameters of the network.
     pub fn parameters(&self) -> usize {
         let trained = self.tensors.iter().filter(|(name, _)| !is_statistic(name));
         trained.map(|(_, tensor)| tensor.values.len()).sum()
     }
 
-    /// The settings of the fit that the weights were made for.
+    /// The settings of the fit stored with the weights.
     ///
     /// # Errors
-    /// A record that cannot be understood, or settings that are out of range.
+    /// Metadata that cannot be parsed, or settings that are out of range.
     pub fn fit(&self) -> Result<Option<FitConfig>> {
         let fit: Option<FitConfig> = self.note(FIT)?;
         fit.as_ref().map_or(Ok(()), FitConfig::check)?;
         Ok(fit)
     }
 
-    /// The prior and calibration that the weights hold, if any.
+    /// The prior and calibration stored with the weights, if any.
     ///
     /// # Errors
-    /// A record that cannot be understood, or a damaged prior.
+    /// Metadata that cannot be parsed, or a damaged prior.
     #[doc(hidden)]
     pub fn prior(&self) -> Result<Option<(Prior, Calibration)>> {
         let tables = [MEAN, FACTOR].map(|name| self.tables.get(name));
@@ -287,13 +286,13 @@ impl Weights {
         Ok(Some((prior, calibration)))
     }
 
-    /// Keeps settings of the fit in the weights.
+    /// Stores settings of the fit with the weights.
     #[doc(hidden)]
     pub fn record_fit(&mut self, fit: &FitConfig) {
         self.keep(FIT, fit);
     }
 
-    /// Keeps a prior and a calibration in the weights.
+    /// Stores a prior and a calibration with the weights.
     #[doc(hidden)]
     pub fn record_prior(&mut self, prior: &Prior, deviation: f64) {
         let (mean, factor) = prior.numbers();
@@ -322,10 +321,10 @@ impl Weights {
     }
 }
 
-/// The weights that come with this crate, as files: the most accurate.
+/// The most accurate weights built into this crate, as a file.
 #[cfg(feature = "weights")]
 pub static DEFAULT: &[u8] = include_bytes!("../weights/default.safetensors");
-/// For weak machines.
+/// The weights for low-power machines, as a file.
 #[cfg(feature = "weights")]
 pub static SMALL: &[u8] = include_bytes!("../weights/small.safetensors");
 

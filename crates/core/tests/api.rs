@@ -5,8 +5,8 @@
 
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{
-    Camera, Channels, Cloud, Completer, DepthMap, Error, FitError, Image, Observation, Observations, Scene,
-    Weights,
+    Camera, Channels, Cloud, Completer, DepthMap, Error, FitError, Image, Observation,
+    Observations, Scene, Weights,
 };
 use std::sync::{Arc, LazyLock};
 
@@ -321,7 +321,12 @@ fn the_next_frame_of_a_video_starts_from_the_one_before() {
     assert!(near < 0.9 * alone, "{near} {alone}");
     // Weights of other basis functions, and none that say anything.
     let count = many.weights().len();
-    for wrong in [vec![1.0], vec![1.0; count + 1], vec![0.0; count], vec![f64::NAN; count]] {
+    for wrong in [
+        vec![1.0],
+        vec![1.0; count + 1],
+        vec![0.0; count],
+        vec![f64::NAN; count],
+    ] {
         let error = scene.complete_near(&few, &wrong).unwrap_err();
         assert!(error.hint().is_some(), "{error}");
     }
@@ -340,7 +345,10 @@ fn only_fits_with_the_learned_prior_are_drawn_towards_another() {
         let scene = scene_of(&with(&COMPLETER, change), 96, 72);
         let error = scene.complete_near(&given, whole.weights()).unwrap_err();
         let expected = FitError::NearWithoutPrior;
-        assert!(matches!(&error, Error::Fit(found) if *found == expected), "{error}");
+        assert!(
+            matches!(&error, Error::Fit(found) if *found == expected),
+            "{error}"
+        );
     }
 }
 
@@ -348,11 +356,18 @@ fn only_fits_with_the_learned_prior_are_drawn_towards_another() {
 #[test]
 fn a_completion_can_be_asked_from_many_threads_at_once() {
     let scene = scene_of(&COMPLETER, 64, 48);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(2)
+        .build()
+        .unwrap();
     for seed in 0..20 {
         let given = observations(64, 48, 30 + seed);
         let completion = scene.complete(&given).unwrap();
-        let expected = scene.complete(&given).unwrap().standard_deviation().unwrap();
+        let expected = scene
+            .complete(&given)
+            .unwrap()
+            .standard_deviation()
+            .unwrap();
         let ((deviation, _), _) = pool.install(|| {
             let ask = || rayon::join(|| completion.standard_deviation(), || completion.outliers());
             rayon::join(ask, || completion.leave_one_out())
@@ -367,14 +382,21 @@ fn a_fit_that_meets_every_point_knows_nothing_of_its_errors() {
     let saturated = with(&COMPLETER, |fit| {
         (fit.method, fit.prior) = (FitMethod::Lse, PriorKind::None);
     });
-    let completion = scene_of(&saturated, 96, 72).complete(&observations(96, 72, 40)).unwrap();
+    let completion = scene_of(&saturated, 96, 72)
+        .complete(&observations(96, 72, 40))
+        .unwrap();
     assert!(completion.report().residual < 1e-4);
     assert!(matches!(
         completion.standard_deviation().unwrap_err(),
         Error::Fit(FitError::TooFewPoints(_))
     ));
     assert_eq!(completion.leave_one_out_error(), None);
-    assert!(completion.leave_one_out().iter().all(|error| error.is_nan()));
+    assert!(
+        completion
+            .leave_one_out()
+            .iter()
+            .all(|error| error.is_nan())
+    );
 }
 
 #[test]

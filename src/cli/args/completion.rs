@@ -1,4 +1,4 @@
-//! What is typed to complete depth, and to measure how fast.
+//! Arguments of `complete` and `bench`.
 
 use super::values::{Format, range, size, typed};
 use super::{FitFlags, Model};
@@ -11,40 +11,42 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, ClapArgs)]
 #[command(
     after_help = "`lsdc complete --help` shows every option.",
-    after_long_help = "docs/guide.md has a command for every kind of data."
+    after_long_help = "See docs/guide.md for example commands for every kind of data."
 )]
 pub(in crate::cli) struct Complete {
-    /// Colour image (JPEG, PNG, WebP, TIFF, BMP, PNM), or several: images, a folder, a pattern such as
-    /// 'left/*.png', or a list (txt) with an image to a line, its points behind it or in the folder of
-    /// points; quote names with blanks. `-` is standard input.
+    /// Colour image (JPEG, PNG, WebP, TIFF, BMP, PNM), or several: image files, a folder, a pattern such as
+    /// 'left/*.png', or a list (txt) with one image per line, optionally followed by its points file (else
+    /// the points are taken from the folder of points); quote names with spaces. `-` is standard input.
     #[arg(required = true)]
     pub(in crate::cli) rgb: Vec<PathBuf>,
-    /// Sparse depths: a map of the image's shape (npy, npz, 16-bit PNG, PGM, TIFF, EXR, PFM, HDF5); a
-    /// table of points (csv, txt, npy of shape (points, 3 or 4)) of u, v, depth[, sigma], u and v in
-    /// pixels from the centre of the first, or with --camera of x, y, z, which a first line `u,v,depth`
-    /// or `x,y,z` says (without it, a table is x, y, z if there is --camera and most of its points
-    /// cannot be pixels, and what may be either is refused); a cloud (PLY, PCD, LAS, LAZ, xyz, KITTI's
-    /// bin; needs --camera); or a sparse model of COLMAP. 0, NaN, infinite and negative values mean no
-    /// measurement. For several images: a folder of such files of the same names, or a model. `-` is
-    /// standard input.
+    /// Sparse depths: a depth map of the image's shape (npy, npz, 16-bit PNG, PGM, TIFF, EXR, PFM, HDF5); a
+    /// table of points (csv, txt, npy of shape (points, 3 or 4)) with columns u, v, depth[, sigma], where u
+    /// and v are pixels counted from 0 at the centre of the first, or with --camera x, y, z, as named by a
+    /// header line `u,v,depth` or `x,y,z` (without a header, a table holds x, y, z if --camera is given and
+    /// most of its rows cannot be pixels; ambiguous tables are rejected); a point cloud (PLY, PCD, LAS, LAZ,
+    /// xyz, KITTI's bin; needs --camera); or a COLMAP sparse model. 0, NaN, infinite and negative values
+    /// mean no measurement. For several images: a folder of such files with matching names, or a model.
+    /// `-` is standard input.
     pub(in crate::cli) sparse: PathBuf,
-    /// Folder for the results, or for one image the file, whose ending says the format, or `-`, which
-    /// is standard output [default: the folder of the image].
+    /// Folder for the results; for a single image also a file, whose extension selects the format, or `-`
+    /// for standard output [default: the folder of the image].
     #[arg(short, long, value_name = "PATH", help_heading = "Output")]
     pub(in crate::cli) output: Option<PathBuf>,
-    /// Unit of the sparse depths: m, cm, mm, kitti (1/256 m), tum (1/5000), vkitti (1/100), or how
-    /// many make a metre [default: mm for integers, m for other numbers, that of the model for COLMAP].
+    /// Unit of the sparse depths: m, cm, mm, kitti (1/256 m), tum (1/5000 m), vkitti (1/100 m), or the
+    /// number of units per metre [default: mm for integers, m for other numbers, the model's unit for
+    /// COLMAP].
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT", help_heading = "Input")]
     pub(in crate::cli) depth_unit: Option<Unit>,
-    /// Camera intrinsics and pose, to project clouds and back-project pixels: a file (TOML or JSON with
-    /// fx, fy, cx, cy, distortion, pose, or the YAML of a calibration by ROS), or FX,FY,CX,CY in pixels.
-    /// Of an image that EXIF turns, those of the pixels as stored, unless only upright fits.
+    /// Camera intrinsics and pose, to project point clouds and back-project pixels: a file (TOML or JSON with
+    /// fx, fy, cx, cy, distortion, pose, or a ROS calibration in YAML), or FX,FY,CX,CY in pixels. If EXIF
+    /// rotates the image, they refer to the pixels as stored, unless their size matches only the upright
+    /// image.
     #[arg(long, value_parser = typed::<Camera>, value_name = "CAMERA", help_heading = "Input")]
     pub(in crate::cli) camera: Option<Camera>,
-    /// What is written of a result: npy (float32 metres), png (16-bit millimetres,
-    /// or a coarser unit that the file says, if these do not fit), color, tiff, exr,
-    /// pfm (metres), npz (metres; exr and npz with standard deviations, if these are asked for), ply
-    /// (a cloud with colours; needs a camera), json (what is said of it) [default: npy,png,color].
+    /// Output formats: npy (float32, metres), png (16 bits, millimetres or, if the depths do not fit, a
+    /// unit recorded in the file), color (a colour map), tiff, exr, pfm (metres), npz (metres; exr and npz
+    /// include the standard deviations of --uncertainty), ply (a coloured point cloud; needs a camera),
+    /// json (a report) [default: npy,png,color].
     #[arg(
         long,
         value_enum,
@@ -53,10 +55,11 @@ pub(in crate::cli) struct Complete {
         help_heading = "Output"
     )]
     pub(in crate::cli) formats: Option<Vec<Format>>,
-    /// Metres of the first and the last colour [default: the nearest and the farthest].
+    /// Depths in metres of the first and the last colour of the colour map [default: the nearest and the
+    /// farthest depth].
     #[arg(long, value_parser = range, value_name = "LOW,HIGH", help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) range: Option<(f32, f32)>,
-    /// Leave pixels out of clouds whose standard deviation is larger, in metres.
+    /// Leave out of point clouds the pixels whose standard deviation is larger, in metres.
     #[arg(
         long,
         value_name = "METRES",
@@ -64,16 +67,16 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) max_sigma: Option<f32>,
-    /// Size of the result, as WIDTHxHEIGHT [default: that of the image].
+    /// Size of the result, as WIDTHxHEIGHT [default: the size of the image].
     #[arg(long, value_parser = size, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) size: Option<Size>,
-    /// How to complete: lsdc, nearest, linear, idw, tps, wls, levin, steering, ip-basic.
+    /// Completion method: lsdc, nearest, linear, idw, tps, wls, levin, steering, ip-basic.
     #[arg(long, value_parser = typed::<Method>, default_value = "lsdc", value_name = "NAME", help_heading = "Fit", hide_short_help = true)]
     pub(in crate::cli) method: Method,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
-    /// How to preserve the input depths: none (the fit need not meet them), exact (at their
-    /// pixels), blend (and their neighbourhood follows).
+    /// How to preserve the input depths: none (the result may differ from them), exact (write them at
+    /// their pixels), blend (also adjust the neighbourhood to join smoothly).
     #[arg(
         long,
         value_enum,
@@ -83,9 +86,9 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) preserve_input: Preserve,
-    /// The standard deviation of each sparse depth, a map in the unit of the depths [default: what a
-    /// table has]. Points at the median of these count as points without any do, the others by the
-    /// square of the ratio.
+    /// The standard deviation of each sparse depth, as a map in the unit of the depths [default: the sigma
+    /// column of a table]. Points are weighted by the inverse square of their standard deviation, relative
+    /// to the median, at which a point has the same weight as one without a standard deviation.
     #[arg(
         long,
         value_name = "FILE",
@@ -93,26 +96,27 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) sigma: Option<PathBuf>,
-    /// Write the standard deviation of every pixel of the result, in metres.
+    /// Also write the standard deviation of every pixel of the result, in metres.
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) uncertainty: bool,
-    /// Write a list of the points that do not agree with the others.
+    /// Also write a list of the points that disagree with the others.
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) outliers: bool,
-    /// Show the network the image as it is, instead of resized to the number of pixels of training.
+    /// Run the network on the image at full resolution, instead of resizing it to the number of pixels of
+    /// the training images.
     #[arg(long, help_heading = "Network", hide_short_help = true)]
     pub(in crate::cli) full: bool,
-    /// The images are a video: weights are drawn towards those of the frame before, so that few
-    /// points flicker less. Writes the weights of each frame.
+    /// Treat the images as a video: the weights of the basis functions are pulled towards those of the
+    /// previous frame, which reduces flicker with few points. Also writes the weights of each frame.
     #[arg(long, help_heading = "Several frames", hide_short_help = true)]
     pub(in crate::cli) temporal: bool,
-    /// Of a folder, complete only part I of N (I from 0).
+    /// Complete only part I of N of the images (I starts at 0).
     #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N", help_heading = "Several frames", hide_short_help = true)]
     pub(in crate::cli) shard: Shard,
     /// Replace existing results.
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) force: bool,
-    /// Print one JSON object to a frame.
+    /// Print one JSON object per frame.
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) json: bool,
     #[command(flatten)]
@@ -124,18 +128,19 @@ pub(in crate::cli) struct Bench {
     /// Size of image and result, as WIDTHxHEIGHT [default: 640x480; with --training 304x228].
     #[arg(long, value_parser = size)]
     pub(in crate::cli) size: Option<Size>,
-    /// Sparse points.
+    /// Number of sparse points.
     #[arg(long, default_value_t = 500)]
     pub(in crate::cli) points: usize,
-    /// Completions or steps to measure, after one that is not.
+    /// Number of completions or training steps to time, after one warm-up.
     #[arg(long, default_value_t = 15)]
     pub(in crate::cli) runs: usize,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
-    /// Show the network the image as it is, instead of resized to the number of pixels of training.
+    /// Run the network on the image at full resolution, instead of resizing it to the number of pixels of
+    /// the training images.
     #[arg(long)]
     pub(in crate::cli) full: bool,
-    /// Time steps of training instead: two images, every pixel in the loss.
+    /// Time training steps instead: two images, every pixel in the loss.
     #[arg(long, conflicts_with_all = ["full", "points"])]
     pub(in crate::cli) training: bool,
     /// Print one JSON object.

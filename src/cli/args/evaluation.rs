@@ -1,4 +1,4 @@
-//! What is typed to measure methods on a dataset, and to write its frames.
+//! Arguments of `eval` and `export`.
 
 use super::values::{named_folder, typed};
 use super::{Draws, FitFlags, Model, Settings, Source};
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 #[derive(Debug, ClapArgs)]
 #[command(
     after_help = "`lsdc eval --help` shows every option.",
-    after_long_help = "docs/evaluation.md says more."
+    after_long_help = "See docs/evaluation.md for details."
 )]
 pub(in crate::cli) struct Eval {
     #[command(flatten)]
@@ -22,40 +22,41 @@ pub(in crate::cli) struct Eval {
     #[command(flatten)]
     pub(in crate::cli) draws: Draws,
     /// Sparse points: N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N,
-    /// given, files:DIR [default: those of the protocol].
+    /// given, files:DIR [default: as in the protocol].
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
     pub(in crate::cli) points: Option<Pattern>,
-    /// Spoil points: added:SHARE:METRES or outliers:SHARE.
+    /// Corrupt the points: added:SHARE:METRES (add up to METRES to a share of them) or outliers:SHARE
+    /// (replace a share of them).
     #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE", help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) noise: Option<Noise>,
-    /// How true depths are resized [default: that of the protocol].
+    /// How ground-truth depths are resized [default: as in the protocol].
     #[arg(long, value_enum, help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) depth_resize: Option<Interpolation>,
-    /// Methods, side by side on the same points: lsdc, nearest, linear, idw, tps, wls, levin,
+    /// Methods to compare, on the same points: lsdc, nearest, linear, idw, tps, wls, levin,
     /// steering, ip-basic [default: lsdc,linear].
     #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES", help_heading = "Methods")]
     pub(in crate::cli) method: Vec<Method>,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
-    /// Measure the standard deviations of `lsdc` too: how many errors they cover, and how well they
-    /// rank them.
+    /// Also evaluate the standard deviations of `lsdc`: how many errors they cover, and how well they
+    /// rank the errors.
     #[arg(long, help_heading = "Methods", hide_short_help = true)]
     pub(in crate::cli) uncertainty: bool,
-    /// Score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
-    /// named as `lsdc export` names frames; may be repeated.
+    /// Also score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
+    /// named like the frames of `lsdc export`; may be repeated.
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR", help_heading = "Methods", hide_short_help = true)]
     pub(in crate::cli) predictions: Vec<(String, PathBuf)>,
-    /// Measure only part I of N (I from 0); `lsdc report merge` joins the parts.
+    /// Evaluate only part I of N of the frames (I starts at 0); `lsdc report merge` merges the parts.
     #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N", help_heading = "Several machines", hide_short_help = true)]
     pub(in crate::cli) shard: Shard,
-    /// Folder for the report in every form, and for a journal: begun again, an evaluation goes on
-    /// where it stopped. A part writes to DIR/I-of-N.
+    /// Folder for the report in all formats, and for a journal, from which a restarted evaluation resumes.
+    /// A part of --shard writes to DIR/I-of-N.
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     pub(in crate::cli) output: Option<PathBuf>,
-    /// Replace existing files, and begin anew in a folder that holds another evaluation.
+    /// Replace existing files, and start again in a folder that holds another evaluation.
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) force: bool,
-    /// Write the whole report here.
+    /// Write the complete report to this file, as JSON.
     #[arg(
         long,
         value_name = "FILE",
@@ -63,7 +64,7 @@ pub(in crate::cli) struct Eval {
         hide_short_help = true
     )]
     pub(in crate::cli) json: Option<PathBuf>,
-    /// Write the scores of each frame here.
+    /// Write the scores of each frame to this file, as CSV.
     #[arg(
         long,
         value_name = "FILE",
@@ -71,7 +72,7 @@ pub(in crate::cli) struct Eval {
         hide_short_help = true
     )]
     pub(in crate::cli) csv: Option<PathBuf>,
-    /// Write a page with charts and pictures here.
+    /// Write an HTML page with charts and images to this file.
     #[arg(
         long,
         value_name = "FILE",
@@ -79,7 +80,7 @@ pub(in crate::cli) struct Eval {
         hide_short_help = true
     )]
     pub(in crate::cli) html: Option<PathBuf>,
-    /// Write every prediction here, as METHOD/seedN/FRAME.npy.
+    /// Write every prediction to this folder, as METHOD/seedN/FRAME.npy.
     #[arg(
         long,
         value_name = "DIR",
@@ -92,8 +93,8 @@ pub(in crate::cli) struct Eval {
 }
 
 impl Eval {
-    /// The folder of the outputs: a part has one of its own in it, so that all parts may be given
-    /// the same.
+    /// The output folder: each part of a sharded evaluation uses its own subfolder, so that all parts can be
+    /// given the same folder.
     pub(in crate::cli) fn folder(&self) -> Option<PathBuf> {
         let folder = self.output.clone()?;
         Some(match self.shard {
@@ -102,7 +103,7 @@ impl Eval {
         })
     }
 
-    /// Lays the flags over the configuration.
+    /// Overrides the configuration with the flags.
     pub(in crate::cli) fn apply(&self, eval: &mut EvalConfig) {
         self.draws.apply(eval);
         eval.points = self.points.clone().or(eval.points.take());
@@ -122,22 +123,22 @@ pub(in crate::cli) struct Export {
     /// Split of the dataset.
     #[arg(long, value_enum, default_value = "val")]
     pub(in crate::cli) split: Split,
-    /// Published protocol [default: that of the dataset].
+    /// Published protocol, as for `eval` [default: that of the dataset].
     #[arg(long, value_name = "NAME")]
     pub(in crate::cli) protocol: Option<String>,
-    /// Only this frame, counted from 0 [default: all].
+    /// Write only this frame, counted from 0 [default: all].
     #[arg(long, conflicts_with = "limit")]
     pub(in crate::cli) index: Option<usize>,
-    /// Only the first frames.
+    /// Write only the first N frames.
     #[arg(long, value_name = "N")]
     pub(in crate::cli) limit: Option<usize>,
-    /// Sparse points, as for `eval` [default: those of the protocol].
+    /// Sparse points, as for `eval` [default: as in the protocol].
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS")]
     pub(in crate::cli) points: Option<Pattern>,
-    /// Spoil points, as for `eval`.
+    /// Corrupt the points, as for `eval`.
     #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE")]
     pub(in crate::cli) noise: Option<Noise>,
-    /// Names the draw.
+    /// Seed of the random draw of points.
     #[arg(long, default_value_t = 0)]
     pub(in crate::cli) seed: u64,
     /// Folder for rgb/FRAME.png, sparse/FRAME.npy and gt/FRAME.npy.

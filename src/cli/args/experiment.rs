@@ -1,4 +1,4 @@
-//! What is typed to repeat the paper's experiments.
+//! Arguments of `experiment`.
 
 use super::values::{Chosen, named_folder};
 use super::{Draws, Model, Settings, Source};
@@ -8,18 +8,18 @@ use std::path::PathBuf;
 #[derive(Debug, ClapArgs)]
 #[command(
     after_help = "`lsdc experiment --help` shows every option.",
-    after_long_help = "docs/experiments.md says more."
+    after_long_help = "See docs/experiments.md for details."
 )]
 pub(in crate::cli) struct Experiments {
-    /// Which: benchmark (table 1), ablation (N and E, trains), points, scale, noise, kernels,
-    /// resolution (table 3), diode (table 4), cost (table 5), or all.
+    /// Experiments to run: benchmark (table 1), ablation (of N and E, with training), points, scale, noise,
+    /// kernels, resolution (table 3), diode (table 4), cost (table 5), or all.
     #[arg(required = true, value_enum, hide_possible_values = true)]
     pub(in crate::cli) names: Vec<Chosen>,
-    /// Folder for tables, pictures and one page, and for what has been measured: begun again,
-    /// experiments go on where they stopped.
+    /// Folder for tables, figures and the page, and for the measurements, from which a repeated command
+    /// resumes.
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     pub(in crate::cli) output: PathBuf,
-    /// Forget what has been measured there, and begin anew.
+    /// Discard the measurements in the output folder and start again.
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) force: bool,
     #[command(flatten)]
@@ -28,7 +28,7 @@ pub(in crate::cli) struct Experiments {
     pub(in crate::cli) source: Source,
     #[command(flatten)]
     pub(in crate::cli) draws: Draws,
-    /// Folder of DIODE, for experiment `diode`.
+    /// Folder of DIODE, for the experiment `diode`.
     #[arg(
         long,
         value_name = "DIR",
@@ -36,11 +36,11 @@ pub(in crate::cli) struct Experiments {
         hide_short_help = true
     )]
     pub(in crate::cli) diode: Option<PathBuf>,
-    /// Depth maps of another program for the benchmark, as for `eval`; may be repeated.
+    /// Depth maps of another program to include in the benchmark, as for `eval`; may be repeated.
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR", help_heading = "Input", hide_short_help = true)]
     pub(in crate::cli) predictions: Vec<(String, PathBuf)>,
-    /// Steps of each training of the ablation; everything else is said by --config [default recipe:
-    /// nyu-half.toml].
+    /// Training steps for each variant of the ablation; all other settings come from --config [default
+    /// recipe: nyu-half.toml].
     #[arg(
         long,
         value_name = "N",

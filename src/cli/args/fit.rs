@@ -1,38 +1,38 @@
-//! What is typed to fit otherwise than the weights say.
+//! Arguments that override the fit settings stored with the weights.
 
 use super::values::{NamedFit, Robustness, prior_kind, space, typed};
 use clap::Args as ClapArgs;
 use lsdc_core::fit::{FitConfig, FitMethod, Lambda, PriorKind, Space};
 
-/// Settings of the fit, laid over those of the weights.
+/// Settings of the fit, which override those stored with the weights.
 #[derive(Clone, Debug, ClapArgs)]
 pub(in crate::cli) struct FitFlags {
-    /// What depth is made of: lse (the paper's basis functions), field (one that is smooth but for
-    /// the image's edges), joint (both) [default: as the weights say].
+    /// Model of depth: lse (basis functions, as in the paper), field (smooth except across edges of
+    /// the image), joint (both) [default: as stored with the weights].
     #[arg(long = "fit", value_parser = typed::<NamedFit>, value_name = "METHOD", help_heading = "Fit", hide_short_help = true)]
     fit_method: Option<NamedFit>,
-    /// Fit without following outliers [default: as the weights say].
+    /// Robust loss, which limits the influence of outliers [default: as stored with the weights].
     #[arg(long, value_enum, value_name = "LOSS", help_heading = "Fit")]
     robust: Option<Robustness>,
-    /// What is assumed before any depth is seen: none (the paper's fit), flat, learned [default: as
-    /// the weights say].
+    /// Prior over the weights of the basis functions: none (the paper's fit), flat, learned [default: as
+    /// stored with the weights].
     #[arg(long, value_parser = prior_kind(), help_heading = "Fit", hide_short_help = true)]
     prior: Option<PriorKind>,
-    /// What basis functions add up to: depth, log, inverse [default: as the weights say].
+    /// What the basis functions represent: depth, log (its logarithm), inverse (its inverse) [default: as
+    /// stored with the weights].
     #[arg(long, value_parser = space(), help_heading = "Fit", hide_short_help = true)]
     space: Option<Space>,
 }
 
 impl FitFlags {
-    /// What is said of an old name.
+    /// The notice about a renamed option.
     pub(in crate::cli) fn remark(&self) -> Option<&'static str> {
         self.fit_method?.remark()
     }
 
-    /// Lays the flags over settings. A field is one of depths, and a learned prior one over weights
-    /// of depths: in another space basis functions alone and the flat prior take their places. A
-    /// lambda that was chosen for basis functions beside a field says nothing of basis functions
-    /// alone, and the reverse.
+    /// Overrides settings with the flags. The field and the learned prior exist for depth only: in another
+    /// space, basis functions alone and the flat prior replace them. A lambda chosen for basis functions
+    /// with a field does not apply to basis functions alone, and vice versa.
     pub(in crate::cli) fn apply(&self, fit: &mut FitConfig) {
         fit.robust = self.robust.map_or(fit.robust, Robustness::settings);
         fit.space = self.space.unwrap_or(fit.space);

@@ -1,4 +1,4 @@
-//! What is typed to look at files, and to learn the program by heart.
+//! Arguments of `inspect`, `completions` and `man`.
 
 use super::values::typed;
 use super::{Settings, Source};
@@ -9,25 +9,25 @@ use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(in crate::cli) struct Inspect {
-    /// Images, depth maps, tables of points, clouds, cameras, weights, folders of a model of COLMAP.
+    /// Images, depth maps, point tables, point clouds, camera files, weights files, COLMAP model folders.
     #[arg(required_unless_present = "dataset")]
     pub(in crate::cli) files: Vec<PathBuf>,
-    /// Unit of stored depths, as in `complete` [default: mm for integers, m for other numbers].
+    /// Unit of the stored depths, as for `complete` [default: mm for integers, m for other numbers].
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT")]
     pub(in crate::cli) depth_unit: Option<Unit>,
-    /// Draw depth maps on the terminal, in colours.
+    /// Show depth maps in the terminal, in colour.
     #[arg(long)]
     pub(in crate::cli) show: bool,
-    /// Draw the basis functions of an image into this file (.svg or .png), by --weights.
+    /// Plot the basis functions of an image to this file (.svg or .png), with the weights of --weights.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["json", "show"])]
     pub(in crate::cli) bases: Option<PathBuf>,
-    /// Weights for --bases, as `lsdc complete` takes them.
+    /// Weights for --bases, given as for `lsdc complete`.
     #[arg(long, value_name = "FILE", requires = "bases")]
     pub(in crate::cli) weights: Option<PathBuf>,
     /// Replace an existing file.
     #[arg(long, requires = "bases")]
     pub(in crate::cli) force: bool,
-    /// Print one JSON object to a file.
+    /// Print one JSON object per file.
     #[arg(long)]
     pub(in crate::cli) json: bool,
     #[command(flatten)]
@@ -38,14 +38,14 @@ pub(in crate::cli) struct Inspect {
 
 #[derive(Debug, ClapArgs)]
 pub(in crate::cli) struct Completions {
-    /// The shell that is to complete what is typed.
+    /// The shell to write the completion script for.
     #[arg(value_enum)]
     pub(in crate::cli) shell: Shell,
 }
 
 #[derive(Debug, ClapArgs)]
 pub(in crate::cli) struct Manual {
-    /// Folder for the pages, one to a command.
+    /// Folder for the pages, one per command.
     #[arg(short, long, value_name = "DIR")]
     pub(in crate::cli) output: PathBuf,
 }

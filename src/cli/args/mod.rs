@@ -1,4 +1,4 @@
-//! What can be typed.
+//! Command-line arguments.
 
 mod completion;
 mod evaluation;
@@ -27,10 +27,10 @@ use std::path::PathBuf;
 #[derive(Debug, Parser)]
 #[command(name = "lsdc", version, max_term_width = 100)]
 pub(super) struct Args {
-    /// Say more (-v: progress of the parts, -vv: everything); RUST_LOG overrides.
+    /// Print more messages (-v: progress of each stage, -vv: everything); RUST_LOG overrides this.
     #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = "Messages", hide_short_help = true)]
     pub(super) verbose: u8,
-    /// Print nothing but what was asked for and errors.
+    /// Print only requested output, warnings and errors.
     #[arg(
         short,
         long,
@@ -46,15 +46,15 @@ pub(super) struct Args {
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// Complete the depth of images.
+    /// Complete sparse depths to dense depth maps.
     Complete(Box<Complete>),
-    /// Say what is in a file: kind, size, units, coverage, range.
+    /// Show what is in a file: type, size, units, coverage, range.
     Inspect(Inspect),
-    /// Measure methods on a dataset.
+    /// Evaluate methods on a dataset.
     Eval(Box<Eval>),
-    /// Repeat the paper's experiments: tables, pictures, and one page of all.
+    /// Repeat the paper's experiments: tables, figures, and one page with all results.
     Experiment(Box<Experiments>),
-    /// Join and show reports.
+    /// Merge and show reports.
     #[command(subcommand)]
     Report(ReportCommand),
     /// Train a network.
@@ -62,23 +62,23 @@ pub(super) enum Command {
     /// List, describe and convert weights.
     #[command(subcommand)]
     Weights(WeightsCommand),
-    /// Learn which weights are likely, and how far predictions are off: what training does after
-    /// its last step, for weights that exist.
+    /// Learn the prior over the weights of the basis functions and calibrate the standard deviations, as
+    /// training does after its last step, for an existing weights file.
     Calibrate(Calibrate),
-    /// Write frames of a dataset at the protocol's size, with the points of `eval`, as files.
+    /// Write frames of a dataset to files, at the protocol's size and with the points of `eval`.
     Export(Export),
     /// Measure how fast this machine completes depth.
     Bench(Bench),
     /// Print every setting with its value.
     Config(Settings),
-    /// Print a script that completes what is typed, for a shell to source.
+    /// Print a shell completion script, for the shell to source.
     Completions(Completions),
     /// Write man pages.
     Man(Manual),
 }
 
 impl Command {
-    /// What is said of an old name that was typed.
+    /// The notice about a renamed option.
     pub(super) fn remark(&self) -> Option<&'static str> {
         match self {
             Self::Complete(args) => args.fit.remark(),
@@ -92,7 +92,7 @@ impl Command {
 
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct Model {
-    /// Weights file, or a name that `lsdc weights list` shows [default: the most accurate of those].
+    /// Weights file, or a name listed by `lsdc weights list` [default: the most accurate of these].
     #[arg(
         long,
         value_name = "FILE",
@@ -100,7 +100,7 @@ pub(super) struct Model {
         hide_short_help = true
     )]
     pub(super) weights: Option<PathBuf>,
-    /// Where to compute: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray.
+    /// Compute device: cpu, wgpu, wgpu:N, wgpu:integrated, wgpu:software, ndarray.
     #[arg(
         long,
         default_value = "cpu",
@@ -111,10 +111,10 @@ pub(super) struct Model {
     pub(super) device: String,
 }
 
-/// Settings, in rising order: built-in, file, --set, flags.
+/// Settings; later ones take precedence: built-in, file, --set, flags.
 #[derive(Debug, ClapArgs)]
 pub(super) struct Settings {
-    /// Configuration file, or the name of a built-in one (nyu.toml, nyu-half.toml, nyu-bases.toml,
+    /// Configuration file, or the name of a built-in configuration (nyu.toml, nyu-half.toml, nyu-bases.toml,
     /// nyu-affinities.toml, nyu-joint.toml, smoke.toml).
     #[arg(long, value_name = "FILE", help_heading = "Settings")]
     pub(super) config: Option<PathBuf>,
@@ -130,15 +130,15 @@ pub(super) struct Settings {
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct Source {
-    /// Dataset.
+    /// Dataset format.
     #[arg(long, value_enum, help_heading = "Input")]
     pub(super) dataset: Option<DatasetKind>,
-    /// Folder of the dataset [default: `data.root` of the configuration, or LSDC_DATA].
+    /// Folder (or file) of the dataset [default: `data.root` of the configuration, or LSDC_DATA].
     #[arg(long, value_name = "DIR", help_heading = "Input")]
     pub(super) root: Option<PathBuf>,
 }
 
-/// Which frames are measured, and which points of them.
+/// Which frames are evaluated, and with which points.
 #[derive(Debug, ClapArgs)]
 pub(super) struct Draws {
     /// Split of the dataset.
@@ -159,10 +159,10 @@ pub(super) struct Draws {
         hide_short_help = true
     )]
     protocol: Option<String>,
-    /// Names the first draw of points; the same for every method [default: 0].
+    /// Seed of the first random draw of points, which is the same for every method [default: 0].
     #[arg(long, help_heading = "Protocol", hide_short_help = true)]
     seed: Option<u64>,
-    /// Draws of points, with consecutive seeds [default: 1].
+    /// Number of random draws of points, with consecutive seeds [default: 1].
     #[arg(
         long,
         value_name = "N",
@@ -170,7 +170,7 @@ pub(super) struct Draws {
         hide_short_help = true
     )]
     seeds: Option<usize>,
-    /// Measure only the first frames.
+    /// Evaluate only the first N frames.
     #[arg(
         long,
         value_name = "N",
@@ -181,7 +181,7 @@ pub(super) struct Draws {
 }
 
 impl Draws {
-    /// Lays the flags over the configuration.
+    /// Overrides the configuration with the flags.
     pub(super) fn apply(&self, eval: &mut EvalConfig) {
         eval.preset = self.protocol.clone().or(eval.preset.take());
         eval.seed = self.seed.unwrap_or(eval.seed);

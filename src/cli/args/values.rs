@@ -1,4 +1,4 @@
-//! How values are read from text.
+//! Parsing of argument values.
 
 use crate::data::{DatasetKind, Split};
 use crate::error::{Error, Result};
@@ -12,7 +12,7 @@ use lsdc_core::fit::{FitMethod, Loss, PriorKind, Robust, Space};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Reads a value; what is wrong comes with the hint.
+/// Parses a value; the error includes the hint.
 pub(super) fn typed<T: FromStr<Err = Error>>(text: &str) -> std::result::Result<T, String> {
     text.parse().map_err(|error: Error| match error.advice() {
         Some(hint) => format!("{error}; {hint}"),
@@ -66,12 +66,12 @@ pub(super) fn range(text: &str) -> Result<(f32, f32)> {
         .ok_or_else(|| Error::config(format!("`{text}` is no range of depths")).hint("as in 0.5,8"))
 }
 
-/// An experiment, or all.
+/// An experiment, or all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::cli) struct Chosen(Option<Experiment>);
 
 impl Chosen {
-    /// The experiments that are meant, each once, in the order of the page.
+    /// The selected experiments, each once, in the order of the page.
     pub(in crate::cli) fn experiments(chosen: &[Self]) -> Vec<Experiment> {
         let meant = |e: &Experiment| chosen.iter().any(|c| c.0.is_none_or(|c| c == *e));
         Experiment::ALL.into_iter().filter(meant).collect()
@@ -117,21 +117,21 @@ macro_rules! by_name {
 pub(in crate::cli) enum Format {
     /// float32 in metres.
     Npy,
-    /// With standard deviations, if they are asked for.
+    /// Depths in metres, and standard deviations if requested.
     Npz,
     /// 16-bit millimetres.
     Png,
     /// 32-bit floats in metres.
     Tiff,
-    /// Channel Z in metres, and sigma, if it is asked for.
+    /// Channel Z in metres, and channel sigma if requested.
     Exr,
     /// In metres.
     Pfm,
-    /// Colours to look at.
+    /// A colour map.
     Color,
-    /// A cloud with colours.
+    /// A coloured point cloud.
     Ply,
-    /// What is said of the result.
+    /// A report on the result.
     Json,
 }
 
@@ -163,7 +163,7 @@ impl Format {
         }
     }
 
-    /// How names of such files end.
+    /// The suffix of the file names.
     pub(in crate::cli) fn end(self) -> &'static str {
         match self {
             Self::Npy => "depth.npy",
@@ -178,7 +178,7 @@ impl Format {
         }
     }
 
-    /// The format that a file's ending says.
+    /// The format selected by a file's extension.
     pub(in crate::cli) fn of(path: &Path) -> Option<Self> {
         let ending = path.extension()?.to_str()?.to_ascii_lowercase();
         let ending = if ending == "tif" { "tiff" } else { &ending };
@@ -194,7 +194,7 @@ by_name!(Format, Self::ALL);
 pub(super) struct Robustness(Option<Loss>);
 
 impl Robustness {
-    /// The settings that are meant.
+    /// The settings of this choice.
     pub(super) fn settings(self) -> Option<Robust> {
         self.0.map(Robust::new)
     }
@@ -220,7 +220,7 @@ by_name!(Preserve, Self::ALL);
 by_name!(Split, [Self::Train, Self::Val]);
 by_name!(DatasetKind, Self::ALL);
 
-/// One of some values, by their names.
+/// A parser for one of several named values.
 fn one_of<T: Copy + Send + Sync + 'static>(
     values: &'static [T],
     name: fn(T) -> &'static str,
@@ -241,10 +241,10 @@ pub(super) fn space() -> impl TypedValueParser<Value = Space> {
     one_of(&Space::ALL, Space::name)
 }
 
-/// What the field was called before; `--method wls` is something else.
+/// The deprecated name of the field; not to be confused with `--method wls`.
 const OLD_FIELD: &str = "wls";
 
-/// What depth is made of, by its name or an old one.
+/// A model of depth, by its current or deprecated name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::cli) struct NamedFit {
     pub(in crate::cli) method: FitMethod,
@@ -269,7 +269,7 @@ impl FromStr for NamedFit {
 }
 
 impl NamedFit {
-    /// What is said of an old name.
+    /// The notice about a deprecated name.
     pub(in crate::cli) fn remark(self) -> Option<&'static str> {
         self.by_old_name
             .then_some("`--fit wls` is called `--fit field` now")

@@ -1,27 +1,27 @@
-//! Lenses: how they move the picture of a point.
+//! Lens models: how distortion moves the image of a point.
 
-/// How a lens moves the picture of a point.
+/// A lens model: how distortion moves the image of a point.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Lens {
-    /// None.
+    /// No distortion.
     Pinhole,
-    /// Brown's radial and tangential distortion as in OpenCV: k1, k2, p1, p2, k3, k4, k5, k6.
-    /// Beyond the radius (the tangent of the angle), pictures fold back.
+    /// Brown's radial and tangential distortion as in OpenCV: k1, k2, p1, p2, k3, k4, k5, k6. Beyond a
+    /// certain radius (the tangent of the angle to the axis), the image folds back.
     #[non_exhaustive]
     Radtan {
         /// In the order of `OpenCV`.
         coefficients: [f64; 8],
-        /// Where pictures begin to fold back.
+        /// The radius at which the image begins to fold back.
         radius: f64,
     },
-    /// Kannala and Brandt (2006) as in OpenCV's fisheye module: k1 to k4. Beyond the angle, pictures
-    /// fold back.
+    /// The fisheye model of Kannala and Brandt (2006) as in OpenCV's fisheye module: k1 to k4. Beyond a
+    /// certain angle to the axis, the image folds back.
     #[non_exhaustive]
     Fisheye {
         /// In the order of `OpenCV`.
         coefficients: [f64; 4],
-        /// Where pictures begin to fold back.
+        /// The angle at which the image begins to fold back.
         angle: f64,
     },
 }
@@ -40,7 +40,7 @@ impl Lens {
         }
     }
 
-    /// The fisheye of Kannala and Brandt: k1 to k4.
+    /// The fisheye model of Kannala and Brandt: k1 to k4.
     pub fn fisheye(coefficients: [f64; 4]) -> Self {
         Self::Fisheye {
             coefficients,
@@ -50,7 +50,7 @@ impl Lens {
         }
     }
 
-    /// As files of cameras call it.
+    /// The name in camera files.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Pinhole => "pinhole",
@@ -59,7 +59,7 @@ impl Lens {
         }
     }
 
-    /// Where a ray through (x, y, 1) appears, in focal lengths from the centre.
+    /// The image position of a ray through (x, y, 1), in focal lengths from the principal point.
     pub(super) fn distort(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let square = x * x + y * y;
         match self {
@@ -96,7 +96,7 @@ impl Lens {
         }
     }
 
-    /// The ray that appears there, by Newton's method.
+    /// The ray of an image position, by Newton's method: the inverse of the distortion.
     pub(super) fn undistort(&self, seen: [f64; 2]) -> Option<[f64; 2]> {
         const DIFFERENCE: f64 = 1e-6;
         const NEAR: f64 = 1e-9;
@@ -130,7 +130,7 @@ impl Lens {
     }
 }
 
-/// The last value up to which pictures move outwards as rays do; infinite if that is `last`.
+/// The largest value up to which image positions move outwards with the rays; infinite if that is `last`.
 fn fold(last: f64, seen: impl Fn(f64) -> f64) -> f64 {
     /// Of the search.
     const STEPS: usize = 1000;
@@ -142,7 +142,7 @@ fn fold(last: f64, seen: impl Fn(f64) -> f64) -> f64 {
     }
 }
 
-/// How far from the centre a fisheye lens shows what is at an angle from the axis, in focal lengths.
+/// The distance from the principal point, in focal lengths, of a ray at an angle to the axis of a fisheye lens.
 fn fisheye_radius([k1, k2, k3, k4]: &[f64; 4], angle: f64) -> f64 {
     let s = angle * angle;
     angle * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))))

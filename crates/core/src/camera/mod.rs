@@ -1,4 +1,4 @@
-//! Cameras: where points appear in the image, and where pixels lie in space.
+//! Cameras: projection of points to the image, and back-projection of pixels.
 
 mod lens;
 
@@ -6,9 +6,9 @@ pub use lens::Lens;
 
 use crate::error::SettingsError;
 
-/// A calibrated camera at its place in the world.
+/// A calibrated camera with its pose in the world.
 ///
-/// Pixels count from the centre of the first, as in `OpenCV`; x points to the right, y down, z forwards.
+/// The centre of the first pixel is (0, 0), as in `OpenCV`; x points to the right, y down, z forwards.
 ///
 /// ```
 /// use lsdc_core::{Camera, Lens};
@@ -32,7 +32,7 @@ pub struct Camera {
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 impl Camera {
-    /// A camera without distortion at the origin, of focal lengths and a principal point in pixels.
+    /// A camera without distortion at the origin, with the given focal lengths and principal point in pixels.
     pub fn pinhole(focal: [f64; 2], center: [f64; 2]) -> Self {
         Self {
             focal,
@@ -43,13 +43,14 @@ impl Camera {
         }
     }
 
-    /// The same through a lens that distorts.
+    /// The same camera with a lens that distorts.
     #[must_use]
     pub fn with_lens(self, lens: Lens) -> Self {
         Self { lens, ..self }
     }
 
-    /// The same at another place: a point of the world is first rotated, row by row, then translated.
+    /// The same camera at another pose: a point of the world is first rotated (the matrix is given row by
+    /// row), then translated.
     #[must_use]
     pub fn with_pose(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
         Self {
@@ -59,8 +60,7 @@ impl Camera {
         }
     }
 
-    /// The camera of the same view on a grid of pixels of another size: so many times as many columns
-    /// and rows.
+    /// The camera for the same image at another resolution: `factors` scale the numbers of columns and rows.
     #[must_use]
     pub fn scaled(&self, factors: [f64; 2]) -> Self {
         let mut camera = self.clone();
@@ -86,7 +86,10 @@ impl Camera {
             return Err(SettingsError::new("a number of the camera is not finite"));
         }
         if !self.focal.iter().all(|length| *length > 0.0) {
-            let found = format!("the focal lengths {:?} of the camera are not above 0", self.focal);
+            let found = format!(
+                "the focal lengths {:?} of the camera are not above 0",
+                self.focal
+            );
             return Err(SettingsError::new(found));
         }
         let [x, y, z] = *rows;
@@ -97,8 +100,10 @@ impl Camera {
         let off = |found: f64, expected: f64| (found - expected).abs() > ROUNDING;
         let scales = rows.iter().any(|row| off(dot(*row, *row), 1.0)) || off(dot(x, y), 0.0);
         if scales || (0..3).any(|i| off(cross[i], z[i])) {
-            return Err(SettingsError::new("the pose of the camera mirrors or scales")
-                .with_hint("give the rows of a rotation"));
+            return Err(
+                SettingsError::new("the pose of the camera mirrors or scales")
+                    .with_hint("give the rows of a rotation"),
+            );
         }
         Ok(())
     }
@@ -113,18 +118,18 @@ impl Camera {
         self.center
     }
 
-    /// What the lens does.
+    /// The lens model.
     pub fn lens(&self) -> &Lens {
         &self.lens
     }
 
-    /// Rotation, row by row, and translation from the world to the camera.
+    /// The rotation, row by row, and the translation from the world to the camera.
     pub fn pose(&self) -> ([[f64; 3]; 3], [f64; 3]) {
         (self.rotation, self.translation)
     }
 
-    /// Pixel (column, row) and depth of a point of the world; `None` behind the camera and where the
-    /// lens does not look.
+    /// The pixel (column, row) and depth of a point of the world; `None` behind the camera and outside the
+    /// valid field of view of the lens.
     pub fn project(&self, point: [f64; 3]) -> Option<([f64; 2], f64)> {
         let mut place = self.translation;
         for (coordinate, row) in place.iter_mut().zip(&self.rotation) {
@@ -139,8 +144,8 @@ impl Camera {
         pixel.iter().all(|v| v.is_finite()).then_some((pixel, z))
     }
 
-    /// The point of the world at a pixel (column, row) and depth; `None` where the lens does not
-    /// look.
+    /// The point of the world at a pixel (column, row) and depth; `None` outside the valid field of view of
+    /// the lens.
     pub fn unproject(&self, pixel: [f64; 2], depth: f64) -> Option<[f64; 3]> {
         let seen = [0, 1].map(|axis| (pixel[axis] - self.center[axis]) / self.focal[axis]);
         let [x, y] = self.lens.undistort(seen)?;

@@ -1,4 +1,4 @@
-//! Point clouds as a camera sees them.
+//! Point clouds as seen by a camera.
 
 mod occlusion;
 mod surface;
@@ -10,24 +10,24 @@ use crate::observations::{Observation, Observations};
 use occlusion::remove_hidden;
 pub use surface::{fronts, is_behind};
 
-/// What a camera sees of a point cloud, and what it does not see.
+/// The points of a cloud that a camera sees, and counts of those that it does not see.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Cloud {
-    /// The points that it sees, at their places in the image.
+    /// The visible points, at their image positions.
     pub observations: Observations,
-    /// Points whose coordinates are not finite.
+    /// Number of points whose coordinates are not finite.
     pub invalid: usize,
-    /// Points behind the camera or outside the image.
+    /// Number of points behind the camera or outside the image.
     pub outside: usize,
-    /// Points behind nearer surfaces.
+    /// Number of points occluded by nearer surfaces.
     pub hidden: usize,
 }
 
 impl Cloud {
-    /// The points of a cloud, in the unit of the camera's pose, in an image of `width` x `height` pixels.
-    /// Points that nearer surfaces hide are left out; some remain where these are sparse, which a robust
-    /// fit leaves little weight.
+    /// Projects the points of a cloud, in the unit of the camera's pose, into an image of `width` x `height`
+    /// pixels. Points occluded by nearer surfaces are left out. Where the nearer points are sparse, some
+    /// occluded points remain; a robust fit gives them little weight.
     ///
     /// # Errors
     /// An implausible size, or a camera with [numbers that cannot be](Camera::check).
@@ -79,7 +79,7 @@ impl Cloud {
     }
 }
 
-/// The index of the pixel that holds a place, if an image of `size` (width, height) does.
+/// The index of the pixel that contains a position, if it is inside an image of `size` (width, height).
 pub fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize> {
     let within = |place: f64, length: usize| {
         let place = (place + 0.5).floor();
@@ -88,9 +88,9 @@ pub fn pixel([u, v]: [f64; 2], (width, height): (usize, usize)) -> Option<usize>
     Some(within(v, height)? * width + within(u, width)?)
 }
 
-/// Takes out what nearer surfaces hide in the same pixel of an image of `size` (width, height) and,
-/// `between` the points of a cloud, around it, and returns how many points that were. What is left does
-/// not depend on the order of the points.
+/// Removes the points that are occluded by nearer surfaces in the same pixel of an image of `size` (width,
+/// height) and, with `between`, by the points of a cloud around them; returns the number of removed points.
+/// The result does not depend on the order of the points.
 pub fn retain_visible(
     points: &mut Vec<Observation>,
     (width, height): (usize, usize),

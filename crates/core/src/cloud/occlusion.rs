@@ -1,20 +1,20 @@
-//! Points of a cloud that a camera sees between nearer ones, through what is a closed surface.
+//! Removal of occluded points that show between the nearer points of a closed surface.
 
 use super::surface::NEARER;
 use rayon::prelude::*;
 
-/// Sectors around a point, and in how many of them nearer points must lie. At a straight edge they
-/// lie in half of them.
+/// The number of sectors around a point, and in how many of them nearer points must lie for it to be
+/// occluded. At a straight edge, they lie in half of the sectors.
 const SECTORS: usize = 8;
 const HIDING: u32 = 6;
-/// Half the side of the window, in mean distances between points, and its bounds in pixels: where
-/// points are farther apart, what lies between them may be open.
+/// Half the side of the window, in mean distances between points, and its bounds in pixels: where points are
+/// farther apart, the space between them may really be open.
 const REACH: f64 = 3.0;
 const BOUNDS: (usize, usize) = (1, 12);
 
-/// Takes out what is hidden and returns how many points that were. A point is hidden if nearer ones
-/// surround it (after Pintus, Gobbetti and Agus 2011, "Real-time rendering of massive unstructured
-/// raw point clouds using screen-space operators", with sectors that count instead of their angles).
+/// Removes occluded points and returns their number. A point is occluded if nearer points surround it (after
+/// Pintus, Gobbetti and Agus 2011, "Real-time rendering of massive unstructured raw point clouds using
+/// screen-space operators", but counting sectors instead of measuring angles).
 pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
     let height = depths.len() / width.max(1);
     let reach = reach(width, depths);
@@ -47,7 +47,7 @@ pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
     hidden.len()
 }
 
-/// Half the side of the window, by how dense the points are where there are any.
+/// Half the side of the window, from the density of the points in the areas that have any.
 fn reach(width: usize, depths: &[f32]) -> usize {
     /// Cells of that many pixels a side are covered or not.
     const CELL: usize = 16;
@@ -65,7 +65,7 @@ fn reach(width: usize, depths: &[f32]) -> usize {
     ((REACH * distance).round() as usize).clamp(BOUNDS.0, BOUNDS.1)
 }
 
-/// The sector of each place in the window.
+/// The sector of each position in the window.
 struct Directions {
     side: usize,
     sectors: Vec<u8>,

@@ -1,15 +1,15 @@
-//! Which points of one pixel lie on its nearest surface.
+//! Which points within one pixel lie on its nearest surface.
 
 use crate::observations::Observation;
 
-/// How much nearer a surface must be to hide a point: its share of the depth.
+/// By which share of the depth a surface must be nearer to occlude a point.
 pub(super) const NEARER: f32 = 0.05;
 
-/// By how many standard deviations two depths must differ to be two surfaces.
+/// By how many standard deviations two depths must differ to belong to two surfaces.
 const SURE: f32 = 3.0;
 
-/// The depth up to which the nearest surface of each pixel reaches, infinite where there is none.
-/// A point whose standard deviation is large says little about where the surface is.
+/// The depth up to which the nearest surface of each pixel extends, infinite where there is none. A point
+/// with a large standard deviation says little about where the surface is.
 pub fn fronts<'a>(
     points: impl Iterator<Item = (usize, &'a Observation)>,
     pixels: usize,

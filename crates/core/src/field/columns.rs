@@ -1,9 +1,9 @@
-//! Lower triangles, packed.
+//! Packed lower triangular matrices.
 
 use faer::Mat;
 use std::ops::Range;
 
-/// Some columns of a lower triangle, each from the diagonal on.
+/// Some columns of a lower triangular matrix, each from the diagonal on.
 #[derive(Clone, Debug)]
 pub(super) struct Columns {
     values: Vec<f64>,
@@ -12,7 +12,7 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    /// Of a square matrix that lies column by column.
+    /// Columns of a square matrix stored column by column.
     pub(super) fn of(matrix: &[f64], size: usize, columns: Range<usize>) -> Self {
         let (count, length) = (columns.len(), size - columns.start);
         let mut values = Vec::with_capacity(start(length, count));
@@ -44,7 +44,7 @@ impl Columns {
     }
 }
 
-/// Where column `j` begins if the first has so many values.
+/// Where column `j` begins if the first column has `length` values.
 fn start(length: usize, j: usize) -> usize {
     j * length - j * j.saturating_sub(1) / 2
 }

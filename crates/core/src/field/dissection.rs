@@ -1,4 +1,4 @@
-//! How a grid is cut.
+//! Nested dissection: the order in which the pixels of a grid are eliminated.
 
 /// A rectangle of pixels.
 #[derive(Clone, Copy, Debug)]

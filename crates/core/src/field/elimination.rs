@@ -1,4 +1,4 @@
-//! The elimination, region by region: from leaves to lines between halves.
+//! The elimination, region by region: from the leaves to the separating lines between halves.
 
 use super::columns::Columns;
 use super::dense::{add_product, factorise};
@@ -8,13 +8,13 @@ use super::{Grid, Sites};
 use faer::{Mat, MatMut};
 use lsdc_kernels::simd::Level;
 
-/// Regions with more points eliminate these, and bring in the columns instead.
+/// Regions with more points than this eliminate them and introduce the columns instead.
 const MOST_POINTS: usize = 150;
 
-/// Halves of larger regions are eliminated in parallel.
+/// The halves of regions larger than this are eliminated in parallel.
 const FORK: usize = 2048;
 
-/// What is left of a region.
+/// What remains of an eliminated region.
 pub(super) struct Part {
     /// In the order of elimination.
     pub(super) fronts: Vec<Front>,

@@ -1,4 +1,4 @@
-//! What one step of the elimination leaves: some columns of the Cholesky factor.
+//! The result of one elimination step: some columns of the Cholesky factor.
 
 use super::columns::Columns;
 

@@ -1,17 +1,18 @@
-//! A smooth field on a grid of pixels, observed at some of them: the minimum of
+//! A smooth field on a pixel grid, observed at some positions: the minimum of
 //!
 //! > sum over neighbours c_ij (y_i - y_j)^2 + level sum over pixels y_i^2
 //! > + sum over observations a_p (s_p . y - t_p)^2
 //!
-//! for targets t that are combinations of given columns; s_p reads the field between the pixels around
-//! a place, bilinearly. Solved directly, by Cholesky factorisation
-//! in the order of nested dissection (George 1973): a grid is cut in halves by a line of pixels,
-//! the halves are eliminated first, in parallel, and the line last. Points are eliminated where
-//! more than a few have gathered, so that the columns meet only the last and largest steps.
+//! for targets t that are linear combinations of given columns; s_p interpolates the field bilinearly between
+//! the pixels around a position. It is solved directly, by Cholesky factorisation in the order of nested
+//! dissection (George 1973): the grid is cut into halves by a line of pixels, the halves are eliminated
+//! first, in parallel, and the line last. The points are eliminated wherever a region holds more than a few
+//! of them, so that the columns enter only the last and largest steps.
 //!
-//! An observation on a pixel's centre waits as that pixel. One between pixels waits as a variable of
-//! its own, z, with `2 a (s . y - z)^2 + 2 a (z - t)^2`: its minimum over z is `a (s . y - t)^2`, and
-//! the pixels around it can be eliminated in their turn.
+//! An observation at a pixel's centre is carried by the variable of that pixel until it is eliminated. An
+//! observation between pixels is carried by an additional variable z, with the terms
+//! `2 a (s . y - z)^2 + 2 a (z - t)^2`: their minimum over z is `a (s . y - t)^2`, and the pixels around the
+//! position can be eliminated in their usual order.
 
 mod columns;
 mod dense;
@@ -31,46 +32,46 @@ use faer::Mat;
 use front::Front;
 use lsdc_kernels::simd::Level;
 
-/// How strongly neighbours are joined, `[height * width]` each, none negative.
+/// The affinities of neighbouring pixels, `[height * width]` each, none negative.
 #[derive(Clone, Copy, Debug)]
 pub struct Grid<'a> {
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Of each pixel and its right neighbour; the last column is not read.
+    /// Affinity of each pixel with its right neighbour; the last column is not used.
     pub right: &'a [f64],
-    /// Of each pixel and the one below; the last row is not read.
+    /// Affinity of each pixel with the one below; the last row is not used.
     pub down: &'a [f64],
-    /// How strongly each pixel is held at 0; 0 = not at all.
+    /// Strength of the pull of each pixel towards 0; 0 = none.
     pub level: f64,
 }
 
-/// Where and how a field is observed.
+/// The observations of a field.
 #[derive(Clone, Copy, Debug)]
 pub struct Observations<'a> {
-    /// Between which pixels each lies.
+    /// The pixels that each observation is interpolated from.
     pub taps: &'a [Taps],
-    /// How much each counts, above 0.
+    /// The weight of each observation, above 0.
     pub weights: &'a [f64],
-    /// What the targets are combinations of, `[observations, columns]`, row by row.
+    /// The columns whose combinations are the targets, `[observations, columns]`, row by row.
     pub columns: &'a [f64],
     /// The number of columns.
     pub count: usize,
 }
 
-/// A factorised field: what any combination of the columns gives costs next to nothing.
+/// A factorised field: solving for any combination of the columns costs almost nothing.
 #[derive(Clone, Debug)]
 pub struct Field {
     fronts: Vec<Front>,
     pixels: usize,
-    /// Pixels, and observations between them.
+    /// Number of variables: pixels, and observations between them.
     variables: usize,
     moments: Mat<f64>,
     carriers: Vec<Carrier>,
 }
 
-/// The variable that stands for an observation until its column comes in.
+/// The variable that carries an observation until the columns are introduced.
 #[derive(Clone, Copy, Debug)]
 struct Carrier {
     variable: u32,
@@ -166,12 +167,11 @@ impl<'a> Sites<'a> {
 }
 
 impl Field {
-    /// Factorises, or `None` if the numbers are not finite, a weight is not above 0, or there is
-    /// no
-    /// observation.
+    /// Factorises the equations. Returns `None` if values are not finite, a weight is not above 0, or there
+    /// is no observation.
     ///
     /// # Panics
-    /// If lengths do not go together or a pixel is outside the grid.
+    /// If lengths do not match or a pixel is outside the grid.
     pub fn new(grid: &Grid<'_>, seen: &Observations<'_>) -> Option<Self> {
         let pixels = grid.height * grid.width;
         assert_eq!([grid.right.len(), grid.down.len()], [pixels; 2], "grid");
@@ -200,8 +200,8 @@ impl Field {
         })
     }
 
-    /// `columns^T C columns` (lower half), C being the inverse covariance of the targets: what is
-    /// left of the sum above at its minimum over y, for targets `columns x`, is `x^T moments x`.
+    /// `columns^T C columns` (lower half), where C is the inverse covariance of the targets: for targets
+    /// `columns x`, the minimum of the sum above over y is `x^T moments x`.
     pub fn moments(&self) -> &Mat<f64> {
         &self.moments
     }
@@ -211,7 +211,7 @@ impl Field {
         self.substitute(&vec![0.0; self.variables], x)
     }
 
-    /// The answer of the equations of y, for a right-hand side at every pixel.
+    /// The solution of the equations for y, for a right-hand side at every pixel.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let columns = self.moments.ncols();
         let mut values = right.to_vec();

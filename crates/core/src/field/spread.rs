@@ -1,5 +1,5 @@
-//! How certain a field is: diagonal blocks of the inverse of its equations, from the last front
-//! back to the first (Takahashi, Fagan and Chin 1973).
+//! The variances of a field: diagonal blocks of the inverse of its equations, computed from the last front
+//! back to the first (selected inversion: Takahashi, Fagan and Chin 1973).
 
 use super::front::Front;
 use super::{Carrier, FORK, Field};
@@ -8,7 +8,7 @@ use faer::linalg::triangular_solve::{
 };
 use faer::{Mat, MatRef, Par};
 
-/// Where something is asked of a field.
+/// Where variances and responses are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reach {
     /// At the observations.
@@ -17,27 +17,29 @@ pub enum Reach {
     Pixels,
 }
 
-/// Some places of a field.
+/// Variances and responses of a field at some positions.
 #[derive(Clone, Debug)]
 pub struct Spread {
-    /// Which: pixels `y * width + x`, or observations in the order in which they were given.
+    /// The positions: pixels `y * width + x`, or indices of observations in the order in which they were
+    /// given.
     pub places: Vec<u32>,
-    /// The variance of the field at each, given the targets: for pixels the diagonal of the inverse of
-    /// the equations.
+    /// The variance of the field at each position, given the targets: for pixels, the diagonal of the inverse
+    /// of the equations.
     pub variances: Vec<f64>,
-    /// What the field is for each combination of the columns as targets, `[places, combinations]`.
+    /// The value of the field at each position, with each combination of the columns as targets,
+    /// `[places, combinations]`.
     pub responses: Mat<f64>,
 }
 
-/// What is known of variables that are eliminated later.
+/// Covariance and responses of the variables that are eliminated later.
 struct Known {
     covariance: Mat<f64>,
     responses: Mat<f64>,
 }
 
 impl Field {
-    /// Variances, and responses to combinations `[columns, combinations]`. Places come in any
-    /// order, each once. `columns` are those of the observations.
+    /// Variances, and responses to combinations `[columns, combinations]`. Positions come in any order, each
+    /// once. `columns` are those of the observations.
     pub fn spreads(
         &self,
         columns: &[f64],

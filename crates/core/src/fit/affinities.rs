@@ -1,11 +1,11 @@
-//! How strongly pixels are joined, and the field that this gives.
+//! Affinities (how strongly neighbouring pixels are tied together), and the smooth field that they define.
 
 use crate::bilinear::{Taps, neighbours};
 use crate::error::FitError;
 use crate::field::Grid;
 use rayon::prelude::*;
 
-/// How strongly the pixels of an image are joined to their neighbours.
+/// The affinities of the pixels of an image with their neighbours.
 #[derive(Clone, Debug)]
 pub struct Affinities {
     height: usize,
@@ -15,10 +15,10 @@ pub struct Affinities {
 }
 
 impl Affinities {
-    /// From `[height, width, 2]`: of each pixel and its right neighbour, and the one below.
+    /// Affinities from `[height, width, 2]`: of each pixel with its right neighbour, and with the one below.
     ///
     /// # Errors
-    /// Not as many values, or one that is negative or not finite.
+    /// The wrong number of values, or a value that is negative or not finite.
     pub fn new((height, width): (usize, usize), values: &[f32]) -> Result<Self, FitError> {
         if values.len() != 2 * height * width {
             return Err(FitError::Shape(format!(
@@ -46,7 +46,7 @@ impl Affinities {
         (self.height, self.width)
     }
 
-    /// The grid of a field.
+    /// The grid of a field with these affinities.
     pub fn grid(&self, level: f64) -> Grid<'_> {
         Grid {
             height: self.height,
@@ -57,7 +57,7 @@ impl Affinities {
         }
     }
 
-    /// The pixel that holds a place (u, v) of an image of `size` (height, width).
+    /// The pixel that contains a position (u, v) of an image of `size` (height, width).
     pub(super) fn pixel(&self, [u, v]: [f64; 2], size: (usize, usize)) -> u32 {
         let within = |place: f64, from: usize, to: usize| {
             let scaled = (place + 0.5) * to as f64 / from.max(1) as f64;
@@ -70,23 +70,23 @@ impl Affinities {
         (row * self.width + column) as u32
     }
 
-    /// Between which pixels a place (u, v) of an image of `size` (height, width) lies.
+    /// The pixels that a position (u, v) of an image of `size` (height, width) is interpolated from.
     pub(super) fn taps(&self, place: [f64; 2], size: (usize, usize)) -> Taps {
         Taps::new(place, size, self.size())
     }
 }
 
-/// The affinities of the image that points lie in, and the height and width in which their places
-/// count.
+/// The affinities of the image that the points lie in, and the height and width in whose pixels their
+/// positions are given.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene<'a> {
-    /// Of the image, at any size.
+    /// Affinities of the image, at any resolution.
     pub affinities: &'a Affinities,
-    /// Of the image that the points lie in.
+    /// Height and width of the image that the points lie in.
     pub size: (usize, usize),
 }
 
-/// A smooth field, read at any size.
+/// A smooth field, which can be evaluated at any resolution.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Smooth {
     height: usize,
@@ -104,15 +104,14 @@ impl Smooth {
         }
     }
 
-    /// The field at a place (u, v) of an image of `size` (height, width).
+    /// The value of the field at a position (u, v) of an image of `size` (height, width).
     pub fn at(&self, place: [f64; 2], size: (usize, usize)) -> f64 {
         let taps = Taps::new(place, size, (self.height, self.width));
         let value = |(pixel, share): (u32, f64)| share * f64::from(self.values[pixel as usize]);
         taps.iter().map(value).sum()
     }
 
-    /// Adds the field to a map of `size` (height, width), by bilinear interpolation between pixel
-    /// centres.
+    /// Adds the field to a map of `size` (height, width), by bilinear interpolation between pixel centres.
     pub fn add_to(&self, size: (usize, usize), map: &mut [f32]) {
         let axis = |i: usize, from: usize, to: usize| {
             let (low, high, share) = neighbours(i as f64, from, to);

@@ -6,16 +6,16 @@ use crate::error::SettingsError;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 
-/// What is assumed of the weights before any depth is seen.
+/// The prior over the weights of the basis functions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PriorKind {
-    /// Nothing: the paper's fit, or a ridge.
+    /// None: the paper's fit, or a ridge.
     #[default]
     None,
-    /// Equal variances, the constant free.
+    /// Equal variances, with the constant unpenalised.
     Flat,
-    /// Mean and covariance over training images, which the weights file holds.
+    /// Mean and covariance over the training images, stored in the weights file.
     Learned,
 }
 
@@ -33,17 +33,17 @@ impl PriorKind {
     }
 }
 
-/// What depth is made of.
+/// The model of depth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FitMethod {
     /// Basis functions alone: the paper's least squares.
     #[default]
     Lse,
-    /// A field that is smooth but for edges, alone; earlier versions called it "wls".
+    /// A field alone, which is smooth except across edges; earlier versions called it "wls".
     #[serde(alias = "wls")]
     Field,
-    /// Both, fitted together.
+    /// Both, fitted jointly.
     Joint,
 }
 
@@ -61,29 +61,29 @@ impl FitMethod {
     }
 }
 
-/// How weights are found; the defaults are the paper's.
+/// How the weights of the basis functions are found; the defaults are the paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitConfig {
-    /// What depth is made of: "lse" (the paper's basis functions), "field" (one that is smooth but
-    /// for edges) or "joint" (both).
+    /// The model of depth: "lse" (basis functions, as in the paper), "field" (smooth except across edges) or
+    /// "joint" (both).
     pub method: FitMethod,
-    /// How basis functions and field share the depths.
+    /// Settings of the joint fit of basis functions and field.
     pub joint: JointConfig,
-    /// Singular values below this share of the largest are left out (paper Algorithm 1). The
-    /// default is 129 times the epsilon of f32.
+    /// Singular values below this fraction of the largest are truncated (paper Algorithm 1). The default is
+    /// 129 times the epsilon of f32.
     pub rcond: f64,
-    /// Added to the normal equations, as a share of their mean diagonal; 0 is the paper's fit.
+    /// Added to the diagonal of the normal equations, as a fraction of their mean diagonal; 0 is the paper's
+    /// fit.
     pub ridge: f64,
-    /// What is assumed of the weights: "none", "flat" or "learned". Takes the place of `rcond` and
-    /// `ridge`.
+    /// The prior over the weights: "none", "flat" or "learned". A prior replaces `rcond` and `ridge`.
     pub prior: PriorKind,
-    /// How strongly the fit is drawn towards the prior: "evidence", "gcv", the ratio of the variances
-    /// of noise and prior, or three pairs of a number of points and that ratio.
+    /// The strength of the prior: "evidence", "gcv", a fixed ratio of noise variance to prior variance, or
+    /// three pairs of a number of points and such a ratio.
     pub lambda: Lambda,
-    /// What basis functions add up to: "depth" (the paper's), "log" or "inverse" depth.
+    /// What the basis functions represent: "depth" (as in the paper), "log" or "inverse" depth.
     pub space: Space,
-    /// A fit that does not follow outliers (paper Algorithm 2).
+    /// Settings of a robust fit, which limits the influence of outliers (paper Algorithm 2).
     #[serde(alias = "irls")]
     pub robust: Option<Robust>,
 }
@@ -114,7 +114,7 @@ impl FitConfig {
         }
     }
 
-    /// Up to which frequency the cosine basis is part of the field.
+    /// The highest frequency of the cosine basis that is part of the field.
     #[doc(hidden)]
     pub fn cosines(&self) -> f64 {
         match self.method {
@@ -123,8 +123,7 @@ impl FitConfig {
         }
     }
 
-    /// How strongly weights are drawn to their prior beside a field: as in training, if nothing is
-    /// assumed of them.
+    /// The strength of the prior in a fit with a field; that of training if there is no prior.
     pub(super) fn field_lambda(&self) -> Lambda {
         match self.prior {
             PriorKind::None => Lambda::Fixed(self.joint.ridge),

@@ -1,13 +1,13 @@
-//! The cosine basis: smooth functions that belong to no image, for what is left of a plane or a bulge
-//! between points, which a field of first differences flattens.
+//! The cosine basis: smooth functions that do not depend on the image. They represent slopes and curvature
+//! between points, which a field of first differences would flatten.
 
 use rayon::prelude::*;
 
-/// Cosines over the image, all but the constant, up to a frequency that is the same in both
-/// directions for an image of 4:3.
+/// Cosines over the image, without the constant, up to a frequency that is the same in both directions for an
+/// image with an aspect ratio of 4:3.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CosineBasis {
-    /// Half-waves across and down.
+    /// Numbers of half-waves across and down.
     pairs: Vec<(usize, usize)>,
 }
 
@@ -16,7 +16,7 @@ const ACROSS: f64 = 4.0;
 const DOWN: f64 = 3.0;
 
 impl CosineBasis {
-    /// None for a frequency of 0; at 1 there are 4 half-waves across or 3 down.
+    /// The functions up to a frequency: none for 0; frequency 1 has up to 4 half-waves across and 3 down.
     pub fn up_to(frequency: f64) -> Self {
         let most = |axis: f64| (frequency * axis).floor() as usize;
         let mut pairs = Vec::new();
@@ -41,20 +41,21 @@ impl CosineBasis {
         self.pairs.is_empty()
     }
 
-    /// The half-waves of each, across and down.
+    /// The half-waves of each function, across and down.
     pub fn pairs(&self) -> &[(usize, usize)] {
         &self.pairs
     }
 
-    /// How much the square of each weight counts: as bending thin plates does (Wahba 1990, section
-    /// 2.4), with the fourth power of the frequency; `bending` below frequency 1.
+    /// The penalty on the square of each weight: like the bending energy of a thin plate (Wahba 1990, section
+    /// 2.4), it grows with the fourth power of the frequency; at low frequencies it is `bending`.
     pub fn ridges(&self, bending: f64) -> Vec<f64> {
         let count = |&pair| bending * (1.0 + square(pair)).powi(2);
         self.pairs.iter().map(count).collect()
     }
 
-    /// Rows of `before` values, one for each place, with those of the cosines behind them. Places (u,
-    /// v) count in pixels of an image of that height and width, from the centre of the first.
+    /// Appends the values of the cosines to rows of existing values, `before` values for each position.
+    /// Positions (u, v) are in pixels of an image of the given height and width, where (0, 0) is the centre
+    /// of the first pixel.
     pub fn beside(
         &self,
         rows: &[f32],
@@ -102,13 +103,13 @@ impl CosineBasis {
             });
     }
 
-    /// The highest number of half-waves across (0) or down (1).
+    /// The largest number of half-waves across (axis 0) or down (axis 1).
     pub fn most(&self, axis: usize) -> usize {
         let counts = self.pairs.iter().map(|pair| [pair.0, pair.1][axis]);
         counts.max().unwrap_or(0)
     }
 
-    /// The half-waves along an axis of that many pixels `[half-waves, length]`.
+    /// The half-waves along an axis of `length` pixels, `[half-waves, length]`.
     pub fn table(&self, length: usize, axis: usize) -> Vec<f32> {
         let count = self.most(axis) + 1;
         let mut table = vec![0.0; count * length];
@@ -123,7 +124,7 @@ impl CosineBasis {
     }
 }
 
-/// Every half-wave at a place on an axis, the constant first.
+/// Every half-wave at a position on an axis, the constant first.
 fn cosines(place: f64, length: usize, values: &mut [f32]) {
     for (wave, value) in values.iter_mut().enumerate() {
         let turn = wave as f64 * (place + 0.5) / length as f64;

@@ -1,4 +1,4 @@
-//! Basis functions and sparse depths to weights: the least-squares fit (paper section 3.3).
+//! From basis functions and sparse depths to weights: the least-squares fit (paper section 3.3).
 
 mod affinities;
 mod config;
@@ -34,7 +34,7 @@ use points::Rows;
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// How the weights are found for points that count by given weights.
+/// How the weights of the basis functions are found for points with given weights.
 #[derive(Clone, Copy, Debug)]
 enum Estimator<'a> {
     Plain(Solver),
@@ -42,17 +42,17 @@ enum Estimator<'a> {
     Field(FieldEstimator<'a>),
 }
 
-/// What an estimator finds.
+/// The result of an estimator.
 #[derive(Clone, Debug)]
 struct Estimate {
     solution: Solution,
-    /// What is left of each value.
+    /// The residual of each value.
     rests: Vec<f64>,
-    /// The variance of a point of weight 1 about the fit, in the squared unit of the space.
+    /// The noise variance of a point of weight 1, in the squared unit of the space.
     noise: f64,
-    /// How strongly the weights were drawn towards a prior.
+    /// The strength of the prior.
     lambda: Option<f64>,
-    /// What basis functions x weights are added to.
+    /// The field that basis functions x weights are added to.
     field: Option<Arc<FieldFit>>,
 }
 
@@ -98,12 +98,11 @@ impl Estimator<'_> {
     }
 }
 
-/// Fits basis functions to points. `prior` is the one that was learned with the basis functions, if
-/// any.
+/// Fits basis functions to points. `prior` is the prior learned for these basis functions, if any.
 ///
 /// # Errors
-/// No point, values that are not finite, a prior that is asked for and not given, or a
-/// decomposition that does not converge.
+/// No points, values that are not finite, a required prior that is not given, or a decomposition that does
+/// not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
     config.check()?;
     let rows = points.rows(config.space)?;
@@ -146,7 +145,7 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
     Ok(Fit::new(&rows, estimate, point_weights, config.space))
 }
 
-/// A prior over the weights of depths says nothing of the weights of their logarithms.
+/// The learned prior describes weights of depth, and does not apply to weights of its logarithm or inverse.
 fn learned(prior: Option<&Prior>, space: Space) -> Result<&Prior, FitError> {
     match prior {
         Some(prior) if space == Space::Depth => Ok(prior),

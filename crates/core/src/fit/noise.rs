@@ -1,12 +1,12 @@
-//! How far depths are off around each pixel.
+//! Local noise: how far depths deviate from the fit around each pixel.
 
 use super::{Fit, root_mean_square};
 use rayon::prelude::*;
 
-/// The variance of depths about a fit, which differs from place to place: what basis functions
-/// cannot follow is large at some and small at others. Around a pixel it is the sum of squared
-/// residuals over their degrees of freedom, both under a Gaussian window as wide as the points are
-/// apart, and drawn to that of the whole image by one degree of freedom.
+/// The variance of depths about a fit, which varies across the image, because what basis functions cannot
+/// represent is large in some areas and small in others. Around a pixel, it is the sum of squared residuals
+/// divided by their degrees of freedom, both under a Gaussian window about as wide as the distance between
+/// points, and shrunk towards the variance of the whole image with a weight of one degree of freedom.
 #[derive(Clone, Debug)]
 pub struct LocalNoise {
     /// Variances in the squared unit of the fit's space, at the centres of square cells.
@@ -19,8 +19,8 @@ pub struct LocalNoise {
 }
 
 impl LocalNoise {
-    /// Of a fit to points at `places` (x, y) of an image of `size` (height, width); `leverages` are
-    /// those of the fit.
+    /// The local noise of a fit to points at `places` (x, y) of an image of `size` (height, width);
+    /// `leverages` are those of the fit.
     pub fn new(
         fit: &Fit,
         leverages: &[f64],
@@ -73,14 +73,15 @@ impl LocalNoise {
         }
     }
 
-    /// Whether there is none anywhere, but for rounding.
+    /// Whether the noise is zero everywhere.
     pub fn is_silent(&self) -> bool {
         const ROUNDING: f64 = 1e-20;
         let least = ROUNDING * self.square;
         self.values.iter().all(|v| *v <= least)
     }
 
-    /// The variance at a place, from 0 to the image's width and height; bilinear between cells.
+    /// The variance at a position, with coordinates from 0 to the image's width and height; bilinear between
+    /// cells.
     pub fn at(&self, x: f64, y: f64) -> f64 {
         let between = |v: f64, count: usize| {
             let v = (v / self.side - 0.5).clamp(0.0, (count - 1) as f64);

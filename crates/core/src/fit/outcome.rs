@@ -1,4 +1,4 @@
-//! What a fit found, and what follows from it in closed form.
+//! The outcome of a fit, and what follows from it in closed form.
 
 use super::joint::FieldFit;
 use super::lstsq::Solution;
@@ -12,23 +12,23 @@ use std::sync::Arc;
 /// The outcome of a fit.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// Weights of the basis functions, the constant first, then of cosines, in metres (in the unit of the
-    /// space).
+    /// The weights of the basis functions, with the constant first, followed by those of the cosines, in
+    /// metres (more exactly, in the unit of the fit's space).
     pub weights: Vec<f64>,
     /// Depth minus fitted depth at each point, in metres.
     pub residuals: Vec<f64>,
-    /// The weight of each point in the last solve: all 1 for a plain fit.
+    /// The weight of each point in the last solve: all 1 in a plain fit without standard deviations.
     pub point_weights: Vec<f64>,
     /// The number of directions that the points determine, at most N + 1.
     pub rank: usize,
-    /// How strongly the weights were drawn towards a prior, if there was one: the variance of the
-    /// noise over that of the prior.
+    /// The strength of the prior, if there was one: the ratio of the noise variance to the variance of the
+    /// prior.
     pub lambda: Option<f64>,
-    /// What basis functions add up to.
+    /// What the basis functions represent.
     pub space: Space,
-    /// How much each point counts by its own standard deviation alone.
+    /// The weight of each point from its own standard deviation alone.
     own_weights: Vec<f64>,
-    /// The variance of a point of weight 1 about the fit, in the squared unit of the space.
+    /// The noise variance of a point of weight 1, in the squared unit of the space.
     pub(super) noise: f64,
     /// Depths, and residuals, in the space of the fit.
     pub(super) values: Vec<f64>,
@@ -67,13 +67,12 @@ impl Fit {
         }
     }
 
-    /// The number of basis functions that are not cosines, the constant among them: the rank is at
-    /// most that.
+    /// The number of basis functions, including the constant but not the cosines: an upper bound of the rank.
     pub fn functions(&self) -> usize {
         self.weights.len() - self.field.as_ref().map_or(0, |field| field.cosines)
     }
 
-    /// The field that basis functions x weights are added to, if there is one.
+    /// The field that is added to basis functions x weights, if there is one.
     pub fn smooth(&self) -> Option<&Smooth> {
         self.field.as_ref().map(|field| &field.smooth)
     }
@@ -83,13 +82,13 @@ impl Fit {
         root_mean_square(&self.residuals)
     }
 
-    /// How much of its own depth the fitted depth at each point is, from 0 to 1. `bases` are those
-    /// that were fitted.
+    /// The leverage of each point: the influence of its depth on its own fitted value, from 0 to 1. `bases`
+    /// are the basis functions that were fitted.
     pub fn leverages(&self, bases: &[f32]) -> Vec<f64> {
         self.leverages_with(|| bases)
     }
 
-    /// The same; fits with a field need no basis functions for it.
+    /// The leverages, with basis functions computed only if needed: fits with a field do not need them.
     pub fn leverages_with<B: AsRef<[f32]>>(&self, bases: impl FnOnce() -> B) -> Vec<f64> {
         match &self.field {
             None => self
@@ -99,10 +98,10 @@ impl Fit {
         }
     }
 
-    /// What the residual of each point would be, in metres, had it been left out of the fit: the
-    /// residual over 1 - leverage (Allen 1974). Their root mean square, the PRESS error, says
-    /// without a true depth map how far the depth is off between the points, where these are spread
-    /// as the pixels are. NaN for a point that the fit meets whatever its depth is.
+    /// The leave-one-out error of each point, in metres: the residual that it would have if it were left out
+    /// of the fit, which is the residual divided by 1 - leverage (Allen 1974). Their root mean square (the
+    /// PRESS error) estimates the error of the depth between the points without ground truth, if the points
+    /// are distributed like the pixels. NaN for a point that the fit passes through whatever its depth is.
     pub fn leave_one_out(&self, leverages: &[f64]) -> Vec<f64> {
         let field = self.field.is_some();
         let rests = leave_one_out(&self.rests, leverages, field);
@@ -122,16 +121,16 @@ impl Fit {
         (!errors.is_empty()).then(|| root_mean_square(&errors))
     }
 
-    /// Whether the points say nothing of the noise about the fit, which meets them all whatever their
-    /// depths are.
+    /// Whether the fit passes through all points whatever their depths are, so that they give no information
+    /// about the noise.
     pub fn is_saturated(&self) -> bool {
         let used = self.point_weights.iter().filter(|w| **w > 0.0).count();
         self.field.is_none() && self.lambda.is_none() && used <= self.rank
     }
 
-    /// How many robust standard deviations each point lies off what the others say (the modified
-    /// score of Iglewicz and Hoaglin 1993), in units of the standard deviation that it was given:
-    /// positive where it is farther.
+    /// How far each point lies from the value predicted by the others, in robust standard deviations (the
+    /// modified z-score of Iglewicz and Hoaglin 1993) and relative to its own standard deviation; positive
+    /// where the point is farther away.
     pub fn scores(&self, leverages: &[f64]) -> Vec<f64> {
         let mut off = leave_one_out(&self.rests, leverages, self.field.is_some());
         let pairs = off.iter_mut().zip(&self.own_weights);
@@ -146,8 +145,8 @@ impl Fit {
         off.iter().map(|r| sign * r / deviation).collect()
     }
 
-    /// The variance of the fitted value for each row of basis functions, for points whose noise has
-    /// variance 1. In f32: there is one row for each pixel.
+    /// The variance of the fitted value for each row of basis functions, for points whose noise has unit
+    /// variance. Computed in f32, because there is one row for each pixel.
     pub fn spreads(&self, bases: &[f32]) -> Vec<f32> {
         let k = self.weights.len().max(1);
         let factor = &self.solution.factor;
@@ -168,9 +167,9 @@ impl Fit {
         columns.map(|column| column.squared_norm_l2()).collect()
     }
 
-    /// The standard deviation at every pixel of the field of a fit, for steps between equal
-    /// neighbours of variance 1; `None` for a fit without a field. `bases` gives the basis functions
-    /// `[places, N + 1]` at places of an image of that height and width.
+    /// The standard deviation at every pixel of the field of a fit, where the steps between neighbours with
+    /// affinity 1 have variance 1; `None` for a fit without a field. `bases` returns the basis functions
+    /// `[places, N + 1]` at positions in an image of the given height and width.
     pub fn field_deviations(
         &self,
         bases: impl Fn((usize, usize), &[[f64; 2]]) -> Vec<f32> + Sync,
@@ -181,13 +180,13 @@ impl Fit {
         Some(Smooth::new(field.size, &deviations))
     }
 
-    /// How much a point of weight 1 counts: 1, or as the field has it.
+    /// The weight of a point of weight 1 in the objective: 1, or `data` in a fit with a field.
     pub(super) fn data(&self) -> f64 {
         self.field.as_ref().map_or(1.0, |field| field.data)
     }
 }
 
-/// Residuals in metres, of values and residuals in the space of a fit.
+/// Residuals in metres, from values and residuals in the space of a fit.
 fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
     let pairs = values.iter().zip(rests);
     let metres = |(&value, &rest): (&f64, &f64)| match space {
@@ -197,23 +196,21 @@ fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
     pairs.map(metres).collect()
 }
 
-/// Residuals over 1 - leverage. A point that a fit meets whatever its depth is says nothing: its
-/// residual is 0 over 0, and stays small. A field meets every point nearly, but for what its
-/// neighbours say, which is exact to rounding.
+/// Residuals divided by 1 - leverage. A point that the fit passes through whatever its depth is gives no
+/// information: its residual is 0 / 0, and stays small. A field passes close to every point, up to the
+/// influence of the neighbours, which is exact to rounding.
 pub(super) fn leave_one_out(residuals: &[f64], leverages: &[f64], field: bool) -> Vec<f64> {
     let least = least_freedom(field);
     let pairs = residuals.iter().zip(leverages);
-    pairs
-        .map(|(r, h)| r / (1.0 - h).max(least))
-        .collect()
+    pairs.map(|(r, h)| r / (1.0 - h).max(least)).collect()
 }
 
-/// Less of 1 - leverage is rounding.
+/// A smaller 1 - leverage is rounding error.
 fn least_freedom(field: bool) -> f64 {
     if field { 1e-9 } else { 1e-3 }
 }
 
-/// The root of the mean square.
+/// The root mean square.
 pub fn root_mean_square(values: &[f64]) -> f64 {
     let sum: f64 = values.iter().map(|v| v * v).sum();
     (sum / values.len().max(1) as f64).sqrt()

@@ -1,22 +1,23 @@
-//! What is fitted.
+//! The points to be fitted.
 
 use super::robust::median;
 use super::{Scene, Space, lstsq};
 use crate::error::FitError;
 
-/// Sparse depths with the basis functions at them.
+/// Sparse depths with the basis functions at their positions.
 #[derive(Clone, Copy, Debug)]
 pub struct Points<'a> {
     /// Basis functions `[n, N + 1]`, row by row.
     pub bases: &'a [f32],
     /// Depths in metres, above 0.
     pub depths: &'a [f32],
-    /// The standard deviation of each depth in metres, above 0; only their ratios matter. All
-    /// alike if absent.
+    /// The standard deviation of each depth in metres, above 0; only their ratios matter. If absent, all
+    /// points have the same weight.
     pub deviations: Option<&'a [f32]>,
-    /// The place (u, v) of each, which fits with a field need and by which robust fits find neighbours.
+    /// The position (u, v) of each point, which fits with a field need, and which robust fits use to find
+    /// neighbours.
     pub places: Option<&'a [[f64; 2]]>,
-    /// The image that they lie in, which fits with a field need.
+    /// The image that the points lie in, which fits with a field need.
     pub scene: Option<Scene<'a>>,
 }
 
@@ -31,7 +32,7 @@ pub(super) struct Rows<'a> {
 }
 
 impl<'a> Points<'a> {
-    /// Points that count alike, at places unknown.
+    /// Points of equal weight at unknown positions.
     pub fn new(bases: &'a [f32], depths: &'a [f32]) -> Self {
         Self {
             bases,
@@ -88,8 +89,8 @@ impl<'a> Points<'a> {
     }
 }
 
-/// Inverse variances in the space of the fit, over their median: a few very sure points leave the
-/// balance between the others and the prior as it is.
+/// Inverse variances in the space of the fit, divided by their median, so that a few very precise points do
+/// not change the balance between the other points and the prior.
 fn precisions(depths: &[f32], deviations: &[f32], space: Space) -> Result<Vec<f64>, FitError> {
     let precision = |(&depth, &deviation): (&f32, &f32)| {
         (f64::from(deviation) / space.slope(f64::from(depth))).powi(-2)

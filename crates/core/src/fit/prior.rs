@@ -1,8 +1,8 @@
-//! What weights are likely before any depth is seen: a Gaussian, up to the scale of the scene.
+//! The prior over the weights of the basis functions: a Gaussian, up to the scale of the scene.
 //!
-//! Weights are s (m + L u) with u normal: m and L L^T are mean and covariance over training images
-//! at a mean depth of 1, and nothing is assumed of the scale s. So the fit stays exactly scale
-//! equivariant, and a single point scales a plausible map.
+//! Weights are s (m + L u), where u is standard normal, m and L L^T are the mean and covariance over training
+//! images scaled to a mean depth of 1, and nothing is assumed about the scale s. So the fit stays exactly
+//! scale equivariant, and a single point sets the scale of a plausible map.
 
 use super::lstsq::{Moments, Problem};
 use super::{Points, Space};
@@ -12,7 +12,7 @@ use faer::{Mat, Side};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// A Gaussian over weights, known up to their scale.
+/// A Gaussian over weights, up to their scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
     /// m.
@@ -22,20 +22,21 @@ pub struct Prior {
     pub(super) noise: NoisePrior,
 }
 
-/// What is known of the noise before any depth is seen: of lambda, its variance over that of u.
+/// The prior over the noise, given as the distribution of lambda, the ratio of the noise variance to the
+/// variance of u.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NoisePrior {
     /// Mean of ln(lambda).
     pub mean: f64,
-    /// Standard deviation of ln(lambda); absent if nothing is known.
+    /// Standard deviation of ln(lambda); absent if lambda is unknown.
     pub deviation: Option<f64>,
-    /// That u is as large as over the training images counts as much as this many points.
+    /// How many points the prior on the size of u, learned from the training images, counts as much as.
     pub trust: f64,
 }
 
 impl Prior {
-    /// The prior without training: the constant is free, the other weights have equal variances.
+    /// The prior without training: the constant is unpenalised, the other weights have equal variances.
     pub fn flat(columns: usize) -> Self {
         let mut mean = vec![0.0; columns];
         if let Some(constant) = mean.first_mut() {
@@ -54,10 +55,10 @@ impl Prior {
         }
     }
 
-    /// A prior from its numbers: `mean [k]` and `factor [k, r]`, row by row.
+    /// A prior from its parameters: `mean [k]` and `factor [k, r]`, row by row.
     ///
     /// # Errors
-    /// Lengths that do not go together, or values that are not finite.
+    /// Lengths that do not match, or values that are not finite.
     pub fn new(mean: &[f32], factor: &[f32], noise: NoisePrior) -> Result<Self, WeightsError> {
         let columns = mean.len();
         let whole = columns > 0 && factor.len().is_multiple_of(columns);
@@ -82,7 +83,7 @@ impl Prior {
         self.mean.len()
     }
 
-    /// Mean, and factor row by row, as `new` takes them.
+    /// The mean, and the factor row by row, as `new` takes them.
     pub fn numbers(&self) -> (Vec<f32>, Vec<f32>) {
         let mean = self.mean.iter().map(|&v| v as f32).collect();
         let rows = self.factor.row_iter();
@@ -90,19 +91,18 @@ impl Prior {
         (mean, factor.collect())
     }
 
-    /// What is known of the noise.
+    /// The prior over the noise.
     pub fn noise(&self) -> NoisePrior {
         self.noise
     }
 
-    /// The same, knowing that of the noise.
+    /// The same prior with another prior over the noise.
     #[must_use]
     pub fn with_noise(self, noise: NoisePrior) -> Self {
         Self { noise, ..self }
     }
 
-    /// The same spread about other weights, of any scale, behind which are those of so many cosines, which
-    /// play no part.
+    /// The same covariance around other weights, of any scale. Weights of cosines that follow are ignored.
     ///
     /// # Errors
     /// Weights of other basis functions, that are not finite, or that are all 0.
@@ -122,9 +122,9 @@ impl Prior {
         })
     }
 
-    /// Learns mean and covariance from images whose depths were divided by their mean: the maximum
-    /// of the likelihood, by expectation and maximisation (Dempster, Laird and Rubin 1977),
-    /// starting from a constant depth. The noise, in the same unit, is the same for all images.
+    /// Learns mean and covariance from images whose depths were divided by their mean: the maximum likelihood
+    /// estimate, by expectation maximisation (EM; Dempster, Laird and Rubin 1977), starting from a constant
+    /// depth. The noise, in the same unit, is the same for all images.
     ///
     /// # Errors
     /// Fewer than two images, or basis functions that are not finite.
@@ -185,15 +185,15 @@ impl Prior {
     }
 }
 
-/// The points of one training image, as far as a prior is learned from them.
+/// The sufficient statistics of one training image for learning a prior.
 #[derive(Clone, Debug)]
 pub struct ImageMoments(Moments);
 
 impl ImageMoments {
-    /// Of points whose depths are divided by their mean.
+    /// The statistics of points whose depths are divided by their mean.
     ///
     /// # Errors
-    /// No point, or values that are not finite.
+    /// No points, or values that are not finite.
     pub fn new(points: &Points<'_>) -> Result<Self, FitError> {
         let rows = points.rows(Space::Depth)?;
         let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;

@@ -1,5 +1,5 @@
-//! Fits that do not follow outliers: iteratively reweighted least squares (paper Algorithm 2) with
-//! the paper's weights or those of the classic M-estimators.
+//! Robust fits: iteratively reweighted least squares (paper Algorithm 2) with the weights of the paper or of
+//! the classic M-estimators.
 
 use super::outcome::leave_one_out;
 use super::points::Rows;
@@ -8,14 +8,14 @@ use crate::error::{Result, SettingsError};
 use crate::nearest::Cells;
 use serde::{Deserialize, Serialize};
 
-/// How the weight of a point falls with its residual r.
+/// Robust losses: how the weight of a point decreases with its residual r.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Loss {
     /// 1 / max(threshold, |r|): least absolute residuals (the paper's).
     #[default]
     Irls,
-    /// Squares up to the scale, absolute values beyond (Huber 1964).
+    /// Quadratic up to the scale, linear beyond (Huber 1964).
     Huber,
     /// 1 / (1 + u^2), u = r / scale.
     Cauchy,
@@ -63,31 +63,33 @@ impl Loss {
         }
     }
 
-    /// Whether far points lose all influence, so that where to start matters.
+    /// Whether far points lose all influence, so that the starting point matters.
     fn redescends(self) -> bool {
         !matches!(self, Self::Irls | Self::Huber)
     }
 }
 
-/// Settings of a robust fit; the paper leaves threshold and stop open.
+/// Settings of a robust fit; the paper leaves the threshold and the stopping criterion open.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Robust {
-    /// How weights fall.
+    /// The loss.
     pub loss: Loss,
-    /// For `irls`: residuals below this share of the median depth (inverse depth) weigh alike. Relative, so that
-    /// scaling all depths scales the result. The other losses find their scale in the residuals.
+    /// For `irls`: residuals below this fraction of the median depth (or inverse depth) have equal weight. It
+    /// is relative, so that scaling all depths scales the result. The other losses derive their scale from
+    /// the residuals.
     pub threshold: f64,
-    /// Standard deviations of the noise at which the other losses bend; the classic constant of
-    /// each if absent.
+    /// The scale of the other losses, in standard deviations of the noise; if absent, the classic constant of
+    /// each loss.
     pub tuning: Option<f64>,
-    /// The other losses look at how far a residual is from the median of those of so many nearest
-    /// points: what basis functions cannot follow is alike among neighbours, outliers are not. 0
-    /// looks at the residual itself.
+    /// The other losses use the difference between a residual and the median of the residuals of this many
+    /// nearest points: what basis functions cannot represent is similar among neighbours, outliers are not. 0
+    /// uses the residual itself.
     pub neighbours: usize,
     /// The largest number of solves after the first.
     pub iterations: usize,
-    /// Stops when no weight changes by more than this share of the largest.
+    /// Stops when no residual changes by more than this fraction of the largest depth (in the space of the
+    /// fit).
     pub tolerance: f64,
 }
 
@@ -105,8 +107,8 @@ impl Default for Robust {
 }
 
 impl Robust {
-    /// The default settings of a loss. A loss that redescends needs more rounds, as its scale
-    /// shrinks from one to the next.
+    /// The default settings of a loss. A redescending loss needs more iterations, because its scale shrinks
+    /// from one to the next.
     pub fn new(loss: Loss) -> Self {
         Self {
             loss,
@@ -135,16 +137,14 @@ impl Robust {
     }
 }
 
-/// Continues from the plain estimate. Returns the last one, and the point weights it was found
-/// with.
+/// Continues from the plain estimate. Returns the last estimate and the point weights it was found with.
 ///
-/// Losses other than the paper's look at what the residuals would be had each point been left out,
-/// so that an outlier which bends the fit towards itself is not overlooked, and take their scale
-/// from the median of their absolute values. A fit with a field takes as much of each point's leverage
-/// as the loss leaves of its weight. Those that redescend start from Huber's solution with
-/// a scale that takes in every point, which shrinks by a constant factor from round to round
-/// (graduated non-convexity, Blake and Zisserman 1987) until it is that of the noise. With no more
-/// points than directions nothing can be told from an outlier: all points count.
+/// Losses other than the paper's use leave-one-out residuals, so that an outlier which bends the fit towards
+/// itself is not overlooked, and take their scale from the median of their absolute values. In a fit with a
+/// field, a loss scales the leverage of each point instead of its weight. Redescending losses start from
+/// Huber's solution, with a scale that includes every point and that shrinks by a constant factor in each
+/// iteration (graduated non-convexity, Blake and Zisserman 1987) until it is that of the noise. With no more
+/// points than directions, outliers cannot be detected, and all points keep their weight.
 ///
 /// # Errors
 /// A decomposition that does not converge.

@@ -1,4 +1,4 @@
-//! Fits that are drawn towards a prior, so that few points are enough.
+//! Fits with a prior, which need only a few points.
 
 use super::lstsq::{Moments, Solution};
 use super::prior::Prior;
@@ -6,27 +6,27 @@ use crate::error::{Error, FitError, WeightsError};
 use faer::{Mat, Side};
 use serde::{Deserialize, Serialize};
 
-/// How strongly a fit is drawn towards its prior: lambda, the variance of the noise over that of u.
+/// How the strength of the prior is chosen: lambda, the ratio of the noise variance to the variance of u.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Lambda {
-    /// What makes the points most likely (empirical Bayes, REML: Patterson and Thompson 1971).
+    /// Maximises the marginal likelihood of the points (empirical Bayes, REML: Patterson and Thompson 1971).
     #[default]
     Evidence,
-    /// What predicts points best that are left out (generalised cross-validation: Golub, Heath and
-    /// Wahba 1979).
+    /// Minimises the estimated error of predicting points left out (generalised cross-validation: Golub, Heath
+    /// and Wahba 1979).
     Gcv,
-    /// This value.
+    /// A fixed value.
     #[serde(untagged)]
     Fixed(f64),
-    /// Numbers of points, rising, and the value for each. Between them logarithms are interpolated;
-    /// beyond them the values stay.
+    /// Numbers of points, in ascending order, and the value for each. Values in between are interpolated
+    /// logarithmically; beyond the first and the last they stay constant.
     #[serde(untagged)]
     ByCount([(f64, f64); COUNTS]),
 }
 
 impl Lambda {
-    /// So many times as strong, where it is a value.
+    /// Multiplies the strength by a factor, if it is a given value.
     #[must_use]
     pub fn times(self, factor: f64) -> Self {
         match self {
@@ -39,7 +39,7 @@ impl Lambda {
     }
 }
 
-/// The numbers of points for which lambda can be given.
+/// The number of pairs in [`Lambda::ByCount`].
 pub const COUNTS: usize = 3;
 
 /// The value for a number of points.
@@ -83,7 +83,7 @@ struct Spectrum<'a> {
     freedom: f64,
 }
 
-/// A solution drawn towards a prior.
+/// A solution with a prior.
 pub(super) struct Shrunk {
     pub(super) solution: Solution,
     /// The variance of a row of weight 1.

@@ -1,17 +1,17 @@
-//! What basis functions add up to.
+//! The function of depth that the basis functions represent.
 
 use serde::{Deserialize, Serialize};
 
-/// A function of depth that is fitted as a sum of basis functions.
+/// The function of depth that is fitted as a weighted sum of basis functions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Space {
-    /// Depth itself (the paper's).
+    /// Depth itself (as in the paper).
     #[default]
     Depth,
-    /// Its natural logarithm: relative errors count.
+    /// Its natural logarithm, which emphasises relative errors.
     Log,
-    /// Its inverse, in 1/m: near depths count most.
+    /// Its inverse, in 1/m, which emphasises near depths.
     Inverse,
 }
 
@@ -28,7 +28,7 @@ impl Space {
         }
     }
 
-    /// The value that is fitted, of a positive depth in metres.
+    /// The fitted value of a positive depth in metres.
     pub fn of(self, depth: f64) -> f64 {
         match self {
             Self::Depth => depth,
@@ -37,7 +37,7 @@ impl Space {
         }
     }
 
-    /// The depth in metres of a fitted value; an inverse at or below 0 is infinitely far.
+    /// The depth in metres of a fitted value; inverses at or below 0 are infinitely far.
     pub fn depth(self, value: f64) -> f64 {
         match self {
             Self::Depth => value,
@@ -47,7 +47,7 @@ impl Space {
         }
     }
 
-    /// Metres of depth for a small change by 1 of the fitted value, at a depth.
+    /// The absolute derivative of depth, in metres, with respect to the fitted value, at a given depth.
     pub fn slope(self, depth: f64) -> f64 {
         match self {
             Self::Depth => 1.0,

@@ -1,5 +1,5 @@
-//! The network that tells edges of the depth from edges of the colours, layer by layer: an encoder to
-//! a sixteenth of the resolution and a decoder back to all of it.
+//! The affinity network, layer by layer. It tells depth edges from colour edges, with an encoder down to a
+//! sixteenth of the resolution and a decoder back to full resolution.
 
 use super::config::{CHANGES, NetworkConfig};
 use super::map::Map;
@@ -56,7 +56,7 @@ impl AffinityNet {
         })
     }
 
-    /// How affinities differ from those of the colours, `[height, width, CHANGES]`.
+    /// How affinities differ from those given by the colours, `[height, width, CHANGES]`.
     pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Map {
         let next = |x: Map, layer: &Layer| {
             let output = run.layer(layer, &x, None, true);

@@ -1,21 +1,20 @@
-//! How strongly neighbouring pixels are joined, by their colours and what the network says of them.
+//! Affinities of neighbouring pixels, from their colours and the output of the affinity network.
 
 use super::config::CHANGES;
 
-/// The difference in colour at which neighbours are joined half as strongly as equal ones: 1.5 of
-/// 255 in units of the normalised image. This and the next were chosen on training frames of NYU
-/// Depth v2.
+/// The colour difference at which the affinity is half that of equal colours: 1.5 of 255, in units of the
+/// normalised image. This and the next constant were chosen on training frames of NYU Depth v2.
 pub const CONTRAST: f64 = 0.026;
 
-/// What still passes an edge.
+/// The smallest affinity across an edge.
 pub const LEAST: f64 = 1e-4;
 
-/// Factors are at most e to the power of this.
+/// The factors from the network are limited to e to the power of this.
 pub const MOST_CHANGE: f64 = 7.0;
 
 /// The affinities `[height, width, 2]` of each pixel of a normalised image `[height, width, 3]` with its
-/// right and lower neighbour: `a = 1 / (1 + (dC / CONTRAST)^2) + LEAST`, dC being the difference in
-/// colour; with the network's changes (f, g) `[height, width, CHANGES]`, `e^f a^(1 + g)`.
+/// right and lower neighbour: `a = 1 / (1 + (dC / CONTRAST)^2) + LEAST`, where dC is the colour difference;
+/// given the output (f, g) of the affinity network, `[height, width, CHANGES]`, `e^f a^(1 + g)`.
 pub(super) fn affinities(
     image: &[f32],
     (height, width): (usize, usize),

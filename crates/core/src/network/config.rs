@@ -3,62 +3,63 @@
 use crate::error::SettingsError;
 use serde::{Deserialize, Serialize};
 
-/// A layer with more channels, or a stage with more blocks, is a damaged file rather than a network.
+/// More channels in a layer, or more blocks in a stage, indicate a damaged file rather than a network.
 const MOST_CHANNELS: usize = 4096;
 const MOST_BLOCKS: usize = 64;
 
-/// Added to variances by every normalisation.
+/// Added to the variance in every normalisation.
 pub const EPSILON: f64 = 1e-5;
 
-/// Channels of the levels of the network for affinities, in those at full resolution.
+/// Numbers of channels of the levels of the affinity network, as multiples of those at full resolution.
 const LEVELS: [usize; 5] = [1, 2, 4, 6, 8];
 
-/// What the network for affinities says of each pixel's two neighbours: logarithms of factors, then by
-/// how much more than fully the colours count, -1 = not at all.
+/// Number of outputs of the affinity network per pixel, two for each of its two neighbours: first the
+/// logarithms of factors, then the change in how much colour differences count (-1: they do not count).
 pub const CHANGES: usize = 4;
 
-/// Which normalisation follows every layer.
+/// The normalisation after every layer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum NormKind {
-    /// Batch normalisation (Ioffe and Szegedy 2015), as PSMNet; can be folded for inference.
+    /// Batch normalisation (Ioffe and Szegedy 2015), as in PSMNet; can be folded into the weights for
+    /// inference.
     #[default]
     Batch,
-    /// Group normalisation (Wu and He 2018), 8 channels a group; per pixel in the MLP.
+    /// Group normalisation (Wu and He 2018), with 8 channels per group; per pixel in the MLP.
     Group,
 }
 
-/// Channels of a group of group normalisation.
+/// Number of channels per group in group normalisation.
 pub const CHANNELS_PER_GROUP: usize = 8;
 
-/// A run of residual blocks of equal width.
+/// A sequence of residual blocks of equal width.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StageConfig {
-    /// Channels.
+    /// Number of channels.
     pub width: usize,
-    /// Residual blocks of two 3x3 convolutions.
+    /// Number of residual blocks of two 3x3 convolutions each.
     pub blocks: usize,
 }
 
-/// Widths and depths of the extractor.
+/// Widths and depths of the feature extractor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExtractorConfig {
     /// Channels of the three convolutions at half resolution.
     pub stem: usize,
-    /// Four stages: at half resolution, at a quarter, wider, and with dilation 2.
+    /// Four stages: at half resolution, at quarter resolution, wider, and with dilation 2.
     pub stages: [StageConfig; 4],
-    /// Pool sizes in pixels at a quarter of the resolution, one branch each.
+    /// Pool sizes in pixels at quarter resolution, one branch each.
     pub pools: Vec<usize>,
     /// Channels of each pooling branch.
     pub branch: usize,
     /// Channels of the convolution that merges all branches.
     pub merge: usize,
-    /// Channels of the result.
+    /// Channels of the output features.
     pub features: usize,
-    /// Convolutions that sharpen the result at half the image's resolution, with what the first
-    /// stage saw there; 0: features stay at a quarter, as PSMNet's.
+    /// Number of convolutions that sharpen the features at half the image's resolution, using the output of
+    /// the first stage there; 0: the features stay at quarter resolution, as in PSMNet.
     pub sharpening: usize,
 }
 
@@ -83,14 +84,14 @@ impl ExtractorConfig {
         }
     }
 
-    /// PSMNet's with 4 instead of 16 blocks in the second stage.
+    /// PSMNet's sizes with 4 instead of 16 blocks in the second stage.
     pub fn medium() -> Self {
         let mut config = Self::psmnet();
         config.stages[1].blocks = 4;
         config
     }
 
-    /// Half the widths and two fifths of the blocks, features twice as wide and sharpened.
+    /// Half the widths and two fifths of the blocks, with twice as many features, which are sharpened.
     pub fn slim() -> Self {
         let stage = |width, blocks| StageConfig { width, blocks };
         Self {
@@ -104,7 +105,7 @@ impl ExtractorConfig {
         }
     }
 
-    /// Half the widths of the slim one.
+    /// Half the widths of `slim`.
     pub fn slimmer() -> Self {
         let stage = |width, blocks| StageConfig { width, blocks };
         Self {
@@ -135,7 +136,7 @@ impl ExtractorConfig {
         )))
     }
 
-    /// All widths that a normalisation sees.
+    /// All widths that are normalised.
     fn widths(&self) -> Vec<usize> {
         let mut widths: Vec<usize> = self.stages.iter().map(|s| s.width).collect();
         widths.extend([self.stem, self.branch, self.merge]);
@@ -146,21 +147,21 @@ impl ExtractorConfig {
     }
 }
 
-/// The network: a pyramid-pooling extractor and a per-pixel MLP (paper section 3.2).
+/// The network: a feature extractor with pyramid pooling and an MLP per pixel (paper section 3.2).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// The convolutional part.
+    /// The convolutional feature extractor.
     pub extractor: ExtractorConfig,
-    /// E of the positional encoding: the raw coordinates twice and E - 1 octaves; 0 leaves the
-    /// position out.
+    /// E of the positional encoding: the raw coordinates twice and E - 1 octaves; 0 for no positional
+    /// encoding.
     pub octaves: usize,
     /// Widths of the hidden layers of the MLP.
     pub hidden: Vec<usize>,
-    /// N, the number of learned basis functions; the constant 1 comes in addition.
+    /// N, the number of learned basis functions, not counting the constant 1.
     pub bases: usize,
-    /// Channels at full resolution of the network that tells edges of the depth from edges of the
-    /// colours, for fits with a field; 0: the colours alone say.
+    /// Number of channels at full resolution of the affinity network, which tells depth edges from colour
+    /// edges, for fits with a field; 0: affinities come from colours alone.
     #[serde(alias = "edges")]
     pub affinities: usize,
     /// Normalisation after every convolution and hidden layer.
@@ -186,8 +187,8 @@ impl NetworkConfig {
         }
     }
 
-    /// The same design with a quarter of the blocks in its longest stage and a narrower MLP: about
-    /// half of the compute.
+    /// The same design with a quarter of the blocks in its longest stage and a narrower MLP: about half the
+    /// compute.
     pub fn medium() -> Self {
         Self {
             extractor: ExtractorConfig::medium(),
@@ -196,8 +197,7 @@ impl NetworkConfig {
         }
     }
 
-    /// A slimmer extractor with sharpened features, and a network that judges edges: 1.3 M
-    /// parameters.
+    /// A slimmer extractor with sharpened features, and an affinity network: 1.3 M parameters.
     pub fn sharp() -> Self {
         Self {
             extractor: ExtractorConfig::slim(),
@@ -208,7 +208,7 @@ impl NetworkConfig {
         }
     }
 
-    /// The same at half the widths: 0.3 M parameters, for weak machines.
+    /// The same with half the widths: 0.3 M parameters, for low-power machines.
     pub fn small() -> Self {
         Self {
             extractor: ExtractorConfig::slimmer(),
@@ -219,7 +219,7 @@ impl NetworkConfig {
         }
     }
 
-    /// Channels of all levels of the network for affinities, from full resolution down.
+    /// Numbers of channels of all levels of the affinity network, from full resolution down.
     pub fn levels(&self) -> [usize; 5] {
         LEVELS.map(|level| level * self.affinities)
     }

@@ -1,14 +1,14 @@
 //! The positional encoding (paper section 3.2, equation 5).
 
-/// The number of channels for E = `octaves`: 2 + 2 + 4 (E - 1), or 0 without position.
+/// The number of channels for E = `octaves`: 2 + 2 + 4 (E - 1), or 0 without positional encoding.
 pub fn channels(octaves: usize) -> usize {
     4 * octaves
 }
 
-/// The half of the encoding that one axis gives, `2 octaves` values for each place.
+/// The half of the encoding that comes from one axis, `2 octaves` values for each position.
 ///
-/// Places count in pixels from the centre of the first; an axis of `length` pixels is mapped to
-/// `[-1, 1]` from edge to edge. The coordinate comes twice, as in the formula, then `sin` and `cos` of
+/// Positions are in pixels, where 0 is the centre of the first pixel; an axis of `length` pixels is mapped to
+/// `[-1, 1]` from edge to edge. The coordinate appears twice, as in the formula, then `sin` and `cos` of
 /// `2^k pi` times it for k = 0 .. E - 2.
 pub fn codes(places: impl IntoIterator<Item = f64>, length: usize, octaves: usize) -> Vec<f32> {
     let mut values = Vec::new();

@@ -1,5 +1,5 @@
-//! Where rows and columns of places lie on the features of an image, and what their position adds to
-//! the first hidden layer.
+//! Where rows and columns of positions lie on the feature map, and what the positional encoding contributes
+//! to the first hidden layer.
 
 use super::encoding;
 use super::head::Head;
@@ -9,7 +9,7 @@ use lsdc_kernels::simd::{Blend, Packed, Tail};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
-/// Rows and columns of places in an image of one size, on features of one size.
+/// Rows and columns of positions in an image, on its feature map.
 #[derive(Debug)]
 pub(super) struct Grid {
     size: (usize, usize),
@@ -22,7 +22,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Of an image of `size` (height, width), at these rows v and columns u.
+    /// The grid of an image of `size` (height, width), at the given rows v and columns u.
     pub(super) fn new(
         head: &Head,
         features: (usize, usize),
@@ -52,7 +52,7 @@ impl Grid {
         }
     }
 
-    /// The first hidden layer, of so many channels, at a row and column.
+    /// The first hidden layer at a row and column.
     pub(super) fn blend<'a>(
         &'a self,
         inputs: &'a Map,
@@ -78,7 +78,7 @@ impl Grid {
     }
 }
 
-/// The different coordinates of places along an axis, rising.
+/// The distinct coordinates of positions along an axis, in ascending order.
 pub(super) fn axis_of(places: &[[f64; 2]], axis: usize) -> Vec<f64> {
     let mut all: Vec<f64> = places.iter().map(|place| place[axis]).collect();
     all.sort_unstable_by(f64::total_cmp);
@@ -86,7 +86,7 @@ pub(super) fn axis_of(places: &[[f64; 2]], axis: usize) -> Vec<f64> {
     all
 }
 
-/// The grids of all pixels of the last few sizes: they depend on nothing else.
+/// A cache of the grids of all pixels for the last few sizes; they depend only on the size.
 #[derive(Debug, Default)]
 pub(super) struct Grids(Mutex<VecDeque<Arc<Grid>>>);
 

@@ -1,4 +1,4 @@
-//! The MLP at full resolution, in small pieces.
+//! The MLP at full resolution, evaluated in small blocks.
 
 use super::config::NetworkConfig;
 use super::encoding;
@@ -21,7 +21,7 @@ pub(super) struct Head {
     hidden: Vec<Packed>,
     /// From the last hidden layer to the N basis functions.
     last: Packed,
-    /// The same as `[width, N]`.
+    /// The same weights as `[width, N]`.
     weights: Vec<f32>,
     grids: Grids,
 }
@@ -82,7 +82,7 @@ impl Head {
         map
     }
 
-    /// Values `[places, N + 1]`, the constant first, at places (u, v) of an image of `size` (height,
+    /// Values `[places, N + 1]`, the constant first, at positions (u, v) of an image of `size` (height,
     /// width).
     pub(super) fn at(
         &self,

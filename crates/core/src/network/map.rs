@@ -1,4 +1,4 @@
-//! Maps between layers, and the memory that they reuse.
+//! Feature maps passed between layers, and their reusable memory.
 
 use crate::bilinear::neighbours;
 use lsdc_kernels::simd::Buffer;
@@ -62,7 +62,7 @@ impl Map {
     }
 }
 
-/// Memory of maps that are no longer needed: fresh pages cost as much as a layer.
+/// Memory of maps that are no longer needed, kept for reuse: fresh pages cost as much time as a layer.
 #[derive(Debug, Default)]
 pub(super) struct Pool(Mutex<Vec<Buffer>>);
 

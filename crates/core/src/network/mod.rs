@@ -1,10 +1,10 @@
-//! Image to basis functions and affinities: the trained network, prepared for the CPU. It never sees a
-//! depth.
+//! From an image to basis functions and affinities: the trained network, prepared for the CPU. It never sees
+//! a depth.
 //!
-//! Normalisation is folded into the weights, bias, skip and ReLU into the kernels; layers hand over
-//! maps `[height, width, channels]` as they are. At full resolution nothing is ever formed whole:
-//! the first layer of the MLP is applied before enlargement, which commutes with it, and the fit's
-//! weights are folded into the last.
+//! Normalisation is folded into the weights; bias, skip connection and ReLU are folded into the kernels;
+//! layers pass on maps `[height, width, channels]` without copies. No full-resolution intermediate is ever
+//! stored whole: the first layer of the MLP is applied before enlargement, which commutes with it, and the
+//! weights of the fit are folded into the last layer.
 
 mod affinity_net;
 mod colours;
@@ -37,23 +37,24 @@ use std::fmt::Debug;
 use std::sync::Arc;
 use tensors::Tensors;
 
-/// What turns an image into basis functions and affinities.
+/// A network that turns an image into basis functions and affinities.
 pub trait Network: Debug + Send + Sync {
-    /// Those of a normalised image `[height, width, 3]` of `size` (height, width).
+    /// The basis functions and affinities of a normalised image `[height, width, 3]` of `size` (height,
+    /// width).
     fn basis(&self, image: &[f32], size: (usize, usize)) -> Box<dyn Basis>;
 }
 
 /// The basis functions and affinities of one image.
 pub trait Basis: Debug + Send + Sync {
-    /// Values `[places, N + 1]` at places (u, v) of the image at `size` (height, width), the first
-    /// function being the constant 1. Places count from the centre of the first pixel.
+    /// The values `[places, N + 1]` at positions (u, v) of the image at `size` (height, width); the first
+    /// function is the constant 1. Position (0, 0) is the centre of the first pixel.
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32>;
 
-    /// Basis functions x weights, N + 1 of these, at every pixel of the image at `size`.
+    /// Basis functions x weights (N + 1 of them), at every pixel of the image at `size`.
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32>;
 
-    /// How strongly each pixel is joined to its right and lower neighbour `[height, width, 2]`, and
-    /// height and width.
+    /// The affinities of each pixel with its right and lower neighbour, `[height, width, 2]`, and the height
+    /// and width.
     fn affinities(&self) -> (Vec<f32>, (usize, usize));
 }
 
@@ -74,8 +75,8 @@ impl Prepared {
     /// Prepares a network from the tensors of a weights file.
     ///
     /// # Errors
-    /// Sizes that are out of range, a tensor that is missing, superfluous or of another shape, and
-    /// networks without fixed statistics to fold (group normalisation) or without hidden layers.
+    /// Sizes that are out of range, a tensor that is missing, unexpected or of the wrong shape, and networks
+    /// without fixed statistics to fold (group normalisation) or without hidden layers.
     pub fn new(
         config: &NetworkConfig,
         tensors: &BTreeMap<String, Tensor>,

@@ -1,4 +1,4 @@
-//! What layers share while a network runs.
+//! Data shared by the layers while a network runs.
 
 use super::map::{Map, Pool};
 use lsdc_kernels::conv::Layer;

@@ -1,4 +1,4 @@
-//! The fit of one image to its points.
+//! The joint fit of basis functions and field to the points of one image.
 
 use super::JointConfig;
 use super::sites::Sites;
@@ -128,9 +128,9 @@ impl FieldFit {
         pairs.map(leverage).collect()
     }
 
-    /// The variance of the fitted value at every pixel of the field, for a field whose steps
-    /// between equal neighbours have variance 1. `bases` gives the basis functions at places of
-    /// an image as large as the field `[places, k]`.
+    /// The variance of the fitted value at every pixel of the field, where the steps between neighbours with
+    /// affinity 1 have variance 1. `bases` returns the basis functions `[places, k]` at positions in an image
+    /// of the size of the field.
     pub(in crate::fit) fn variances(
         &self,
         solution: &Solution,
@@ -178,8 +178,8 @@ impl FieldFit {
     }
 }
 
-/// The variance at each pixel that the weights add: that of basis functions less the field's
-/// response to them.
+/// The contribution of the weights to the variance at each pixel: that of the basis functions minus the
+/// field's response to them.
 fn weight_variances(
     bases: MatRef<'_, f64>,
     responses: MatRef<'_, f64>,

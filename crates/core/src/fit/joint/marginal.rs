@@ -1,4 +1,4 @@
-//! Weights that are integrated out of the moments, as the field is: those of cosines.
+//! Marginalisation of weights, namely those of the cosine basis, out of the moments.
 
 use crate::error::FitError;
 use crate::fit::lstsq::{Moments, Solution};

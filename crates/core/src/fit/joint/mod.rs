@@ -1,14 +1,15 @@
-//! Basis functions and a smooth field, fitted together.
+//! Basis functions and a smooth field, fitted jointly.
 //!
-//! Depth is modelled as F w + y, y being a field that is smooth but for edges of the image
-//! ([`crate::field`]), w the weights of the basis functions. Both together minimise
+//! Depth is modelled as F w + y, where y is a field that is smooth except across edges of the image
+//! ([`crate::field`]) and w are the weights of the basis functions. Together they minimise
 //!
 //! > sum over neighbours c_ij (y_i - y_j)^2 + level |y|^2 + data |F_s w + y_s - d|^2 + ridge |w|^2
 //!
-//! which is universal kriging (Matheron 1969) with a field in place of a covariance function. A
-//! local step after a plain fit finds nothing to do, because the basis functions were spent on the
-//! points; together, the basis functions take what the field cannot express. Without basis functions
-//! it is weighted least squares (Farbman et al. 2008), with a rigid field the paper's fit.
+//! which is universal kriging (Matheron 1969) with a field in place of a covariance function. Fitting a field
+//! to the residuals of a plain fit afterwards gains nothing, because the basis functions have already been
+//! used up to match the points; jointly, the basis functions represent what the field cannot. Without basis
+//! functions the fit is weighted least squares (Farbman et al. 2008); with an infinitely stiff field it is
+//! the paper's fit.
 
 mod estimate;
 mod marginal;
@@ -23,22 +24,22 @@ pub use problem::{Adjoint, Gradients, JointProblem};
 use crate::error::SettingsError;
 use serde::{Deserialize, Serialize};
 
-/// How basis functions and field share the depths.
+/// Settings of the joint fit of basis functions and field.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct JointConfig {
-    /// How much a point counts against neighbours that are joined with strength 1.
+    /// Weight of a point relative to an affinity of 1 between neighbouring pixels.
     pub data: f64,
-    /// How much the square of a weight counts, if there is no prior over them.
+    /// Penalty on the square of each weight, if there is no prior over the weights.
     pub ridge: f64,
-    /// How much the square of the field counts at each pixel: what holds it near 0 far from points.
+    /// Penalty on the square of the field at each pixel, which keeps it near 0 far from points.
     pub level: f64,
-    /// Up to which frequency the cosine basis is part of the field beside basis functions: first
-    /// differences alone flatten slopes between points. 0: none; F: cosines as short as half the width
-    /// of the image over F.
+    /// Highest frequency of the cosine basis, which is part of the field, because first differences alone
+    /// flatten slopes between points. 0: no cosines; F: wavelengths down to half the width of the image
+    /// divided by F.
     #[serde(alias = "waves")]
     pub cosines: f64,
-    /// How much the square of a cosine's weight counts at low frequencies.
+    /// Penalty on the square of a cosine's weight at low frequencies.
     pub bending: f64,
 }
 
@@ -57,7 +58,7 @@ impl Default for JointConfig {
 }
 
 impl JointConfig {
-    /// For a field alone: without cosines, and drawn to nothing but its points.
+    /// The settings for a field alone: without cosines and without `level`.
     #[must_use]
     pub fn alone(self) -> Self {
         Self {

@@ -7,25 +7,25 @@ use crate::fit::lstsq::dot;
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
 
-/// Points in the field of an image.
+/// The points and the field of one image.
 #[derive(Clone, Copy, Debug)]
 pub struct JointProblem<'a> {
-    /// How pixels are joined.
+    /// The grid of pixels with their affinities.
     pub grid: Grid<'a>,
-    /// Between which pixels each point lies.
+    /// The pixels that each point is interpolated from.
     pub taps: &'a [Taps],
-    /// How much each point counts.
+    /// The weight of each point.
     pub weights: &'a [f64],
-    /// Basis functions and depth `[points, k + 1]`.
+    /// Basis functions and depth of each point, `[points, k + 1]`.
     pub rows: &'a [f64],
 }
 
-/// What is needed to go back.
+/// The data needed for the backward pass.
 #[derive(Debug)]
 pub struct Adjoint {
-    /// The row of each point among the candidates.
+    /// The index of each point among the candidates.
     pub rows: Vec<usize>,
-    /// How many candidates there are.
+    /// The number of candidates.
     pub candidates: usize,
     pixels: Vec<u32>,
     /// Basis functions and depth of each.
@@ -39,9 +39,9 @@ pub struct Adjoint {
 
 /// The gradients of one problem.
 pub struct Gradients {
-    /// `[points, k]`.
+    /// Of the basis functions, `[points, k]`.
     pub bases: Vec<f64>,
-    /// `[height, width, 2]`.
+    /// Of the affinities, `[height, width, 2]`.
     pub affinities: Vec<f64>,
 }
 
@@ -59,8 +59,8 @@ impl JointProblem<'_> {
 }
 
 impl Adjoint {
-    /// Solves for points at `rows` of the candidates. `values` has basis functions and depth of
-    /// each.
+    /// Solves the problem for the points at `rows` of the candidates. `values` holds basis functions and
+    /// depth of each candidate.
     pub fn solve(
         grid: Grid<'_>,
         (rows, candidates): (Vec<usize>, usize),
@@ -101,14 +101,14 @@ impl Adjoint {
         })
     }
 
-    /// Weights, then the field.
+    /// The weights, followed by the field.
     pub fn solution(&self) -> Vec<f64> {
         [&self.weights[..], &self.smooth].concat()
     }
 
-    /// From the gradient of weights and field. With K (y', w') = gradient, K being the matrix of
-    /// the equations of both, the gradient of a parameter is minus the derivative by it of (y', w')
-    /// times those equations.
+    /// The gradients from the gradient `grad` of weights and field. Let K be the matrix of the equations of
+    /// both, and let (y', w') solve K (y', w') = `grad`. Then the gradient of a parameter is minus (y', w')
+    /// times the derivative of those equations with respect to it.
     pub fn backward(&self, grad: &[f64], width: usize) -> Gradients {
         let k = self.weights.len();
         let (grad_weights, grad_field) = grad.split_at(k);

@@ -1,4 +1,4 @@
-//! Points as a field observes them.
+//! Points in the form in which a field observes them.
 
 use super::{JointConfig, JointProblem};
 use crate::bilinear::Taps;
@@ -7,8 +7,8 @@ use crate::field::Field;
 use crate::fit::affinities::Scene;
 use crate::fit::points::Rows;
 
-/// Observations of a field: each point at its own place, but those of one pixel of the field as one,
-/// at their mean place with their mean basis functions and depth.
+/// Observations of a field: each point at its exact position, but all points within one pixel of the field
+/// merged into one, with their mean position, basis functions and depth.
 #[derive(Debug)]
 pub(super) struct Sites {
     pub(super) taps: Vec<Taps>,

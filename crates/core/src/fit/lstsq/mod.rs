@@ -13,14 +13,15 @@ use rayon::prelude::*;
 /// How a problem is solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solver {
-    /// Truncated SVD: directions with singular values at most this share of the largest are left
-    /// out, the rest is the solution of least norm (paper Algorithm 1).
+    /// Truncated SVD: directions whose singular values are at most this fraction of the largest are
+    /// truncated; the result is the minimum-norm solution in the rest (paper Algorithm 1).
     Truncated(f64),
-    /// Normal equations plus this share of their mean diagonal times the identity.
+    /// Normal equations plus a ridge on the diagonal, as a fraction of their mean diagonal.
     Ridge(f64),
 }
 
-/// Rows scaled by the square root of their weights; rows of weight 0 are left out.
+/// A weighted least-squares problem: rows are scaled by the square root of their weights; rows of weight 0
+/// are left out.
 #[derive(Clone, Debug)]
 pub struct Problem {
     rows: Vec<usize>,
@@ -31,8 +32,7 @@ pub struct Problem {
     pub(super) depths: Vec<f64>,
 }
 
-/// What a problem comes down to when only its weights are asked for; those of two sets of points
-/// add.
+/// The sufficient statistics of a problem. Those of two sets of points can be added.
 #[derive(Clone, Debug)]
 pub struct Moments {
     /// `M^T M`, both halves.
@@ -41,24 +41,24 @@ pub struct Moments {
     pub right: Vec<f64>,
     /// `d^T d`.
     pub square: f64,
-    /// The number of rows with a weight.
+    /// The number of rows with a nonzero weight.
     pub count: usize,
 }
 
-/// Weights of the basis functions, and all that follows from them in closed form.
+/// The weights of the basis functions, and everything that follows from them in closed form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// One weight per basis function.
     pub weights: Vec<f64>,
-    /// Directions that were kept.
+    /// The number of directions that were kept.
     pub rank: usize,
-    /// K `[k, r]`: the covariance of the weights is K K^T for points whose noise has variance 1.
+    /// K `[k, r]`: for points whose noise has variance 1, the covariance of the weights is K K^T.
     pub factor: Mat<f64>,
 }
 
 impl Solution {
-    /// `|K^T f|^2` for each row f of `bases`: the variance of a fitted value, for points whose noise
-    /// has variance 1.
+    /// `|K^T f|^2` for each row f of `bases`: the variance of a fitted value, for points whose noise has
+    /// variance 1.
     pub fn spreads<T: Copy + Into<f64>>(&self, bases: &[T]) -> Vec<f64> {
         let k = self.weights.len().max(1);
         let rows = Mat::from_fn(bases.len() / k, k, |i, j| bases[i * k + j].into());
@@ -68,9 +68,9 @@ impl Solution {
             .collect()
     }
 
-    /// The leverage of each row that was fitted with a weight: how much of its own depth a fitted
-    /// value is, from 0 (also for rows of weight 0) to 1. A residual divided by 1 - leverage is
-    /// what it would be had the row been left out (Allen 1974).
+    /// The leverage of each row that was fitted with a weight: the influence of its depth on its own fitted
+    /// value, from 0 (also for rows of weight 0) to 1. A residual divided by 1 - leverage is the residual
+    /// that the row would have if it were left out (Allen 1974).
     pub fn leverages<T: Copy + Into<f64>>(&self, bases: &[T], weights: &[f64]) -> Vec<f64> {
         let spreads = self.spreads(bases).into_iter().zip(weights);
         // Rounding may go a little beyond.
@@ -168,8 +168,8 @@ impl Problem {
         }
     }
 
-    /// The solution by the normal equations, if they show that nothing is to be left out and are
-    /// conditioned well enough to be trusted: several times faster than a decomposition.
+    /// The solution by the normal equations, if they show that nothing has to be truncated and are well
+    /// enough conditioned to be trusted: several times faster than a decomposition.
     pub(super) fn full_rank(&self, rcond: f64) -> Option<Solution> {
         /// Normal equations square the condition of the matrix, so that f64 leaves 7 digits; a
         /// step of refinement wins back the rest.
@@ -198,7 +198,7 @@ impl Problem {
         })
     }
 
-    /// What the weights depend on.
+    /// The sufficient statistics of the problem.
     pub fn moments(&self) -> Moments {
         let (half, right) = self.normal();
         let columns = self.columns;
@@ -242,8 +242,8 @@ impl Problem {
         (normal.to_owned(), right.collect())
     }
 
-    /// The gradients of `bases` (row by row) and `depths`, as given to `new` for `count` rows,
-    /// from the gradient of the solution. Rows of weight 0 get exactly 0.
+    /// The gradients with respect to `bases` (row by row) and `depths`, as given to `new` for `count` rows,
+    /// from the gradient `grad` of the solution. Rows of weight 0 get exactly 0.
     ///
     /// # Errors
     /// Values that are not finite.
@@ -434,7 +434,7 @@ pub(super) fn residuals<T: Copy + Into<f64>>(bases: &[T], depths: &[f64], x: &[f
     depths.iter().zip(fitted).map(|(d, f)| d - f).collect()
 }
 
-/// Summed in eight lanes, which vector units can do.
+/// The dot product, summed in eight lanes so that it can be vectorised.
 pub fn dot<T: Copy + Into<f64>>(a: &[T], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (a, b) = (a.chunks(8), b.chunks(8));
