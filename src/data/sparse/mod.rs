@@ -5,7 +5,7 @@ mod points;
 use super::columns::meaning;
 use super::files::{Array, CLOUDS, Columns, Numbers, Row, Table, has_ending, read_cloud};
 use super::grid::{is_plausible, nearest_pixels, pixel, rescaled, same_shape};
-use super::stored::{KnownUnit, Stored, StoredMap, read_stored};
+use super::stored::{KnownUnit, Stored, StoredMap, endings, read_stored};
 use super::{Camera, DepthMap, Orientation, Unit, View};
 use crate::error::{Error, Result};
 use lsdc_core::cloud::{fronts, is_behind};
@@ -36,6 +36,11 @@ pub struct Sparse {
 }
 
 impl Sparse {
+    /// The endings of files that can be read, in small letters.
+    pub fn endings() -> impl Iterator<Item = &'static str> {
+        endings()
+    }
+
     /// Reads sparse depths for an image, by the file's ending.
     ///
     /// - Maps of the image's shape, of as many pixels or not: `png`, `pgm`, `npy`, `npz`, `tiff`,
