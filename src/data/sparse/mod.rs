@@ -47,8 +47,8 @@ impl Sparse {
     ///   `exr`, `pfm`, `h5`.
     /// - Tables, `csv`, `txt` and arrays `[points, 3 or 4]`: of `u, v, depth[, sigma]`, u and v in
     ///   pixels from the centre of the first, or of x, y, z. Names in the first line say which; without
-    ///   names the columns are x, y, z if there is a camera and most points could not be pixels, and
-    ///   what may be either is refused.
+    ///   names the columns are x, y, z if there is a camera and most points could not be pixels, or
+    ///   pixels if the points lie all over the image, and what may be either is refused.
     /// - Clouds, which need the camera of the upright image: `ply`, `pcd`, `las`, `laz`, `xyz`, `bin`.
     ///
     /// Without a unit integers are taken for millimetres, other numbers and clouds for metres.
