@@ -36,6 +36,7 @@ pub use unit::Unit;
 
 use crate::error::Result;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// Which part of a dataset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -86,6 +87,12 @@ pub trait Dataset: Send + Sync {
 
     /// The name of frame `index`, which must be below `len`.
     fn id(&self, index: usize) -> FrameId;
+
+    /// The files that frame `index` is read from, as far as it has any: results are used again only
+    /// if these are as they were.
+    fn files(&self, _index: usize) -> Vec<PathBuf> {
+        Vec::new()
+    }
 
     /// Reads frame `index`, which must be below `len`.
     ///
