@@ -53,7 +53,8 @@ impl Evaluation<'_> {
     /// contents.
     ///
     /// # Errors
-    /// A folder of predictions or points that cannot be read.
+    /// A folder of predictions or points that cannot be read, or predictions that do not tell several
+    /// draws apart.
     pub fn heading(
         &self,
         dataset: &str,
@@ -63,6 +64,7 @@ impl Evaluation<'_> {
     ) -> Result<Heading> {
         let mut methods = Map::new();
         for (name, candidate) in &self.candidates {
+            candidate.check_draws(name, &self.seeds)?;
             methods.insert(name.clone(), candidate.made_from()?);
         }
         let point_files = match &self.points {
@@ -175,8 +177,6 @@ impl Evaluation<'_> {
         }
     }
 
-    /// One record for each seed.
-    fn measure(&self, index: usize) -> Result<Vec<Record>> {
     /// The files of a frame as they are.
     fn stamps(&self, index: usize) -> Vec<Stamp> {
         let files = self.frames.files(index);
@@ -203,10 +203,12 @@ impl Evaluation<'_> {
         .hint("choose another folder, or give --force to begin anew"))
     }
 
-        let frame = self.frame(index)?;
-        let prepared = Prepared::new(self.completer, &frame, self.uncertainty)?;
+    /// One record for each seed.
+    fn measure(&self, index: usize) -> Result<Vec<Record>> {
         // In this order: what changes in between is noticed the next time.
         let files = self.stamps(index);
+        let frame = self.frame(index)?;
+        let prepared = Prepared::new(self.completer, &frame, self.uncertainty)?;
         self.seeds
             .iter()
             .map(|&seed| {
@@ -232,9 +234,9 @@ impl Evaluation<'_> {
                     points: sparse.count(),
                     place: frame.place,
                     outcomes,
+                    files: files.clone(),
                 })
             })
-                    files: files.clone(),
             .collect()
     }
 
