@@ -252,6 +252,9 @@ pub(super) struct Trained<'a> {
     frames: Arc<dyn Dataset>,
 }
 
+/// Measurements on frames kept out of training, evenly over the steps.
+pub(super) const EPOCHS: usize = 8;
+
 /// How much of the time of a step of training the measuring of a frame takes, roughly.
 const FRAME: f64 = 0.2;
 
@@ -301,7 +304,7 @@ impl<'a> Trained<'a> {
     fn config(&self) -> TrainConfig {
         let train = &self.lab.recipe.train;
         TrainConfig {
-            measure_every: train.steps.div_ceil(super::ablation::EPOCHS),
+            measure_every: train.steps.div_ceil(EPOCHS),
             // The plain fit: nothing is learned of weights.
             calibrate: false,
             ..train.clone()
