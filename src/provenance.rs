@@ -1,10 +1,12 @@
 //! What a result was made from: kept beside it as JSON, and compared before it is used again.
 
+use crate::data::{Dataset, FrameId};
 use crate::error::{Error, Result};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
 
 /// Rises with every change after which the program gives other numbers for the same input.
 const NUMBERS: u32 = 1;
@@ -52,6 +54,27 @@ pub fn file(path: &Path) -> Result<String> {
     let mut hash = Hash::new();
     hash.add_file(path)?;
     Ok(hash.name())
+}
+
+/// A file without reading it: its size in bytes, and when it was last written, in nanoseconds since
+/// 1970; nothing if it is missing.
+pub type Stamp = Option<(u64, u64)>;
+
+/// A file without reading it.
+pub fn stamp(path: &Path) -> Stamp {
+    let found = std::fs::metadata(path).ok()?;
+    let written = found.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
+    Some((found.len(), written.as_nanos() as u64))
+}
+
+/// The frames of a dataset by what was found, their number and their names.
+pub fn frames(frames: &dyn Dataset) -> Value {
+    let names: Vec<FrameId> = (0..frames.len()).map(|index| frames.id(index)).collect();
+    json!({
+        "found": frames.about(),
+        "frames": names.len(),
+        "names": format!("{:016x}", lsdc_rng::hash(&names)),
+    })
 }
 
 /// A folder by the names and contents of its files with one of the endings, and of those in the

@@ -163,6 +163,7 @@ fn a_run_folder_is_not_overwritten() {
     );
     for name in [
         "config.toml",
+        "data.json",
         "env.json",
         "metrics.jsonl",
         "weights.safetensors",
@@ -176,6 +177,40 @@ fn a_run_folder_is_not_overwritten() {
         .unwrap();
     assert_eq!(again.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&again.stderr).contains("--resume"));
+}
+
+#[test]
+fn a_run_does_not_go_on_with_other_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), CONFIG).unwrap();
+    train(
+        at,
+        &["--config", "c.toml", "-o", "a", "--set", "train.steps=1"],
+    );
+    let resume = || {
+        Command::new(env!("CARGO_BIN_EXE_lsdc"))
+            .current_dir(at)
+            .args(["train", "--resume", "a"])
+            .output()
+            .unwrap()
+    };
+    let settings = at.join("a/config.toml");
+    let text = std::fs::read_to_string(&settings).unwrap();
+    std::fs::write(&settings, text.replace("train = 12", "train = 10")).unwrap();
+    let other = resume();
+    let said = String::from_utf8(other.stderr).unwrap();
+    assert_eq!(other.status.code(), Some(2), "{said}");
+    for words in ["a/data.json", "frames: 12, now 10", "names: ", "hint:"] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    // Runs of before have no record: that is said, and they have one from then on.
+    std::fs::remove_file(at.join("a/data.json")).unwrap();
+    let unknown = resume();
+    let said = String::from_utf8(unknown.stderr).unwrap();
+    assert!(unknown.status.success(), "{said}");
+    assert!(said.contains("data.json` is missing"), "{said}");
+    assert!(at.join("a/data.json").exists());
 }
 
 #[test]

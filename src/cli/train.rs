@@ -6,13 +6,16 @@ use super::{Exit, settings, ui};
 use crate::config::{Config, FitSettings};
 use crate::data::{Split, write_atomically};
 use crate::device::devices;
-use crate::error::{Cause, Error, Result};
+use crate::error::{Error, Result};
+use crate::provenance::{self, differences};
 use crate::train::{Outcome, Trainer};
 use lsdc_core::fit::FitConfig;
-use serde_json::json;
+use serde_json::{Value, json};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 const SETTINGS: &str = "config.toml";
+const DATA: &str = "data.json";
 
 pub(super) fn run(args: &Train) -> Result<Exit> {
     let devices = devices(&args.device)?;
@@ -24,6 +27,10 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
         None => start(args)?,
     };
     let frames = settings::open(&config.data, Split::Train)?;
+    let data = provenance::frames(&*frames);
+    if args.resume.is_some() {
+        check_data(&folder.join(DATA), &data)?;
+    }
     let trainer = Trainer::new(
         &folder,
         config.network(),
@@ -34,6 +41,7 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
     )?;
     if args.resume.is_none() {
         prepare(&folder, &config, &args.device)?;
+        write_json(&folder.join(DATA), &data)?;
     }
     ui::say(&format!("run folder {}", folder.display()));
     let mut dashboard = Dashboard::new(config.train.steps);
@@ -79,6 +87,36 @@ fn start(args: &Train) -> Result<(PathBuf, Config)> {
     Ok((folder, config))
 }
 
+/// Checks that a run goes on with the frames that it began with.
+fn check_data(path: &Path, data: &Value) -> Result<()> {
+    let text = match std::fs::read_to_string(path) {
+        Err(e) if e.kind() == ErrorKind::NotFound => {
+            ui::warn(&format!(
+                "warning: `{}` is missing: whether the run began with these frames is not known",
+                path.display()
+            ));
+            return write_json(path, data);
+        }
+        text => text.map_err(|e| Error::read(path, e))?,
+    };
+    let before =
+        serde_json::from_str(&text).map_err(|e| Error::format(path, "is damaged").because(e))?;
+    let found = differences(&before, data);
+    if found.is_empty() {
+        return Ok(());
+    }
+    Err(Error::config(format!(
+        "`{}` belongs to a run on other data: {}",
+        path.display(),
+        found.join("; ")
+    ))
+    .hint("bring back the frames that it began with, or begin another run: -o DIR"))
+}
+
+fn write_json(path: &Path, value: &Value) -> Result<()> {
+    write_atomically(path, |out| writeln!(out, "{value:#}"))
+}
+
 /// Writes the resolved settings and the environment of a new run.
 fn prepare(folder: &Path, config: &Config, device: &str) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
@@ -90,9 +128,7 @@ fn prepare(folder: &Path, config: &Config, device: &str) -> Result<()> {
         "device": device,
         "seed": config.train.seed,
     });
-    let text = serde_json::to_string_pretty(&environment)
-        .map_err(|e| Error::new(Cause::Write, "cannot encode the environment").because(e))?;
-    write_atomically(&folder.join("env.json"), |out| writeln!(out, "{text}"))?;
+    write_json(&folder.join("env.json"), &environment)?;
     let settings = config.to_toml()?;
     write_atomically(&folder.join(SETTINGS), |out| {
         out.write_all(settings.as_bytes())

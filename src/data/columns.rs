@@ -12,11 +12,18 @@ struct Evidence {
     as_pixels: f64,
     /// The share of all points that the camera sees in the image, taken as x, y, z.
     as_space: f64,
+    /// Whether the first two columns are whole numbers, as pixels are and coordinates are not.
+    whole: bool,
+    /// How far the points spread over the image, taken as u, v, depth: the share of its width or of
+    /// its height, whichever is more. Of few points it counts from the first pixel, where clouds lie
+    /// that are measured in metres.
+    spread: f64,
 }
 
-/// Decides by the names of the columns, or else by where the points would lie. A table without names
-/// holds pixels if there is no camera. With one it is a cloud if most points cannot be pixels, and
-/// holds pixels if all of them can and hardly any lies before the camera. Anything else is refused.
+/// Decides by the names of the columns, or else by where the points would lie. Without a camera a table
+/// without names holds pixels if nearly all points lie in the image and do not crowd in a spot of it.
+/// With a camera it is a cloud if most points cannot be pixels, and holds pixels if all of them can and
+/// hardly any lies before the camera. Anything else is refused.
 pub(super) fn meaning(
     path: &Path,
     table: &Table,
@@ -26,20 +33,31 @@ pub(super) fn meaning(
 ) -> Result<Columns> {
     /// So few points of a list of pixels lie in the image by chance, taken as a cloud.
     const CHANCE: f64 = 0.1;
+    /// Keypoints may lie a little outside, where an image was undistorted or cut.
+    const NEARLY_ALL: f64 = 0.95;
+    /// A cloud in metres takes so few pixels: a room one or two hundredths of an image.
+    const CROWDED: f64 = 0.1;
     if table.columns != Columns::Unnamed {
         return Ok(table.columns);
     }
     let found = Evidence::of(table, camera, size, metres);
     let mostly_pixels = found.as_pixels >= 0.5;
+    let in_image = found.as_pixels >= NEARLY_ALL;
+    let crowded = !found.whole && found.spread < CROWDED;
     let (width, height) = size;
     match camera {
-        None if mostly_pixels => Ok(Columns::Pixels),
+        None if in_image && !crowded => Ok(Columns::Pixels),
         None => Err(Error::format(
             path,
             format!(
                 "{:.0} % of its points lie in the image of {width}x{height} if its columns are u, v, \
-                 depth",
-                found.as_pixels * 100.0
+                 depth{}",
+                found.as_pixels * 100.0,
+                if in_image && crowded {
+                    ", crowded in a spot as those of a cloud"
+                } else {
+                    ""
+                }
             ),
         )
         .hint(
@@ -66,7 +84,11 @@ pub(super) fn meaning(
 
 impl Evidence {
     fn of(table: &Table, camera: Option<&Camera>, size: (usize, usize), metres: f64) -> Self {
+        /// So few may be the only ones of an image, wherever they are.
+        const FEW: usize = 8;
         let (mut deep, mut in_image, mut finite, mut seen) = (0_usize, 0_usize, 0_usize, 0_usize);
+        let mut whole = true;
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for row in &table.rows {
             let [u, v, depth] = row.values;
             if row.values.iter().any(|v| !v.is_finite()) {
@@ -76,14 +98,23 @@ impl Evidence {
             if depth > 0.0 {
                 deep += 1;
                 in_image += usize::from(pixel([u, v], size).is_some());
+                whole &= u.fract() == 0.0 && v.fract() == 0.0;
+                low = [low[0].min(u), low[1].min(v)];
+                high = [high[0].max(u), high[1].max(v)];
             }
             let place = camera.and_then(|camera| camera.project(row.values.map(|v| v * metres)));
             seen += usize::from(place.is_some_and(|(place, _)| pixel(place, size).is_some()));
         }
+        if deep < FEW {
+            low = low.map(|v| v.min(0.0));
+        }
         let share = |some: usize, all: usize| some as f64 / all.max(1) as f64;
+        let span = |axis: usize, length: usize| (high[axis] - low[axis]) / length.max(1) as f64;
         Self {
             as_pixels: share(in_image, deep),
             as_space: share(seen, finite),
+            whole,
+            spread: span(0, size.0).max(span(1, size.1)),
         }
     }
 }
@@ -138,6 +169,49 @@ mod tests {
                     .is_some_and(|hint| hint.contains("u,v,depth"))
             );
         }
+    }
+
+    #[test]
+    fn without_a_camera_a_cloud_is_not_taken_for_pixels() {
+        let decide = |table: &Table| meaning(Path::new("a.npy"), table, None, SIZE, 1.0);
+        for (name, cloud) in [
+            ("corner", spread([0.0, 0.0, 2.0], [0.5, 0.5, 3.0])),
+            ("table top", spread([-0.5, -0.5, 0.4], [0.5, 0.5, 1.0])),
+            (
+                "forward scan",
+                spread([5.0, -10.0, -2.0], [40.0, 10.0, 2.0]),
+            ),
+            ("its left half", spread([5.0, 0.0, -2.0], [40.0, 10.0, 2.0])),
+            (
+                "far from its origin",
+                spread([300.2, 200.1, 1.0], [310.7, 207.3, 4.0]),
+            ),
+            ("one point", table([[0.21, -0.13, 0.8]].into_iter())),
+        ] {
+            let error = decide(&cloud).unwrap_err();
+            let hint = error.advice().unwrap_or_default();
+            assert!(
+                hint.contains("--camera") && hint.contains("u,v,depth"),
+                "{name}"
+            );
+        }
+        // A few points may be anywhere, a sensor may see a spot, a laser a line, and keypoints may
+        // lie a little outside.
+        for (name, pixels) in [
+            ("one point", table([[320.5, 240.25, 2.0]].into_iter())),
+            ("the first pixel", table([[0.0, 0.0, 2.0]].into_iter())),
+            (
+                "a marker",
+                table([[311.5, 80.5, 2.0], [312.5, 81.5, 2.1]].into_iter()),
+            ),
+            ("a spot", spread([280.5, 200.5, 1.0], [360.5, 280.5, 2.0])),
+            ("a line", spread([0.5, 239.5, 1.0], [638.5, 239.5, 8.0])),
+            ("keypoints", spread([-8.5, -6.5, 1.0], [642.5, 482.5, 8.0])),
+        ] {
+            assert_eq!(decide(&pixels).unwrap(), Columns::Pixels, "{name}");
+        }
+        // Without a depth nothing can be told.
+        assert!(decide(&table([[1.0, 1.0, 0.0]].into_iter())).is_err());
     }
 
     #[test]

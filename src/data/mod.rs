@@ -19,10 +19,10 @@ pub use camera::Camera;
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
 pub use files::{
-    Colored, check_writable, images_below, is_image, png_unit, read_depth, read_depth_png,
-    read_mask, read_npy, read_rgb, read_upright, remove_leftovers, stored_unit, write_atomically,
-    write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz, write_pfm,
-    write_ply, write_rgb, write_tiff,
+    Colored, check_writable, images_below, is_image, png_unit, raised_in_png, read_depth,
+    read_depth_png, read_mask, read_npy, read_rgb, read_upright, remove_leftovers, stored_unit,
+    write_atomically, write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz,
+    write_pfm, write_ply, write_rgb, write_tiff,
 };
 pub use frame::{Frame, FrameId, Place, check_name};
 pub use lsdc_core::{DepthMap, Point};
@@ -36,6 +36,7 @@ pub use unit::Unit;
 
 use crate::error::Result;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// Which part of a dataset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -86,6 +87,12 @@ pub trait Dataset: Send + Sync {
 
     /// The name of frame `index`, which must be below `len`.
     fn id(&self, index: usize) -> FrameId;
+
+    /// The files that frame `index` is read from, as far as it has any: results are used again only
+    /// if these are as they were.
+    fn files(&self, _index: usize) -> Vec<PathBuf> {
+        Vec::new()
+    }
 
     /// Reads frame `index`, which must be below `len`.
     ///

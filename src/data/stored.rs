@@ -1,8 +1,8 @@
 //! Depths as files hold them, before they meet an image: maps, and tables of points.
 
 use super::files::{
-    Array, Columns, Numbers, Row, Table, has_ending, read_array, read_exr, read_grey, read_h5,
-    read_npz, read_pfm, read_table, read_tiff, stored_unit,
+    Array, CLOUDS, Columns, Numbers, Row, Table, has_ending, read_array, read_exr, read_grey,
+    read_h5, read_npz, read_pfm, read_table, read_tiff, stored_unit,
 };
 use super::{DepthMap, Unit};
 use crate::error::{Error, Result};
@@ -82,10 +82,14 @@ impl KnownUnit {
 }
 
 /// The endings of maps and tables.
-pub(super) const DEPTHS: [&str; 14] = [
-    "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "pgm", "bmp", "h5", "hdf5", "csv", "txt",
-    "xyz",
+pub(super) const DEPTHS: [&str; 13] = [
+    "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "pgm", "h5", "hdf5", "csv", "txt", "xyz",
 ];
+
+/// The endings of everything that holds depths.
+pub(super) fn endings() -> impl Iterator<Item = &'static str> {
+    DEPTHS.into_iter().chain(CLOUDS)
+}
 
 /// Reads a file by its ending. Arrays for which `is_table` are tables. A unit that the file itself says
 /// stands where none is given.
@@ -99,7 +103,7 @@ pub(super) fn read_stored(
     let known = |numbers| KnownUnit::new(said, numbers);
     let metres = |numbers| known(numbers).unit.metres();
     let floats = || metres(Numbers::Floats);
-    let (depth, sigma, numbers) = if is("png") || is("pgm") || is("bmp") {
+    let (depth, sigma, numbers) = if is("png") || is("pgm") {
         let (depth, numbers) = read_grey(path, metres)?;
         (depth, None, numbers)
     } else if is("tif") || is("tiff") {
@@ -128,10 +132,13 @@ pub(super) fn read_stored(
         let sigma = sigma.map(|sigma| map(&sigma, scale)).transpose()?;
         (map(&array, scale)?, sigma, numbers)
     } else {
-        return Err(Error::format(path, "is no kind of depth file").hint(
-            "depths are read from npy, npz, 16-bit PNG, TIFF, EXR, PFM, PGM, HDF5, csv, txt, xyz, PLY, \
-             PCD, LAS, LAZ and bin",
-        ));
+        let known: Vec<&str> = endings().collect();
+        return Err(
+            Error::format(path, "is no kind of depth file").hint(format!(
+                "depths are read from files that end in {}",
+                known.join(", ")
+            )),
+        );
     };
     if let Some(sigma) = &sigma {
         check_sizes(path, &depth, sigma)?;
@@ -190,6 +197,25 @@ mod tests {
         KnownUnit::new(None, numbers)
             .doubt(depths.to_vec())
             .is_some()
+    }
+
+    #[test]
+    fn every_ending_that_is_said_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = |name: &str| {
+            let read = read_stored(&folder.path().join(name), None, |_| false);
+            read.err().map(|error| error.to_string())
+        };
+        for ending in DEPTHS {
+            // There is no such file, but a reader for it.
+            let said = error(&format!("a.{ending}")).unwrap();
+            assert!(!said.contains("no kind of depth file"), "{said}");
+        }
+        // BMP has no grey of 16 bits, and its reader knows colours only.
+        for name in ["a.doc", "a.bmp"] {
+            let said = error(name).unwrap();
+            assert!(said.contains("no kind of depth file"), "{said}");
+        }
     }
 
     #[test]

@@ -24,11 +24,29 @@ pub enum Candidate {
         by: Enlargement,
     },
     /// `FRAME.npy` (metres) or `FRAME.png` (millimetres, or the unit that the file says) in this
-    /// folder, or in its `seedN`.
+    /// folder, or in its `seedN`, which there must be for each of several draws.
     Files(PathBuf),
 }
 
 impl Candidate {
+    /// Checks that there are predictions of each draw of points: one that counted for several would
+    /// have no spread over them.
+    pub(super) fn check_draws(&self, name: &str, seeds: &[u64]) -> Result<()> {
+        let Self::Files(folder) = self else {
+            return Ok(());
+        };
+        let missing = seeds.iter().find(|seed| !of_seed(folder, **seed).is_dir());
+        match missing.filter(|_| seeds.len() > 1) {
+            None => Ok(()),
+            Some(seed) => Err(Error::config(format!(
+                "`{name}` has no folder `{}`: one prediction would count for {} draws of points",
+                of_seed(folder, *seed).display(),
+                seeds.len()
+            ))
+            .hint("give the predictions of each draw a folder seedN, or measure one: --seeds 1")),
+        }
+    }
+
     /// What its predictions depend on, beside the network and its fit: files by their contents.
     ///
     /// # Errors
@@ -141,8 +159,13 @@ fn enlarged(
     }
 }
 
+/// Where the predictions of a draw lie, if each draw has its own.
+fn of_seed(folder: &Path, seed: u64) -> PathBuf {
+    folder.join(format!("seed{seed}"))
+}
+
 fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
-    let of_seed = folder.join(format!("seed{seed}"));
+    let of_seed = of_seed(folder, seed);
     let folder = if of_seed.is_dir() {
         of_seed
     } else {

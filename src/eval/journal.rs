@@ -160,6 +160,7 @@ mod tests {
             points: 5,
             place: Place::Indoor,
             outcomes: Vec::new(),
+            files: Vec::new(),
         }
     }
 

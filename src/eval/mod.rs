@@ -12,7 +12,7 @@ use crate::classic::distances;
 use crate::data::{Dataset, DepthMap, Frame, Shard};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Metric, Profile, Rules, Scores};
-use crate::provenance;
+use crate::provenance::{self, Stamp};
 use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
 use crate::sample::{Noise, Pattern, Protocol};
 use candidate::Prepared;
@@ -53,7 +53,8 @@ impl Evaluation<'_> {
     /// contents.
     ///
     /// # Errors
-    /// A folder of predictions or points that cannot be read.
+    /// A folder of predictions or points that cannot be read, or predictions that do not tell several
+    /// draws apart.
     pub fn heading(
         &self,
         dataset: &str,
@@ -63,6 +64,7 @@ impl Evaluation<'_> {
     ) -> Result<Heading> {
         let mut methods = Map::new();
         for (name, candidate) in &self.candidates {
+            candidate.check_draws(name, &self.seeds)?;
             methods.insert(name.clone(), candidate.made_from()?);
         }
         let point_files = match &self.points {
@@ -115,7 +117,8 @@ impl Evaluation<'_> {
     /// A frame that cannot be read or completed is listed in the report and left out of the means.
     ///
     /// # Errors
-    /// The journal cannot be written, or every frame failed: then the first failure.
+    /// The journal cannot be written, or holds frames whose files have changed since; or every frame
+    /// failed: then the first failure.
     pub fn run(
         &self,
         heading: Heading,
@@ -136,7 +139,9 @@ impl Evaluation<'_> {
         let (old, open): (Vec<usize>, Vec<usize>) = mine.iter().partition(|i| finished(i));
         for index in &old {
             for seed in &self.seeds {
-                report.add(done[&(self.frames.id(*index), *seed)].clone())?;
+                let record = &done[&(self.frames.id(*index), *seed)];
+                self.check_unchanged(*index, record)?;
+                report.add(record.clone())?;
             }
         }
         let mut first = None;
@@ -172,8 +177,36 @@ impl Evaluation<'_> {
         }
     }
 
+    /// The files of a frame as they are.
+    fn stamps(&self, index: usize) -> Vec<Stamp> {
+        let files = self.frames.files(index);
+        files.iter().map(|path| provenance::stamp(path)).collect()
+    }
+
+    /// Checks that a frame is still what it was when it was measured.
+    fn check_unchanged(&self, index: usize, record: &Record) -> Result<()> {
+        let stamps = self.stamps(index);
+        if stamps == record.files {
+            return Ok(());
+        }
+        let mut pairs = stamps.iter().zip(&record.files);
+        let changed = pairs.position(|(now, before)| now != before);
+        let files = self.frames.files(index);
+        let path = changed.and_then(|place| files.get(place));
+        let what = path.map_or("it has other files".to_owned(), |path| {
+            format!("`{}` has changed", path.display())
+        });
+        Err(Error::config(format!(
+            "frame `{}` is not what was measured: {what}",
+            record.frame
+        ))
+        .hint("choose another folder, or give --force to begin anew"))
+    }
+
     /// One record for each seed.
     fn measure(&self, index: usize) -> Result<Vec<Record>> {
+        // In this order: what changes in between is noticed the next time.
+        let files = self.stamps(index);
         let frame = self.frame(index)?;
         let prepared = Prepared::new(self.completer, &frame, self.uncertainty)?;
         self.seeds
@@ -201,6 +234,7 @@ impl Evaluation<'_> {
                     points: sparse.count(),
                     place: frame.place,
                     outcomes,
+                    files: files.clone(),
                 })
             })
             .collect()

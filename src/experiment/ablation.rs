@@ -1,16 +1,13 @@
 //! How many basis functions, and how the position is encoded: one network for each, trained from the
 //! same seed on an equal budget.
 
-use super::cell::{Cell, Trained};
+use super::cell::{Cell, EPOCHS, Trained};
 use super::{Lab, Study};
 use crate::error::Result;
 use crate::metrics::Metric;
 use crate::model::{InitNetwork as _, NetworkConfig};
 use crate::report::{Chart, Column, Contest, Line, Row, Section, Table, Training};
 use burn::tensor::Device;
-
-/// Measurements on frames kept out of training, evenly over the steps.
-pub(super) const EPOCHS: usize = 8;
 
 const BASES: [usize; 6] = [16, 32, 64, 128, 256, 512];
 /// E of the encoding, 0 = no position, 1 = the raw coordinates.

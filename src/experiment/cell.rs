@@ -252,6 +252,9 @@ pub(super) struct Trained<'a> {
     frames: Arc<dyn Dataset>,
 }
 
+/// Measurements on frames kept out of training, evenly over the steps.
+pub(super) const EPOCHS: usize = 8;
+
 /// How much of the time of a step of training the measuring of a frame takes, roughly.
 const FRAME: f64 = 0.2;
 
@@ -301,7 +304,7 @@ impl<'a> Trained<'a> {
     fn config(&self) -> TrainConfig {
         let train = &self.lab.recipe.train;
         TrainConfig {
-            measure_every: train.steps.div_ceil(super::ablation::EPOCHS),
+            measure_every: train.steps.div_ceil(EPOCHS),
             // The plain fit: nothing is learned of weights.
             calibrate: false,
             ..train.clone()
@@ -313,14 +316,18 @@ impl<'a> Trained<'a> {
         let folder = self.folder();
         std::fs::create_dir_all(&folder).map_err(|e| Error::write(&folder, e))?;
         let path = folder.join("recipe.json");
-        let frames = (self.frames.about(), self.frames.len());
+        let config = self.config();
+        let start = config.start.as_deref();
+        let start = start.map(|path| weights_hash(Some(path))).transpose()?;
         let fit = &self.lab.recipe.fit;
         let recipe = json!({
             "program": provenance::program(),
             "network": self.network,
             "fit": fit,
-            "training": self.config(),
-            "frames": frames,
+            // Weights to start from count by their contents, wherever they lie.
+            "training": TrainConfig { start: None, ..config },
+            "start": start,
+            "frames": provenance::frames(&*self.frames),
             "place": self.lab.place,
         });
         match std::fs::read_to_string(&path) {
@@ -384,5 +391,31 @@ impl Cell for Trained<'_> {
 
     fn failures(&self) -> Result<Vec<Failure>> {
         self.measured()?.failures()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::tests::lab;
+
+    #[test]
+    fn weights_to_start_from_are_told_apart_by_their_contents() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::write(at("start"), b"one").unwrap();
+        std::fs::write(at("copy"), b"one").unwrap();
+        let kept = |start: &str| {
+            let mut lab = lab(folder.path());
+            lab.recipe.train.start = Some(at(start));
+            let frames = (lab.recipe.frames)().unwrap();
+            let network = lab.recipe.network.clone();
+            Trained::new(&lab, "a", network, frames).keep_to_recipe()
+        };
+        kept("start").unwrap();
+        kept("copy").unwrap();
+        std::fs::write(at("start"), b"two").unwrap();
+        let error = kept("start").unwrap_err();
+        assert!(error.to_string().contains("start: "), "{error}");
     }
 }

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::metrics::Metric;
 use crate::predict::{Classic, Method};
 use crate::report::{Chart, Section};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 const FACTORS: [f32; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0];
@@ -100,6 +101,10 @@ impl Dataset for Scaled {
 
     fn id(&self, index: usize) -> FrameId {
         self.frames.id(index)
+    }
+
+    fn files(&self, index: usize) -> Vec<PathBuf> {
+        self.frames.files(index)
     }
 
     fn load(&self, index: usize) -> Result<Frame> {

@@ -5,7 +5,7 @@ use crate::sample::{Pattern, Protocol, SupervisionConfig};
 use burn::tensor::Device;
 
 /// Small rooms, and trainings of a few steps.
-fn lab(folder: &Path) -> Lab {
+pub(super) fn lab(folder: &Path) -> Lab {
     let config = RoomsConfig {
         train: 8,
         width: 64,

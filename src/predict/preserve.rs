@@ -18,7 +18,8 @@ pub enum Preserve {
     /// At the pixels of the points, and nowhere else.
     Exact,
     /// Exactly, and their neighbourhood follows: residuals are interpolated by the inverse square
-    /// of the distance and fade out.
+    /// of the distance and fade out. What is nearer than a point was is moved less, in proportion, so
+    /// that no depth falls to 0.
     Blend,
 }
 
@@ -96,9 +97,19 @@ fn blend(values: &mut [f32], width: usize, places: &[[usize; 2]], depths: &[f32]
     }
     // Two thirds of the mean distance between points.
     let reach = 0.67 * (values.len() as f64 / places.len() as f64).sqrt().max(1.5);
-    let pairs = places.iter().zip(depths);
-    let residuals: Vec<f64> = pairs
-        .map(|(&[x, y], d)| f64::from(d - values[y * width + x]))
+    // What was there, and what is to be added.
+    let residuals: Vec<[f64; 2]> = places
+        .iter()
+        .zip(depths)
+        .map(|(&[x, y], &given)| {
+            let value = &mut values[y * width + x];
+            if *value == 0.0 {
+                // A hole is filled, and says nothing of its neighbourhood.
+                *value = given;
+            }
+            let there = f64::from(*value);
+            [there, f64::from(given) - there]
+        })
         .collect();
     let centres: Vec<_> = places.iter().map(|place| place.map(|v| v as f64)).collect();
     let cells = Cells::new(&centres);
@@ -107,6 +118,10 @@ fn blend(values: &mut [f32], width: usize, places: &[[usize; 2]], depths: &[f32]
         .enumerate()
         .for_each(|(y, row)| {
             for (x, value) in row.iter_mut().enumerate() {
+                let before = f64::from(*value);
+                if before == 0.0 {
+                    continue;
+                }
                 let near = cells.nearest([x as f64, y as f64], COUNT);
                 let distance = near[0].0.sqrt();
                 if distance >= reach {
@@ -116,11 +131,12 @@ fn blend(values: &mut [f32], width: usize, places: &[[usize; 2]], depths: &[f32]
                 for &(square, i) in &near {
                     // At a point nothing else counts.
                     let weight = 1.0 / square.max(1e-9);
-                    sum += weight * residuals[i];
+                    let [there, residual] = residuals[i];
+                    sum += weight * residual * (before / there).min(1.0);
                     total += weight;
                 }
                 let fade = (1.0 - (distance / reach).powi(2)).powi(2);
-                *value += (fade * sum / total) as f32;
+                *value = (before + fade * sum / total) as f32;
             }
         });
 }
@@ -175,6 +191,40 @@ mod tests {
             let steps = row.array_windows().map(|[a, b]| (a - b).abs());
             assert!(steps.fold(0.0, f32::max) < 0.25);
         }
+    }
+
+    #[test]
+    fn blend_makes_no_hole_beside_an_outlier() {
+        // A foreground at 1 m before a wall at 8 m, and a point of 0.3 m where the wall was read.
+        let step = |i: usize| if i % 40 < 20 { 1.0 } else { 8.0 };
+        let depth = DepthMap::new(40, 30, (0..1200).map(step).collect()).unwrap();
+        let at = |x, y, depth| Point { x, y, depth };
+        let points = DepthMap::from_points(40, 30, &[at(20, 15, 0.3), at(5, 5, 1.1)]);
+        let blended = Preserve::Blend
+            .apply(depth.clone(), &given(&points), (40, 30))
+            .unwrap();
+        assert_eq!(blended.count(), 1200);
+        assert_eq!(blended.ignored(), 0);
+        for p in points.points() {
+            assert!((blended.at(p.x, p.y) - p.depth).abs() < 1e-6);
+        }
+        // The foreground stays a foreground: nearer than it is no further than the point says.
+        assert!(blended.at(19, 15) > 0.03, "{}", blended.at(19, 15));
+        assert!(blended.at(19, 15) < 1.0);
+    }
+
+    #[test]
+    fn blend_leaves_holes_but_for_the_points_in_them() {
+        let mut values = vec![2.0; 1200];
+        values[..600].fill(0.0);
+        let depth = DepthMap::new(40, 30, values).unwrap();
+        let at = |x, y, depth| Point { x, y, depth };
+        let points = DepthMap::from_points(40, 30, &[at(5, 14, 3.0)]);
+        let blended = Preserve::Blend
+            .apply(depth, &given(&points), (40, 30))
+            .unwrap();
+        assert_eq!(blended.count(), 601);
+        assert_eq!((blended.at(5, 14), blended.at(5, 15)), (3.0, 2.0));
     }
 
     #[test]

@@ -28,7 +28,7 @@ pub use training::Training;
 use crate::data::{Place, Shard};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Difference, Metric, Profile, Rules, Scores, Tally, deviation};
-use crate::provenance::differences;
+use crate::provenance::{Stamp, differences};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -103,6 +103,9 @@ pub struct Record {
     pub place: Place,
     /// One for each method, in the order of the heading.
     pub outcomes: Vec<Outcome>,
+    /// The files of the frame as they were when it was measured, in the order of the dataset.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub files: Vec<Stamp>,
 }
 
 /// A frame that could not be measured.

@@ -42,6 +42,7 @@ fn record(i: usize, seed: u64) -> Record {
             Place::Outdoor
         },
         outcomes: vec![outcome(), outcome()],
+        files: Vec::new(),
     }
 }
 

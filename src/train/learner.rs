@@ -5,7 +5,8 @@ use super::config::{OptimiserKind, Part};
 use super::loss::field_losses;
 use super::muon::Flattened;
 use super::parallel::gradients;
-use super::{LossConfig, Losses, TrainConfig, losses};
+use super::step::Step;
+use super::{LossConfig, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
 use crate::model::BasisNet;
 use crate::ops::Reweighting;
@@ -14,7 +15,6 @@ use burn::grad_clipping::GradientClippingConfig;
 use burn::module::ParamGroup;
 use burn::optim::decay::WeightDecayConfig;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
-use burn::tensor::Tensor;
 use lsdc_core::fit::FitConfig;
 
 /// A network with its optimiser.
@@ -27,35 +27,6 @@ pub struct Learner {
     part: Part,
     /// The average over steps, and how much of it is kept in one.
     pub(super) average: Option<(BasisNet, f64)>,
-}
-
-/// The losses of one batch.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Step {
-    /// The weighted sum.
-    pub loss: f64,
-    /// Mean absolute error in metres.
-    pub l1: f64,
-    /// Mean squared error in square metres.
-    pub l2: f64,
-}
-
-impl Step {
-    pub(super) fn of(losses: &Losses) -> Self {
-        let value = |t: &Tensor<1>| t.clone().into_scalar::<f32>().into();
-        Self {
-            loss: value(&losses.total),
-            l1: value(&losses.l1),
-            l2: value(&losses.l2),
-        }
-    }
-
-    /// Adds the losses of a part of the batch.
-    pub(super) fn add(&mut self, other: &Self, part: f64) {
-        self.loss += other.loss * part;
-        self.l1 += other.l1 * part;
-        self.l2 += other.l2 * part;
-    }
 }
 
 impl Learner {

@@ -11,10 +11,12 @@ mod muon;
 mod parallel;
 mod run;
 mod schedule;
+mod step;
 
 pub use calibrate::{calibrate, divide};
 pub use config::{OptimiserKind, Part, TrainConfig};
-pub use learner::{Learner, Step};
+pub use learner::Learner;
 pub use loss::{LossConfig, Losses, losses};
 pub use run::{Event, Outcome, SCORES_NOTE, TRAINING_NOTE, Trainer};
 pub use schedule::Schedule;
+pub use step::Step;

@@ -3,7 +3,7 @@
 //! have no depth: each share has its own). Batch normalisation sees one share at a time, and its
 //! running statistics follow the first.
 
-use super::learner::Step;
+use super::step::Step;
 use crate::error::{Cause, Error, Result};
 use crate::model::BasisNet;
 use crate::sample::Batch;

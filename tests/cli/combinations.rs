@@ -282,6 +282,9 @@ fn refusal(row: &Choice) -> Option<&'static str> {
     if classic && (needs || !row.is("size", "")) {
         return Some("need method `lsdc`");
     }
+    if yes("temporal") && row.is("method", "field") {
+        return Some("would change nothing");
+    }
     if cloud && !yes("camera") && !several {
         return Some("camera");
     }

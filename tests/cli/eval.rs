@@ -172,6 +172,14 @@ fn predictions_of_others_are_scored_on_the_same_frames_and_points() {
         "f.json",
     ]);
     assert_eq!(means("f.json"), means("one.json"));
+    // One prediction is no answer to two draws.
+    let once = ["--predictions", "theirs=saved/linear/seed0"];
+    eval(&once);
+    refused(
+        folder.path(),
+        &[&ROOMS[..], &once, &["--seeds", "2"]].concat(),
+        &["`theirs` has no folder", "seed0/seed0", "2 draws", "hint:"],
+    );
     let lone = [&ROOMS[..], &["--predictions", "x=nowhere"]].concat();
     refused(folder.path(), &lone, &["no folder `nowhere`"]);
 }

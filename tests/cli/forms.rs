@@ -154,6 +154,76 @@ fn a_result_is_a_cloud_in_the_world() {
 }
 
 #[test]
+fn what_files_leave_out_is_counted() {
+    let folder = scanned("ply");
+    let at = |name: &str| folder.path().join(name);
+    let pixels = 304 * 228;
+    let camera = ["--camera", "camera.toml", "--formats", "ply,png"];
+    let args = [&["rgb.png", "sparse.npy"], &camera[..]].concat();
+    let run = |more: &[&str]| complete(folder.path(), &[&args[..], more].concat());
+    let told = run(&["-o", "sure", "--max-sigma", "0.2"]);
+    let report = run(&["-o", "again", "--max-sigma", "0.2", "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let count = |name: &str| report["cloud"][name].as_u64().unwrap();
+    assert_eq!(count("points") + count("uncertain"), pixels);
+    assert!(count("uncertain") > 0 && count("unseen") == 0);
+    let words = format!("{} pixels above --max-sigma left out", count("uncertain"));
+    assert!(told.contains(&words), "{told}");
+    let seen = Camera::read(&at("camera.toml")).unwrap();
+    let cloud = Sparse::read(&at("sure/rgb_cloud.ply"), None, Some(&seen), (304, 228)).unwrap();
+    assert!(cloud.points.len() as u64 <= count("points"));
+    // Of many images the sum is said.
+    for part in ["images", "points"] {
+        std::fs::create_dir(at(part)).unwrap();
+    }
+    std::fs::copy(at("rgb.png"), at("images/a.png")).unwrap();
+    std::fs::copy(at("sparse.npy"), at("points/a.npy")).unwrap();
+    let many = ["images", "points", "-o", "many", "--max-sigma", "0.2"];
+    let told = complete(folder.path(), &[&many[..], &camera].concat());
+    assert!(told.contains(&words), "{told}");
+
+    // A lens that folds sees a part of the image only.
+    let lens = "fx = 100\nfy = 100\ncx = 151.5\ncy = 113.5\nmodel = 'fisheye'\n\
+        distortion = [-0.4, 0.0, 0.0, 0.0]\n";
+    std::fs::write(at("camera.toml"), lens).unwrap();
+    let report = run(&["-o", "fisheye", "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let count = |name: &str| report["cloud"][name].as_u64().unwrap();
+    assert_eq!(count("points") + count("unseen"), pixels);
+    assert!(count("unseen") > 0);
+}
+
+#[test]
+fn depths_nearer_than_half_a_unit_of_a_png_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    image::RgbImage::new(32, 24).save(at("a.png")).unwrap();
+    std::fs::write(at("a.csv"), "u,v,depth\n2,12,0.0001\n29,12,60\n").unwrap();
+    let args = ["a.png", "a.csv", "--method", "nearest"];
+    let told = complete(folder.path(), &args);
+    let near = read_npy(&at("a_depth.npy"), 1.0).unwrap();
+    let near = near.values().iter().filter(|&&d| d < 0.0005).count();
+    let words = format!("png       {near} pixels nearer than half a unit hold one");
+    assert!(near > 0 && told.contains(&words), "{told}");
+    let report = complete(folder.path(), &[&args[..], &["--json"]].concat());
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["png_raised"], near);
+}
+
+#[test]
+fn what_deviations_are_good_for_is_said_as_it_is() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    let lines = "u,v,depth,sigma\n100,80,2,0.1\n100,80,2.05,0.2\n200,30,3,0.1\n";
+    std::fs::write(at("a.csv"), lines).unwrap();
+    let told = complete(folder.path(), &["rgb.png", "a.csv", "--method", "nearest"]);
+    assert!(told.contains("only weigh points of one pixel"), "{told}");
+    // And so they do: 4 to 1.
+    let depth = read_npy(&at("rgb_depth.npy"), 1.0).unwrap().at(100, 80);
+    assert!((depth - 2.01).abs() < 1e-6, "{depth}");
+}
+
+#[test]
 fn inputs_and_results_go_through_pipes() {
     let folder = room();
     let at = |name: &str| folder.path().join(name);

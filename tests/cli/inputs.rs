@@ -158,16 +158,62 @@ fn one_file_of_points_is_not_given_to_two_images() {
 }
 
 #[test]
+fn two_files_of_points_of_one_image_are_ambiguous() {
+    let folder = same_names();
+    let at = |name: &str| folder.path().join(name);
+    for (name, depth) in [("a", 2), ("b", 3)] {
+        std::fs::create_dir(at(&format!("points/{name}"))).unwrap();
+        let line = format!("u,v,depth\n1,1,{depth}\n");
+        std::fs::write(at(&format!("points/{name}/x.csv")), line).unwrap();
+    }
+    std::fs::write(at("points/b/x.txt"), "u,v,depth\n1,1,9\n").unwrap();
+    let run = nearest(folder.path(), &["images", "points", "-o", "out"]).code(3);
+    let told = said(&run);
+    assert!(told.contains("failed: b/x.png"), "{told}");
+    assert!(told.contains("may both be its points"), "{told}");
+    assert!(at("out/a/x_depth.npy").exists() && !at("out/b").exists());
+    // A list says which.
+    std::fs::write(at("list.txt"), "images/b/x.png points/b/x.txt\n").unwrap();
+    nearest(folder.path(), &["list.txt", "points", "-o", "told"]).success();
+    let one = ["images/b/x.png", "points/b", "-o", "more"];
+    refused(
+        folder.path(),
+        &[&["complete"], &one[..]].concat(),
+        &["x.csv", "x.txt", "hint:"],
+    );
+}
+
+/// A model of COLMAP with these lines of images, of whose points the first is at 5 and the second at 7.
+fn write_model(model: &Path, images: &str) {
+    std::fs::create_dir_all(model).unwrap();
+    let camera = "1 SIMPLE_PINHOLE 32 24 40 16 12\n";
+    std::fs::write(model.join("cameras.txt"), camera).unwrap();
+    std::fs::write(model.join("images.txt"), images).unwrap();
+    let points = "1 0 0 5 0 0 0 0.5 1 0 2 0\n2 0 0 7 0 0 0 0.5 1 0 2 0\n";
+    std::fs::write(model.join("points3D.txt"), points).unwrap();
+}
+
+#[test]
+fn one_view_of_a_model_is_not_given_to_two_images() {
+    let folder = same_names();
+    let at = |name: &str| folder.path().join(name);
+    write_model(&at("model"), "1 1 0 0 0 0 0 0 1 x.png\n4.5 3.5 1\n");
+    std::fs::write(at("list.txt"), "images/a/x.png\nimages/b/x.png\n").unwrap();
+    let list = ["list.txt", "model", "-o", "out"];
+    let told = said(&nearest(folder.path(), &list).code(3));
+    assert!(
+        told.contains("x.png` would be the points of both"),
+        "{told}"
+    );
+    assert!(!at("out/images").exists());
+}
+
+#[test]
 fn the_longest_path_of_a_model_that_fits_is_meant() {
     let folder = same_names();
     let at = |name: &str| folder.path().join(name);
-    std::fs::create_dir(at("model")).unwrap();
-    let camera = "1 SIMPLE_PINHOLE 32 24 40 16 12\n";
-    std::fs::write(at("model/cameras.txt"), camera).unwrap();
     let images = "1 1 0 0 0 0 0 0 1 x.png\n4.5 3.5 1\n2 1 0 0 0 0 0 0 1 b/x.png\n4.5 3.5 2\n";
-    std::fs::write(at("model/images.txt"), images).unwrap();
-    let points = "1 0 0 5 0 0 0 0.5 1 0 2 0\n2 0 0 7 0 0 0 0.5 1 0 2 0\n";
-    std::fs::write(at("model/points3D.txt"), points).unwrap();
+    write_model(&at("model"), images);
     nearest(folder.path(), &["images/b/x.png", "model", "-o", "b"]).success();
     assert_eq!(read_npy(&at("b/x_depth.npy"), 1.0).unwrap().at(0, 0), 7.0);
     nearest(folder.path(), &["images/a/x.png", "model", "-o", "a"]).success();
@@ -218,6 +264,49 @@ fn lists_hold_paths_as_find_and_people_write_them() {
     std::fs::write(at("bad.txt"), "plain.png\na.png b.csv c.csv\n").unwrap();
     let bad = ["complete", "bad.txt", "points", "-o", "out"];
     refused(folder.path(), &bad, &["line 2: 3 paths", "quote"]);
+}
+
+#[test]
+fn a_table_without_names_that_may_be_a_cloud_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    RgbImage::new(640, 480).save(at("a.png")).unwrap();
+    let cloud = |low: [f64; 3], high: [f64; 3]| -> String {
+        let line = |i: usize| {
+            let at = |axis: usize, step: usize| {
+                let share = (i * step % 500) as f64 / 499.0;
+                low[axis] + share * (high[axis] - low[axis])
+            };
+            format!("{} {} {}\n", at(0, 1), at(1, 37), at(2, 211))
+        };
+        (0..500).map(line).collect()
+    };
+    for (low, high) in [
+        ([-0.5, -0.5, 0.4], [0.5, 0.5, 1.0]),
+        ([5.0, -10.0, -2.0], [40.0, 10.0, 2.0]),
+        ([0.0, 0.0, 2.0], [0.5, 0.5, 3.0]),
+    ] {
+        std::fs::write(at("a.txt"), cloud(low, high)).unwrap();
+        let args = ["complete", "a.png", "a.txt", "--method", "nearest"];
+        refused(folder.path(), &args, &["640x480", "hint:", "--camera"]);
+    }
+    // A list of one pixel is still one.
+    std::fs::write(at("a.txt"), "411 77 2.5\n").unwrap();
+    nearest(folder.path(), &["a.png", "a.txt", "-o", "out"]).success();
+    assert_eq!(read_npy(&at("out/a_depth.npy"), 1.0).unwrap().at(0, 0), 2.5);
+}
+
+#[test]
+fn a_principal_point_outside_the_image_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_turned(&at("a.png"), 1);
+    std::fs::write(at("a.csv"), "u,v,depth\n1,1,2\n9,9,3\n").unwrap();
+    for (camera, doubted) in [("40,40,15.5,11.5", false), ("40,40,320,240", true)] {
+        let args = ["a.png", "a.csv", "-o", "out", "--force", "--camera", camera];
+        let told = said(&nearest(folder.path(), &args).success());
+        assert_eq!(told.contains("principal point"), doubted, "{told}");
+    }
 }
 
 #[test]

@@ -204,4 +204,19 @@ fn a_video_goes_on_where_it_stopped() {
         "wls",
     ];
     refused(folder.path(), &untrained, &["need method `lsdc`"]);
+    for otherwise in [
+        &["--prior", "none"][..],
+        &["--prior", "flat"],
+        &["--fit", "field"],
+        &["--space", "log"],
+    ] {
+        let video = ["complete", "images", "points", "-o", "more", "--temporal"];
+        let words = ["`--temporal` would change nothing", otherwise[1], "hint:"];
+        let said = if otherwise[0] == "--space" {
+            &words[..1]
+        } else {
+            &words[..]
+        };
+        refused(folder.path(), &[&video[..], otherwise].concat(), said);
+    }
 }

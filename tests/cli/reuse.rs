@@ -190,6 +190,83 @@ fn results_of_other_points_or_images_are_not_gone_on_with() {
     refused(folder.path(), &COMPLETE, &["a.png` has changed"]);
 }
 
+/// Nothing tells of a file that was changed but its contents: neither its size nor its time.
+#[test]
+fn an_input_that_was_changed_and_dated_back_is_noticed() {
+    let folder = completed();
+    let at = |name: &str| folder.path().join(name);
+    let path = at("points/b.npy");
+    let before = std::fs::metadata(&path).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let size = bytes.len();
+    let sparse = read_npy(&path, 1.0).unwrap();
+    let value = sparse.points().next().unwrap().depth.to_le_bytes();
+    let place = bytes.windows(4).position(|four| four == value).unwrap();
+    bytes[place..place + 4].copy_from_slice(&3.25_f32.to_le_bytes());
+    std::fs::write(&path, &bytes).unwrap();
+    let file = std::fs::File::options().write(true).open(&path).unwrap();
+    file.set_modified(before.modified().unwrap()).unwrap();
+    drop(file);
+    let after = std::fs::metadata(&path).unwrap();
+    assert_eq!(after.len() as usize, size);
+    assert_eq!(after.modified().unwrap(), before.modified().unwrap());
+    refused(folder.path(), &COMPLETE, &["b.npy` has changed"]);
+}
+
+/// The same numbers are pixels in one file and a cloud in the other.
+#[test]
+fn an_input_of_another_ending_is_another_input() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    for part in ["images", "points"] {
+        std::fs::create_dir(at(part)).unwrap();
+    }
+    std::fs::copy(at("rgb.png"), at("images/a.png")).unwrap();
+    std::fs::write(at("points/a.txt"), "100 80 2.5\n200 30 3\n").unwrap();
+    let run = [
+        "complete", "images", "points", "-o", "out", "--method", "nearest",
+    ];
+    lsdc(folder.path()).args(run).assert().success();
+    let again = lsdc(folder.path()).args(run).assert().success();
+    assert!(text(&again).contains("1 there already"), "{}", text(&again));
+    std::fs::rename(at("points/a.txt"), at("points/a.xyz")).unwrap();
+    refused(folder.path(), &run, &["a.xyz` has changed"]);
+}
+
+/// A data set whose files are not those that were measured.
+#[test]
+fn frames_that_changed_are_not_taken_for_those_that_were_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let export = [&["export", "-o", "frames"], &ROOMS[1..]].concat();
+    lsdc(at).args(export).assert().success();
+    let eval = [
+        "eval",
+        "--dataset",
+        "marigold",
+        "--root",
+        "frames",
+        "--method",
+        "linear",
+        "-o",
+        "run",
+    ];
+    lsdc(at).args(eval).assert().success();
+    let again = lsdc(at).args(eval).assert().success();
+    assert!(said(&again).contains("4 results of an earlier run are used again"));
+    let path = at.join("frames/gt/val/00001.npy");
+    let truth = read_npy(&path, 1.0).unwrap();
+    let twice = truth.values().iter().map(|d| 2.0 * d).collect();
+    let twice = DepthMap::new(truth.width(), truth.height(), twice).unwrap();
+    write_npy(&path, &twice).unwrap();
+    refused(
+        at,
+        &eval,
+        &["val/00001", "00001.npy` has changed", "--force"],
+    );
+    lsdc(at).args(eval).arg("--force").assert().success();
+}
+
 #[test]
 fn json_has_a_line_for_every_frame_whatever_became_of_it() {
     let folder = completed();

@@ -6,6 +6,7 @@ use crate::device::device;
 use crate::error::{Error, Result};
 use crate::predict::{self, Classic, Method, complete_classic, open_completer};
 use image::RgbImage;
+use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Scene};
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -72,6 +73,9 @@ impl<'a> Engine<'a> {
                 let completer = open_completer(args.model.weights.as_deref(), &device)?;
                 let mut settings = *completer.fit_config();
                 args.fit.apply(&mut settings);
+                if args.temporal {
+                    check_temporal(&settings)?;
+                }
                 Loaded::Trained(Box::new(completer.with_fit(settings)))
             }
         };
@@ -155,6 +159,21 @@ impl<'a> Engine<'a> {
         };
         Ok((depth, clamped, Some(diagnostics)))
     }
+}
+
+/// Checks that a fit can be drawn towards the weights of the frame before.
+fn check_temporal(fit: &FitConfig) -> Result<()> {
+    let (method, prior) = (fit.method, fit.prior);
+    if method != FitMethod::Field && prior == PriorKind::Learned {
+        return Ok(());
+    }
+    Err(Error::config(format!(
+        "`--temporal` would change nothing: it moves the learned prior over weights of basis functions, \
+         but the fit is {} with prior {}",
+        method.name(),
+        prior.name()
+    ))
+    .hint("leave it out, or fit as the weights say: without --fit field, --prior and --space"))
 }
 
 impl Prepared {

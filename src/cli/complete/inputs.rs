@@ -11,13 +11,6 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The endings of files of points, in the order in which they are looked for, in small letters and in
-/// capitals.
-const ENDINGS: [&str; 18] = [
-    "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "pgm", "h5", "hdf5", "csv", "txt", "xyz",
-    "ply", "pcd", "las", "laz", "bin",
-];
-
 /// An image and where its points are.
 pub(super) struct Job {
     pub(super) image: PathBuf,
@@ -52,11 +45,11 @@ impl Job {
     pub(super) fn load(&self, args: &Complete) -> Result<Loaded> {
         let started = Instant::now();
         let (rgb, image) = data::read_upright(&self.image)?;
-        let mut assumed = None;
+        let mut assumed = Vec::new();
         let camera = match (&args.camera, &self.points) {
             (Some(camera), _) => {
                 let (camera, remark) = camera.for_image(&image)?;
-                assumed = remark;
+                assumed.extend(remark.into_iter().chain(camera.doubt()));
                 Some(camera)
             }
             (None, Points::View(view)) => view.camera_of(&image, args.depth_unit)?,
@@ -130,7 +123,15 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
     }
     let mut jobs = Jobs::new(failures);
     let found = images(args, output)?;
-    let shared = shared_points(args, &found);
+    let shared = shared_points(&found, |one| {
+        let view = view_of(&one.image, &views).map(|view| PathBuf::from(&view.name));
+        view.or_else(|| same_name(&args.sparse, &one.name, &one.image).ok())
+    });
+    let unshared = |points: &Path| match shared.get(points) {
+        Some(error) => Err(Error::config(error.clone())
+            .hint("put the points into subfolders as the images are, or give a list")),
+        None => Ok(()),
+    };
     for Found {
         image,
         name,
@@ -143,13 +144,10 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
         let points = if let Some(points) = points {
             Ok(Points::File(points))
         } else if let Some(view) = view_of(&image, &views) {
-            Ok(Points::View(Box::new(view.clone())))
+            unshared(Path::new(&view.name)).map(|()| Points::View(Box::new(view.clone())))
         } else {
-            same_name(&args.sparse, &name, &image).and_then(|file| match shared.get(&file) {
-                Some(error) => Err(Error::config(error.clone())
-                    .hint("put the points into subfolders as the images are, or give a list")),
-                None => Ok(Points::File(file)),
-            })
+            let file = same_name(&args.sparse, &name, &image);
+            file.and_then(|file| unshared(&file).map(|()| Points::File(file)))
         };
         jobs.add(image, name, points);
     }
@@ -203,32 +201,45 @@ fn view_of<'a>(image: &Path, views: &'a [View]) -> Option<&'a View> {
     named.max_by_key(length)
 }
 
-/// The file of points that is called as the image, in the same subfolder or in none.
+/// The file of points that is called as the image, in the same subfolder or in none; its ending is in
+/// small letters or in capitals.
 fn same_name(folder: &Path, name: &Path, image: &Path) -> Result<PathBuf> {
     let flat = Path::new(name.file_name().unwrap_or_default());
-    let capitals = ENDINGS.map(str::to_uppercase);
-    let endings = || {
-        ENDINGS
-            .into_iter()
-            .chain(capitals.iter().map(String::as_str))
-    };
-    let mut files = [name, flat]
-        .into_iter()
-        .flat_map(|name| endings().map(move |ending| folder.join(name).with_extension(ending)));
-    let file = files.find(|file| file.exists() && file != image);
-    file.ok_or_else(|| {
-        let folder = folder.display();
-        Error::config(format!("there are no points of that name in `{folder}`"))
-    })
+    for name in [name, flat] {
+        let path = folder.join(name);
+        let endings = Sparse::endings().flat_map(|small| [small.to_owned(), small.to_uppercase()]);
+        let files = endings.map(|ending| path.with_extension(ending));
+        let mut files: Vec<PathBuf> = files
+            .filter(|file| file.exists() && file != image)
+            .collect();
+        // Where capitals make no difference, both are one file.
+        files.dedup_by_key(|file| file.canonicalize().ok());
+        match &files[..] {
+            [] => {}
+            [_] => return Ok(files.remove(0)),
+            [one, other, ..] => {
+                let (one, other) = (one.display(), other.display());
+                let what = format!("`{one}` and `{other}` may both be its points");
+                return Err(Error::config(what).hint("take one away, or give a list"));
+            }
+        }
+    }
+    let folder = folder.display();
+    Err(Error::config(format!(
+        "there are no points of that name in `{folder}`"
+    )))
 }
 
-/// Files of points that are found for several images, as these have one name in different folders,
-/// and what is wrong with that.
-fn shared_points(args: &Complete, found: &[Found]) -> HashMap<PathBuf, String> {
+/// Points that are found for several images, as these have one name in different folders, by their
+/// file or the name of their view, and what is wrong with that.
+fn shared_points(
+    found: &[Found],
+    points: impl Fn(&Found) -> Option<PathBuf>,
+) -> HashMap<PathBuf, String> {
     let mut images: HashMap<PathBuf, &Path> = HashMap::new();
     let mut shared = HashMap::new();
     for one in found.iter().filter(|one| one.points.is_none()) {
-        let Ok(file) = same_name(&args.sparse, &one.name, &one.image) else {
+        let Some(file) = points(one) else {
             continue;
         };
         let same = |other: &Path| other.with_extension("") == one.name.with_extension("");

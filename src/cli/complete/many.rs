@@ -5,7 +5,7 @@ use super::frame::{Engine, Fitted, Prepared};
 use super::inputs::{self, Job, Loaded};
 use super::outputs::{Outputs, check_folder};
 use super::record::{Inputs, Records};
-use super::summary::Summary;
+use super::summary::{Summary, left_out_of_clouds, raised};
 use super::video::{Before, Chain};
 use crate::cli::args::Complete;
 use crate::cli::{Exit, ui};
@@ -94,10 +94,10 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             for (Frame { job, outputs, .. }, inputs, loaded, fitted) in fitted {
                 let completed = engine.finish(&loaded.rgb, &loaded.points, fitted);
                 let summary = completed.and_then(|completed| {
-                    let unit = outputs.png_unit(&completed)?;
-                    let summary = Summary::new(&job.name, &loaded, &completed, unit);
+                    let forms = outputs.forms(&loaded, &completed)?;
+                    let summary = Summary::new(&job.name, &loaded, &completed, &forms);
                     records.forget(job)?;
-                    outputs.write(&loaded, &completed, &summary)?;
+                    outputs.write(&loaded, &completed, &forms, &summary)?;
                     records.write(job, inputs, &summary)?;
                     Ok(summary)
                 });
@@ -152,6 +152,13 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             "png       {count} hold {unit} to a value: their depths do not fit in millimetres"
         ));
     }
+    raised(written.png_raised)
+        .iter()
+        .for_each(|line| tell(line));
+    if written.left_out_of_clouds != [0; 2] {
+        let lost = left_out_of_clouds(written.left_out_of_clouds);
+        tell(&format!("clouds    {}", lost.trim_start_matches(", ")));
+    }
     if !args.json {
         ui::tell(&format!("written   {}", output.display()));
     }
@@ -182,6 +189,8 @@ fn finished<T>(thread: ScopedJoinHandle<'_, T>) -> Result<T> {
 struct Written {
     count: usize,
     unusual_png_units: BTreeMap<String, usize>,
+    png_raised: usize,
+    left_out_of_clouds: [usize; 2],
 }
 
 impl Written {
@@ -190,6 +199,10 @@ impl Written {
         if let Some(unit) = summary.unusual_png_unit() {
             *self.unusual_png_units.entry(unit.to_string()).or_default() += 1;
         }
+        self.png_raised += summary.png_raised();
+        let pairs = self.left_out_of_clouds.iter_mut();
+        let pairs = pairs.zip(summary.left_out_of_cloud());
+        pairs.for_each(|(sum, count)| *sum += count);
     }
 }
 

@@ -1,5 +1,6 @@
 //! `lsdc complete`: images and their points to dense depth.
 
+mod cloud;
 mod failures;
 mod frame;
 mod inputs;
@@ -39,12 +40,12 @@ fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
     outputs.check_writable()?;
     let frame = job.load(args)?;
     let found = Engine::new(args, true)?.complete(&frame.rgb, &frame.points)?;
-    let unit = outputs.png_unit(&found)?;
-    let summary = Summary::new(&job.name, &frame, &found, unit);
+    let forms = outputs.forms(&frame, &found)?;
+    let summary = Summary::new(&job.name, &frame, &found, &forms);
     for remark in summary.remarks() {
         ui::warn(&format!("warning: {remark}"));
     }
-    outputs.write(&frame, &found, &summary)?;
+    outputs.write(&frame, &found, &forms, &summary)?;
     if pipes.to_stdout() {
         summary.lines().iter().for_each(|line| ui::say(line));
         return ui::pass_on(outputs.first()).map(|()| Exit::Done);

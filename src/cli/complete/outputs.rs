@@ -1,10 +1,11 @@
 //! The files of a result.
 
+use super::cloud::Cloud;
 use super::frame::{Completed, Diagnostics};
 use super::inputs::{Job, Loaded};
 use super::summary::Summary;
 use crate::cli::args::{Complete, Format};
-use crate::data::{self, Camera, Colored, DepthMap, Unit};
+use crate::data::{self, DepthMap, Unit};
 use crate::error::{Error, Result};
 use crate::report::coloured;
 use image::RgbImage;
@@ -106,15 +107,15 @@ impl<'a> Outputs<'a> {
     }
 
     fn checked(self) -> Result<Self> {
-        if self.args.max_sigma.is_some() && !self.has_cloud() {
+        if self.args.max_sigma.is_some() && !self.has(Format::Ply) {
             return Err(Error::config("`--max-sigma` is for clouds").hint("add ply to --formats"));
         }
         Ok(self)
     }
 
-    fn has_cloud(&self) -> bool {
+    fn has(&self, format: Format) -> bool {
         let mut kinds = self.files.iter().map(|(kind, _)| *kind);
-        kinds.any(|kind| kind == Kind::Depth(Format::Ply))
+        kinds.any(|kind| kind == Kind::Depth(format))
     }
 
     /// The file of weights, if there is one.
@@ -139,11 +140,18 @@ impl<'a> Outputs<'a> {
         data::check_writable(&self.folder)
     }
 
-    /// The unit of the 16-bit PNG, if there is one.
-    pub(super) fn png_unit(&self, found: &Completed) -> Result<Option<Unit>> {
-        let mut files = self.files.iter();
-        let png = files.any(|(kind, _)| *kind == Kind::Depth(Format::Png));
-        png.then(|| data::png_unit(&found.depth)).transpose()
+    /// What the formats make of a result.
+    pub(super) fn forms(&self, frame: &Loaded, found: &Completed) -> Result<Forms> {
+        let png = || -> Result<Png> {
+            let unit = data::png_unit(&found.depth)?;
+            let raised = data::raised_in_png(&found.depth, unit.metres());
+            Ok(Png { unit, raised })
+        };
+        let cloud = || Cloud::of(frame, found, self.args.max_sigma);
+        Ok(Forms {
+            png: self.has(Format::Png).then(png).transpose()?,
+            cloud: self.has(Format::Ply).then(cloud).transpose()?,
+        })
     }
 
     /// Whether any of the files is there.
@@ -158,11 +166,14 @@ impl<'a> Outputs<'a> {
 
     /// Writes what was asked for. An existing file is replaced only by an equal one, or with
     /// `--force`; else nothing is written. So what an interrupted run has left is no obstacle.
-    pub(super) fn write(&self, frame: &Loaded, found: &Completed, summary: &Summary) -> Result<()> {
-        let result = Contents::new(self.args, frame, found, summary);
-        if frame.camera.is_none() && self.has_cloud() {
-            return Err(no_camera());
-        }
+    pub(super) fn write(
+        &self,
+        frame: &Loaded,
+        found: &Completed,
+        forms: &Forms,
+        summary: &Summary,
+    ) -> Result<()> {
+        let result = Contents::new(self.args, frame, found, forms, summary);
         for (kind, path) in &self.files {
             if !self.args.force && path.exists() && !result.is_in(*kind, path) {
                 return Err(Error::config(format!("`{}` exists", path.display()))
@@ -178,15 +189,27 @@ impl<'a> Outputs<'a> {
     }
 }
 
+/// What the formats make of a result, and what is lost with it.
+pub(super) struct Forms {
+    pub(super) png: Option<Png>,
+    pub(super) cloud: Option<Cloud>,
+}
+
+/// A 16-bit PNG.
+#[derive(Clone, Copy)]
+pub(super) struct Png {
+    pub(super) unit: Unit,
+    /// Pixels nearer than half a unit, which are written as one.
+    pub(super) raised: usize,
+}
+
 /// What goes into the files.
 struct Contents<'a> {
     depth: &'a DepthMap,
     deviations: Option<&'a DepthMap>,
     /// Metres of the first and the last colour.
     range: (f32, f32),
-    rgb: &'a RgbImage,
-    camera: Option<&'a Camera>,
-    max_sigma: Option<f32>,
+    forms: &'a Forms,
     outliers: Option<String>,
     weights: Option<&'a [f64]>,
     summary: &'a Summary,
@@ -194,7 +217,13 @@ struct Contents<'a> {
 }
 
 impl<'a> Contents<'a> {
-    fn new(args: &Complete, frame: &'a Loaded, found: &'a Completed, summary: &'a Summary) -> Self {
+    fn new(
+        args: &Complete,
+        frame: &'a Loaded,
+        found: &'a Completed,
+        forms: &'a Forms,
+        summary: &'a Summary,
+    ) -> Self {
         let depth = &found.depth;
         let found = found.diagnostics.as_ref();
         let list = |found: &Diagnostics| found.outliers_csv(&frame.points);
@@ -202,9 +231,7 @@ impl<'a> Contents<'a> {
             depth,
             deviations: found.and_then(|found| found.deviations.as_ref()),
             range: args.range.or(depth.range()).unwrap_or((0.0, 1.0)),
-            rgb: &frame.rgb,
-            camera: frame.camera.as_ref(),
-            max_sigma: args.max_sigma,
+            forms,
             outliers: found.filter(|_| args.outliers).map(list),
             weights: found.map(|found| found.completion.weights()),
             summary,
@@ -229,14 +256,17 @@ impl<'a> Contents<'a> {
                 data::write_npz(path, &maps.collect::<Vec<_>>())
             }
             Kind::Depth(Format::Png) => {
-                let unit = self.summary.unusual_png_unit();
-                data::write_depth_png(path, depth, unit.unwrap_or(Unit::MILLIMETRE).metres())
+                let unit = self.forms.png.map_or(Unit::MILLIMETRE, |png| png.unit);
+                data::write_depth_png(path, depth, unit.metres())
             }
             Kind::Depth(Format::Tiff) => data::write_tiff(path, depth),
             Kind::Depth(Format::Exr) => data::write_exr(path, depth, self.sigma()),
             Kind::Depth(Format::Pfm) => data::write_pfm(path, depth),
             Kind::Depth(Format::Color) => data::write_rgb(path, &self.colours()),
-            Kind::Depth(Format::Ply) => data::write_ply(path, &self.cloud()?),
+            Kind::Depth(Format::Ply) => {
+                let cloud = self.forms.cloud.as_ref();
+                data::write_ply(path, cloud.map_or(&[], |cloud| &cloud.points))
+            }
             Kind::Depth(Format::Json) => {
                 data::write_atomically(path, |out| writeln!(out, "{}", self.summary.value()))
             }
@@ -271,34 +301,6 @@ impl<'a> Contents<'a> {
     fn colours(&self) -> RgbImage {
         coloured(self.depth, self.range.0, self.range.1)
     }
-
-    /// The pixels in space, with the colours of the image.
-    fn cloud(&self) -> Result<Vec<Colored>> {
-        let camera = self.camera.ok_or_else(no_camera)?;
-        let (width, height) = (self.depth.width(), self.depth.height());
-        let camera = camera.stretched((width, height));
-        let shown = (self.rgb.width() as usize, self.rgb.height() as usize);
-        let points = self.depth.points().filter_map(|point| {
-            let sigma = self.deviations.map(|map| map.at(point.x, point.y));
-            if sigma
-                .zip(self.max_sigma)
-                .is_some_and(|(sigma, most)| sigma > most)
-            {
-                return None;
-            }
-            let pixel = [point.x as f64, point.y as f64];
-            let color = self.rgb.get_pixel(
-                (point.x * shown.0 / width) as u32,
-                (point.y * shown.1 / height) as u32,
-            );
-            Some(Colored {
-                place: camera.unproject(pixel, f64::from(point.depth))?,
-                color: color.0,
-                sigma,
-            })
-        });
-        Ok(points.collect())
-    }
 }
 
 /// Checks that a path means a folder of results: an ending that is not one of the formats would
@@ -313,11 +315,6 @@ pub(super) fn check_folder(path: &Path) -> Result<()> {
     Err(Error::config(format!("`{text}` names no folder and no known format")).hint(format!(
         "for one image: .npy, .npz, .png, .tiff, .exr, .pfm, .ply or .json; for a folder: `{text}/`"
     )))
-}
-
-fn no_camera() -> Error {
-    Error::config("a cloud needs a camera")
-        .hint("give --camera FILE, --camera FX,FY,CX,CY, or points of a model of COLMAP")
 }
 
 /// Weights that were written.

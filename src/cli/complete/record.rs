@@ -15,7 +15,6 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::time::UNIX_EPOCH;
 
 /// The folder of the records, in that of the results.
 const FOLDER: &str = ".lsdc";
@@ -32,10 +31,16 @@ pub(super) struct Record {
 /// An input file, or the folder of a model.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Source {
-    /// Size in bytes and nanoseconds since 1970: where both are the same, nothing is read again.
-    file: Option<(u64, u64)>,
+    /// What the system says of a file: where it says the same, nothing is read again.
+    stamp: Option<Stamp>,
+    /// In small letters: it says what the bytes mean.
+    ending: String,
     content: String,
 }
+
+/// Size and number of a file, and when it was last written and changed: seconds and nanoseconds. The
+/// first time can be set by whoever writes, the second cannot.
+type Stamp = (u64, u64, [i64; 2], [i64; 2]);
 
 /// Makes and compares the records of a run.
 pub(super) struct Records {
@@ -84,7 +89,8 @@ impl Records {
         }
         for (role, path) in job.files(args) {
             let same = match before.inputs.get(role) {
-                Some(source) if source.file.is_some() && source.file == stamp(path) => true,
+                Some(source) if source.ending != ending(path) => false,
+                Some(source) if source.stamp.is_some() && source.stamp == stamp(path) => true,
                 Some(source) => source.content == self.source(path)?.content,
                 None => false,
             };
@@ -132,7 +138,8 @@ impl Records {
     fn source(&self, path: &Path) -> Result<Source> {
         if !path.is_dir() {
             return Ok(Source {
-                file: stamp(path),
+                stamp: stamp(path),
+                ending: ending(path),
                 content: provenance::file(path)?,
             });
         }
@@ -142,7 +149,8 @@ impl Records {
             return Ok(model.clone());
         }
         let model = Source {
-            file: None,
+            stamp: None,
+            ending: ending(path),
             content: provenance::folder(path, &["bin", "txt"])?,
         };
         models.insert(path.to_owned(), model.clone());
@@ -160,13 +168,25 @@ impl Record {
     }
 }
 
-/// Size and time of the last change of a file.
-fn stamp(path: &Path) -> Option<(u64, u64)> {
-    let found = std::fs::metadata(path)
-        .ok()
-        .filter(std::fs::Metadata::is_file)?;
-    let changed = found.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
-    Some((found.len(), changed.as_nanos() as u64))
+#[cfg(unix)]
+fn stamp(path: &Path) -> Option<Stamp> {
+    use std::os::unix::fs::MetadataExt as _;
+    let found = std::fs::metadata(path).ok()?;
+    let written = [found.mtime(), found.mtime_nsec()];
+    let changed = [found.ctime(), found.ctime_nsec()];
+    let stamp = (found.len(), found.ino(), written, changed);
+    found.is_file().then_some(stamp)
+}
+
+/// Here nothing tells for certain: files are read again.
+#[cfg(not(unix))]
+fn stamp(_: &Path) -> Option<Stamp> {
+    None
+}
+
+fn ending(path: &Path) -> String {
+    let ending = path.extension().unwrap_or_default();
+    ending.to_string_lossy().to_lowercase()
 }
 
 /// Everything but the files of a frame that decides what is in its results.

@@ -2,6 +2,7 @@
 
 use super::frame::Completed;
 use super::inputs::Loaded;
+use super::outputs::Forms;
 use crate::cli::ui;
 use crate::data::Unit;
 use serde::Serialize;
@@ -19,6 +20,11 @@ pub(super) struct Summary {
     /// How many stored units of the PNG make a metre, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     png_units_per_metre: Option<f64>,
+    /// Pixels that hold one unit there, as they are nearer than half of it.
+    #[serde(skip_serializing_if = "is_zero")]
+    png_raised: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cloud: Option<Cloud>,
     fit: Option<Fit>,
     seconds: Seconds,
     /// What was assumed or left out and should be checked.
@@ -35,9 +41,20 @@ struct Points {
     hidden: usize,
     unit: String,
     unit_guessed: bool,
-    /// Whether the method looks at the deviations that came with the points.
+    /// Whether the method looks at the deviations that came with the points; without that they only
+    /// weigh points of one pixel, of which it sees the mean.
     #[serde(skip_serializing_if = "Option::is_none")]
     deviations_used: Option<bool>,
+}
+
+/// Counts of pixels.
+#[derive(Debug, Serialize)]
+struct Cloud {
+    points: usize,
+    /// Left out by `--max-sigma`.
+    uncertain: usize,
+    /// Left out, as the lens does not look there.
+    unseen: usize,
 }
 
 #[derive(Debug, Serialize)]
@@ -83,8 +100,8 @@ struct Seconds {
 }
 
 impl Summary {
-    /// `png` is the unit of the 16-bit PNG, if there is one.
-    pub(super) fn new(name: &Path, frame: &Loaded, found: &Completed, png: Option<Unit>) -> Self {
+    /// Of a frame, its result, and what the formats make of that.
+    pub(super) fn new(name: &Path, frame: &Loaded, found: &Completed, forms: &Forms) -> Self {
         let Loaded { points, .. } = frame;
         let fit = found.diagnostics.as_ref();
         let report = fit.map(|fit| fit.completion.report());
@@ -119,7 +136,13 @@ impl Summary {
                 highest,
                 clamped: found.clamped,
             }),
-            png_units_per_metre: png.map(|unit| 1.0 / unit.metres()),
+            png_units_per_metre: forms.png.map(|png| 1.0 / png.unit.metres()),
+            png_raised: forms.png.map_or(0, |png| png.raised),
+            cloud: forms.cloud.as_ref().map(|cloud| Cloud {
+                points: cloud.points.len(),
+                uncertain: cloud.uncertain,
+                unseen: cloud.unseen,
+            }),
             fit: fit.zip(report).map(|(fit, report)| Fit {
                 method: report.method.name(),
                 residual: report.residual,
@@ -154,6 +177,17 @@ impl Summary {
         unit.filter(|unit| *unit != Unit::MILLIMETRE)
     }
 
+    /// Pixels that hold one unit of the PNG, as they are nearer than half of it.
+    pub(super) fn png_raised(&self) -> usize {
+        self.png_raised
+    }
+
+    /// Pixels that the cloud leaves out: too uncertain ones, and those where the lens does not look.
+    pub(super) fn left_out_of_cloud(&self) -> [usize; 2] {
+        let cloud = self.cloud.as_ref();
+        cloud.map_or([0; 2], |cloud| [cloud.uncertain, cloud.unseen])
+    }
+
     /// Whether a text is the same but for times.
     pub(super) fn is_but_for_times(&self, text: &str) -> bool {
         let parsed = |text: &str| {
@@ -177,7 +211,7 @@ impl Summary {
             .map(|(count, what)| format!("{count} {what}"))
             .collect();
         if points.deviations_used == Some(false) {
-            notes.push("their deviations play no part in this method".to_owned());
+            notes.push("their deviations only weigh points of one pixel in this method".to_owned());
         }
         let note = if notes.is_empty() {
             String::new()
@@ -213,6 +247,11 @@ impl Summary {
                 "png       {unit} to a value: these depths do not fit in millimetres"
             ));
         }
+        lines.extend(raised(self.png_raised));
+        if let Some(cloud) = &self.cloud {
+            let lost = left_out_of_clouds(self.left_out_of_cloud());
+            lines.push(format!("cloud     {} points{lost}", cloud.points));
+        }
         if let Some(fit) = &self.fit {
             let left_out = fit.leave_one_out.map_or(String::new(), |left_out| {
                 format!(", {left_out:.4} {m} at points left out")
@@ -240,4 +279,21 @@ impl Summary {
         ));
         lines
     }
+}
+
+/// That pixels are nearer than half a unit of the PNG, if any are.
+pub(super) fn raised(pixels: usize) -> Option<String> {
+    (pixels > 0).then(|| format!("png       {pixels} pixels nearer than half a unit hold one"))
+}
+
+/// What clouds leave out, behind a comma: too uncertain pixels, and those where the lens does not look.
+pub(super) fn left_out_of_clouds([uncertain, unseen]: [usize; 2]) -> String {
+    let reasons = [
+        (uncertain, "pixels above --max-sigma left out"),
+        (unseen, "pixels left out where the lens does not look"),
+    ];
+    let reasons = reasons.into_iter().filter(|(count, _)| *count > 0);
+    reasons
+        .map(|(count, why)| format!(", {count} {why}"))
+        .collect()
 }

@@ -4,7 +4,7 @@ mod file;
 mod ros;
 
 use super::Orientation;
-use super::grid::same_shape;
+use super::grid::{pixel, same_shape};
 use crate::error::{Error, Result};
 use lsdc_core::Lens;
 use std::fmt::{Display, Formatter};
@@ -128,6 +128,19 @@ impl Camera {
             stored.0, stored.1
         );
         Ok((camera, Some(what)))
+    }
+
+    /// What should be checked of the numbers of the camera of an image.
+    pub fn doubt(&self) -> Option<String> {
+        let size = self.size?;
+        let (width, height) = self.turned.map_or(size, |turned| turned.stored());
+        let [cx, cy] = self.optics.center();
+        pixel([cx, cy], (width, height)).is_none().then(|| {
+            format!(
+                "the principal point of the camera, {cx}, {cy}, lies outside the image of \
+                 {width}x{height}; cx and cy are pixels of this image"
+            )
+        })
     }
 
     /// Pixels between the principal point and the centre of an image.

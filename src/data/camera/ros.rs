@@ -4,7 +4,7 @@
 use super::file::{Model, Stored};
 use std::collections::HashMap;
 
-/// Of the image before it was rectified: `K` and `D`.
+/// Of the image before it was rectified: `K` and `D`, which are those of the whole sensor.
 pub(super) fn parse(text: &str) -> Result<Stored, String> {
     let values = flatten(text);
     let find = |names: &[&str]| names.iter().find_map(|name| values.get(*name));
@@ -19,6 +19,27 @@ pub(super) fn parse(text: &str) -> Result<Stored, String> {
     let length = |names: &[&str]| -> Result<Option<usize>, String> {
         Ok(numbers(names)?.and_then(|n| n.first().map(|&n| n as usize)))
     };
+    let (width, height) = (
+        length(&["image_width", "width"])?,
+        length(&["image_height", "height"])?,
+    );
+    // A window or a binning of the sensor; 0 stands for none.
+    for (name, whole) in [
+        ("roi.x_offset", None),
+        ("roi.y_offset", None),
+        ("roi.width", width),
+        ("roi.height", height),
+        ("binning_x", Some(1)),
+        ("binning_y", Some(1)),
+    ] {
+        let value = length(&[name])?.filter(|&value| value != 0 && Some(value) != whole);
+        if let Some(value) = value {
+            return Err(format!(
+                "has {name} {value}, so that its K is not that of the images: give fx, fy, cx, cy, \
+                 width and height of these"
+            ));
+        }
+    }
     let matrix = numbers(&["camera_matrix.data", "K", "k"])?;
     let Some(&[fx, _, cx, _, fy, cy, _, _, _]) = matrix.as_deref() else {
         return Err("has no camera_matrix or K of 9 numbers".to_owned());
@@ -38,8 +59,8 @@ pub(super) fn parse(text: &str) -> Result<Stored, String> {
         }
     };
     Ok(Stored {
-        width: length(&["image_width", "width"])?,
-        height: length(&["image_height", "height"])?,
+        width,
+        height,
         fx: Some(fx),
         fy: Some(fy),
         cx: Some(cx),

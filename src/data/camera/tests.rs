@@ -156,6 +156,23 @@ fn a_camera_is_turned_with_the_image_in_all_eight_orientations() {
 }
 
 #[test]
+fn a_principal_point_outside_the_image_is_doubted() {
+    let doubt = |center, image: Orientation| {
+        let camera = Camera::pinhole([500.0; 2], center);
+        camera.for_image(&image).unwrap().0.doubt()
+    };
+    let image = || Orientation::from((640, 480));
+    assert_eq!(doubt([319.5, 239.5], image()), None);
+    let said = doubt([239.5, 500.0], image()).unwrap();
+    assert!(
+        said.contains("239.5, 500") && said.contains("640x480"),
+        "{said}"
+    );
+    // Of an image that is stored turned, the camera is that of the stored pixels.
+    assert_eq!(doubt([500.0, 239.5], Orientation::new((640, 480), 6)), None);
+}
+
+#[test]
 fn a_camera_of_the_upright_image_stays() {
     let camera = stored(&format!("{RADTAN}width = 640\nheight = 480\n")).unwrap();
     let image = Orientation::new((480, 640), 6);
@@ -209,5 +226,37 @@ fn the_camera_info_of_ros_is_read() {
         std::fs::write(&path, CALIBRATED.replace(from, to)).unwrap();
         let error = Camera::read(&path).unwrap_err().to_string();
         assert!(error.contains(what), "{error}");
+    }
+}
+
+#[test]
+fn a_window_or_a_binning_of_the_sensor_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("left.yaml");
+    let read = |binning: usize, roi: [usize; 4]| {
+        let [x, y, height, width] = roi;
+        let whole = ECHOED.split("roi:").next().unwrap();
+        let text = format!(
+            "{whole}binning_x: {binning}\nbinning_y: {binning}\nroi:\n  x_offset: {x}\n  \
+             y_offset: {y}\n  height: {height}\n  width: {width}\n  do_rectify: false\n---\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        Camera::read(&path)
+    };
+    for roi in [[0; 4], [0, 0, 480, 640]] {
+        for binning in [0, 1] {
+            assert!(read(binning, roi).is_ok(), "{binning} {roi:?}");
+        }
+    }
+    for (binning, roi, what) in [
+        (2, [0; 4], "binning_x 2"),
+        (0, [64, 0, 480, 512], "roi.x_offset 64"),
+        (0, [0, 32, 448, 640], "roi.y_offset 32"),
+        (0, [0, 0, 480, 512], "roi.width 512"),
+        (1, [0, 0, 240, 640], "roi.height 240"),
+    ] {
+        let error = read(binning, roi).unwrap_err();
+        assert!(error.to_string().contains(what), "{error}");
+        assert!(error.advice().is_some());
     }
 }

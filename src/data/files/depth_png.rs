@@ -39,6 +39,17 @@ pub fn png_unit(depth: &DepthMap) -> Result<Unit> {
     })
 }
 
+/// Whether a depth is nearer than half a unit of `scale` metres, which would be 0, no depth.
+fn is_raised(depth: f32, scale: f64) -> bool {
+    depth > 0.0 && (f64::from(depth) / scale).round() < 1.0
+}
+
+/// How many depths [`write_depth_png`] writes as one unit, as they are nearer than half of it.
+pub fn raised_in_png(depth: &DepthMap, scale: f64) -> usize {
+    let depths = depth.values().iter();
+    depths.filter(|&&depth| is_raised(depth, scale)).count()
+}
+
 /// Writes depths as a 16-bit grey PNG, value = metres / `scale` rounded, 0 = no depth. A depth below
 /// half a unit is written as one unit. A text chunk says the unit.
 ///
@@ -55,11 +66,14 @@ pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> 
         ))
         .hint("choose a coarser unit, or write npy, TIFF, EXR or PFM"));
     }
-    let stored = |depth: f32| {
-        let value = (f64::from(depth) / scale).round() as u16;
-        value.max(u16::from(depth > 0.0))
+    let stored = |&depth: &f32| {
+        if is_raised(depth, scale) {
+            1
+        } else {
+            (f64::from(depth) / scale).round() as u16
+        }
     };
-    let values = depth.values().iter().map(|&depth| stored(depth));
+    let values = depth.values().iter().map(stored);
     let bytes: Vec<u8> = values.flat_map(u16::to_be_bytes).collect();
     write_atomically(path, |out| {
         let mut encoder = Encoder::new(out, depth.width() as u32, depth.height() as u32);
@@ -121,6 +135,7 @@ mod tests {
         }
         // So wide a range has no fitting unit: what is near is at least not lost.
         let wide = map(&[0.0001, 60.0, 0.0]);
+        assert_eq!(raised_in_png(&wide, 0.001), 1);
         write_depth_png(&path, &wide, png_unit(&wide).unwrap().metres()).unwrap();
         let found = read_depth_png(&path, 0.001).unwrap();
         assert_eq!(found.values(), [0.001, 60.0, 0.0]);

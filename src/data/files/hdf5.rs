@@ -22,6 +22,11 @@ pub(in crate::data) struct Hdf5 {
 }
 
 impl Hdf5 {
+    /// Where it lies.
+    pub(in crate::data) fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Opens a file; a user block, as in MATLAB v7.3 files, is skipped.
     pub(in crate::data) fn open(path: &Path) -> Result<Self> {
         let file = File::open_streaming(path).map_err(|e| match e {

@@ -16,7 +16,7 @@ mod table;
 mod tiff;
 mod velodyne;
 
-pub use depth_png::{png_unit, stored_unit, write_depth_png};
+pub use depth_png::{png_unit, raised_in_png, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
 pub use exr::write_exr;
 pub(super) use hdf5::{Hdf5, from_planes, read_h5, read_pair};

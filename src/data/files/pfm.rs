@@ -27,18 +27,19 @@ pub(crate) fn read_pfm(path: &Path, scale: f64) -> Result<DepthMap> {
     if next() != Some("Pf") {
         return Err(wrong("is no grey float map"));
     }
-    let mut number = || next()?.parse::<f64>().ok();
-    let (Some(width), Some(height), Some(order)) = (number(), number(), number()) else {
+    let length = |word: Option<&str>| word?.parse::<usize>().ok();
+    let (width, height) = (length(next()), length(next()));
+    let order = next().and_then(|word| word.parse::<f64>().ok());
+    let (Some(width), Some(height), Some(order)) = (width, height, order) else {
         return Err(wrong("has a damaged header"));
     };
-    let count = width * height;
-    if !(width >= 1.0 && height >= 1.0 && count * 4.0 <= rest.len() as f64) {
+    let bytes = 4.0 * width as f64 * height as f64;
+    if width == 0 || height == 0 || bytes > rest.len() as f64 {
         return Err(wrong(&format!(
             "declares {width}x{height} values but holds {} bytes of them",
             rest.len()
         )));
     }
-    let (width, height) = (width as usize, height as usize);
     let (words, _) = rest.as_chunks::<4>();
     let value = |word: [u8; 4]| {
         let value = if order < 0.0 {
@@ -67,4 +68,25 @@ pub fn write_pfm(path: &Path, depth: &DepthMap) -> Result<()> {
         }
         Ok(())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn widths_and_heights_are_whole_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.pfm");
+        let read = |size: &str| {
+            let mut file = format!("Pf\n{size}\n-1.0\n").into_bytes();
+            file.extend([0; 64]);
+            std::fs::write(&path, file).unwrap();
+            read_pfm(&path, 1.0)
+        };
+        assert_eq!(read("2 3").unwrap().values().len(), 6);
+        for size in ["2.5 3", "2 3.0", "-2 3", "0 3", "nan 3", "1e1 1"] {
+            assert!(read(size).is_err(), "{size}");
+        }
+    }
 }

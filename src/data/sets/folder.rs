@@ -164,6 +164,16 @@ impl Dataset for Folder {
         self.frames[index].id.clone()
     }
 
+    fn files(&self, index: usize) -> Vec<PathBuf> {
+        let files = &self.frames[index];
+        let others = files.sparse.iter().chain(&files.mask);
+        [&files.rgb, &files.depth]
+            .into_iter()
+            .chain(others)
+            .cloned()
+            .collect()
+    }
+
     fn load(&self, index: usize) -> Result<Frame> {
         let files = &self.frames[index];
         let (rgb, depth) = if files.rgb == files.depth && has_ending(&files.rgb, "h5") {

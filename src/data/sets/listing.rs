@@ -3,8 +3,11 @@
 use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// All files below `root`, sorted: exactly `levels` deep, or anywhere without `levels`. Names that
-/// are no Unicode are left out, and links that lead back to a folder above them are not followed.
+/// All files below `root`, sorted: exactly `levels` deep, or anywhere without `levels`. Links
+/// that lead back to a folder above them are not followed.
+///
+/// # Errors
+/// A folder that cannot be read, or a name that is no Unicode: frames are named by text.
 pub(super) fn files_below(root: &Path, levels: Option<usize>) -> Result<Vec<String>> {
     let mut paths = Vec::new();
     walk(root, "", levels, &mut Vec::new(), &mut paths)?;
@@ -28,9 +31,9 @@ fn walk(
     above.push(real);
     for entry in std::fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
         let entry = entry.map_err(|e| Error::read(&folder, e))?;
-        let Ok(name) = entry.file_name().into_string() else {
-            continue;
-        };
+        let name = entry.file_name().into_string().map_err(|_| {
+            Error::format(&entry.path(), "has a name that is no Unicode").hint("rename it")
+        })?;
         let path = if below.is_empty() {
             name
         } else {
@@ -65,5 +68,16 @@ mod tests {
         let found = files_below(root, None).unwrap();
         assert_eq!(found, ["a/b/c.png", "twin/b/c.png"]);
         assert_eq!(images_below(root).unwrap().len(), 2);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn names_that_are_no_text_are_not_left_out_silently() {
+        use std::os::unix::ffi::OsStrExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let name = std::ffi::OsStr::from_bytes(b"caf\xe9.png");
+        std::fs::write(folder.path().join(name), b"").unwrap();
+        let error = files_below(folder.path(), None).unwrap_err();
+        assert!(error.to_string().contains("no Unicode"), "{error}");
     }
 }

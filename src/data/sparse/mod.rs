@@ -5,7 +5,7 @@ mod points;
 use super::columns::meaning;
 use super::files::{Array, CLOUDS, Columns, Numbers, Row, Table, has_ending, read_cloud};
 use super::grid::{is_plausible, nearest_pixels, pixel, rescaled, same_shape};
-use super::stored::{KnownUnit, Stored, StoredMap, read_stored};
+use super::stored::{KnownUnit, Stored, StoredMap, endings, read_stored};
 use super::{Camera, DepthMap, Orientation, Unit, View};
 use crate::error::{Error, Result};
 use lsdc_core::cloud::{fronts, is_behind};
@@ -36,14 +36,19 @@ pub struct Sparse {
 }
 
 impl Sparse {
+    /// The endings of files that can be read, in small letters.
+    pub fn endings() -> impl Iterator<Item = &'static str> {
+        endings()
+    }
+
     /// Reads sparse depths for an image, by the file's ending.
     ///
     /// - Maps of the image's shape, of as many pixels or not: `png`, `pgm`, `npy`, `npz`, `tiff`,
     ///   `exr`, `pfm`, `h5`.
     /// - Tables, `csv`, `txt` and arrays `[points, 3 or 4]`: of `u, v, depth[, sigma]`, u and v in
     ///   pixels from the centre of the first, or of x, y, z. Names in the first line say which; without
-    ///   names the columns are x, y, z if there is a camera and most points could not be pixels, and
-    ///   what may be either is refused.
+    ///   names the columns are x, y, z if there is a camera and most points could not be pixels, or
+    ///   pixels if the points lie all over the image, and what may be either is refused.
     /// - Clouds, which need the camera of the upright image: `ply`, `pcd`, `las`, `laz`, `xyz`, `bin`.
     ///
     /// Without a unit integers are taken for millimetres, other numbers and clouds for metres.

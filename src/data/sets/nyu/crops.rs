@@ -124,6 +124,12 @@ impl Dataset for Crops {
         format!("crop/{index:04}")
     }
 
+    fn files(&self, _index: usize) -> Vec<PathBuf> {
+        let hints = self.hints.iter().map(|(file, _)| file);
+        let files = std::iter::once(&self.file).chain(hints);
+        files.map(|file| file.path().to_owned()).collect()
+    }
+
     fn load(&self, index: usize) -> Result<Frame> {
         let (width, height) = (self.width, self.height);
         let depths = |file: &Hdf5, stack: &Stack| {

@@ -5,7 +5,7 @@ use super::{Depths, official};
 use crate::data::files::{Hdf5, from_planes};
 use crate::data::{Dataset, DepthMap, Frame, FrameId, Split};
 use crate::error::{Error, Result};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 const COLOURS: &str = "images";
 const SCENES: &str = "scenes";
@@ -92,6 +92,10 @@ impl Dataset for Labelled {
 
     fn id(&self, index: usize) -> FrameId {
         self.frames[index].1.clone()
+    }
+
+    fn files(&self, _index: usize) -> Vec<PathBuf> {
+        vec![self.file.path().to_owned()]
     }
 
     fn load(&self, index: usize) -> Result<Frame> {
