@@ -47,7 +47,7 @@ impl From<Slice> for (u64, u64) {
 }
 
 impl Certainty {
-    /// Of a frame: pixels with a true depth and a standard deviation above 0.
+    /// Of a frame: pixels with a true depth. A standard deviation of 0 holds no error.
     pub fn of(depth: &DepthMap, truth: &DepthMap, deviations: &DepthMap) -> Self {
         let mut certainty = Self::default();
         let pixels = depth
@@ -56,7 +56,7 @@ impl Certainty {
             .zip(truth.values())
             .zip(deviations.values());
         let mut pairs: Vec<(f64, f64)> = pixels
-            .filter(|((_, truth), deviation)| **truth > 0.0 && **deviation > 0.0)
+            .filter(|((_, truth), _)| **truth > 0.0)
             .map(|((depth, truth), deviation)| {
                 (f64::from(*deviation), f64::from(depth - truth).abs())
             })
@@ -182,6 +182,17 @@ mod tests {
         let blind = drawn(1.0, false);
         assert!((blind.sparsification()[SLICES / 2].1 - all).abs() < 0.01);
         assert!(blind.ause() > 2.0 * certainty.ause());
+    }
+
+    #[test]
+    fn a_standard_deviation_of_0_holds_no_error() {
+        let map = |values: [f32; 3]| DepthMap::new(3, 1, values.to_vec()).unwrap();
+        let certainty = Certainty::of(
+            &map([1.1, 2.0, 3.0]),
+            &map([1.0, 2.5, 0.0]),
+            &map([0.0, 1.0, 1.0]),
+        );
+        assert_eq!(certainty.coverage(), (0.5, 0.5));
     }
 
     #[test]
