@@ -155,6 +155,19 @@ impl From<lsdc_core::Error> for Error {
     }
 }
 
+impl From<lsdc_classic::Error> for Error {
+    fn from(error: lsdc_classic::Error) -> Self {
+        let hint = error.hint().map(str::to_owned);
+        match error {
+            lsdc_classic::Error::Map(error) => error.into(),
+            error => Self {
+                hint,
+                ..Self::fit(error.to_string())
+            },
+        }
+    }
+}
+
 macro_rules! through_the_core {
     ($($kind:ident)*) => {$(
         impl From<lsdc_core::$kind> for Error {

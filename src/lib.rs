@@ -19,7 +19,6 @@
 // burn's authors deprecate ndarray in favour of flex; it stays available on request.
 #![cfg_attr(feature = "ndarray", allow(deprecated))]
 
-pub mod classic;
 pub mod cli;
 pub mod config;
 pub mod data;

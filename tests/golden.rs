@@ -4,10 +4,10 @@
 #![allow(clippy::unwrap_used)]
 
 use image::RgbImage;
-use lsdc::classic::{Classic, distances};
 use lsdc::data::{DepthMap, Frame};
 use lsdc::metrics::{Difference, Metric, Rules, Scores};
 use lsdc::sample::{Interpolation, Pattern, Size, resize_depth, resize_rgb};
+use lsdc_classic::{Classic, distances};
 use serde_json::Value;
 use std::path::Path;
 

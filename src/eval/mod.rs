@@ -8,7 +8,6 @@ pub use candidate::{Candidate, Enlargement};
 pub use config::EvalConfig;
 pub use journal::Journal;
 
-use crate::classic::distances;
 use crate::data::{Dataset, DepthMap, Frame, Shard};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Metric, Profile, Rules, Scores};
@@ -16,6 +15,7 @@ use crate::provenance::{self, Stamp};
 use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
 use crate::sample::{Noise, Pattern, Protocol};
 use candidate::Prepared;
+use lsdc_classic::distances;
 use lsdc_core::{Completer, RANGE};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};

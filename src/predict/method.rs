@@ -1,10 +1,10 @@
 //! The ways to complete depth, by name.
 
 use super::check_sizes;
-use crate::classic::Classic;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use image::RgbImage;
+use lsdc_classic::Classic;
 use serde::{Deserialize, Serialize};
 
 /// A way to complete depth.
@@ -64,5 +64,5 @@ impl From<Method> for String {
 /// Image and sparse depths of different sizes, or no point.
 pub fn complete_classic(method: Classic, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
     check_sizes(rgb, sparse)?;
-    method.complete(rgb, sparse)
+    Ok(method.complete(rgb, sparse)?)
 }

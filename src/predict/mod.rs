@@ -5,7 +5,7 @@ mod method;
 mod preserve;
 mod weights;
 
-pub use crate::classic::Classic;
+pub use lsdc_classic::Classic;
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
 pub use weights::{Embedded, embedded, open_weights, weights_hash, weights_name};

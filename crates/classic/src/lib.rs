@@ -1,8 +1,23 @@
-//! Completion without training: the baselines of the field.
+//! Depth completion without training: the baselines of the field, one method per file.
+//!
+//! ```
+//! use image::RgbImage;
+//! use lsdc_classic::Classic;
+//! use lsdc_core::DepthMap;
+//! use lsdc_core::Point;
+//! # fn main() -> lsdc_classic::Result<()> {
+//! let points = [(0, 1.0), (8, 3.0)].map(|(x, depth)| Point { x, y: 1, depth });
+//! let sparse = DepthMap::from_points(9, 3, &points);
+//! let dense = Classic::Nearest.complete(&RgbImage::new(9, 3), &sparse)?;
+//! assert_eq!([dense.at(1, 0), dense.at(7, 2)], [1.0, 3.0]);
+//! # Ok(())
+//! # }
+//! ```
 
 mod colorisation;
 mod distance;
 mod equations;
+mod error;
 mod inverse_distance;
 mod linear;
 mod morphology;
@@ -12,10 +27,10 @@ mod spline;
 mod steering;
 
 pub use distance::distances;
+pub use error::{Error, Result};
 
-use crate::data::DepthMap;
-use crate::error::{Error, Result};
 use image::RgbImage;
+use lsdc_core::DepthMap;
 
 /// A method without training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,8 +88,7 @@ impl Classic {
     /// No point, or a system of equations without an answer.
     pub fn complete(self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         if sparse.count() == 0 {
-            return Err(Error::fit("there is no sparse depth to interpolate")
-                .hint("give at least one pixel a positive, finite depth"));
+            return Err(Error::NoPoints);
         }
         match self {
             Self::Nearest => neighbours::nearest(sparse),
@@ -92,7 +106,7 @@ impl Classic {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Point;
+    use lsdc_core::Point;
     use lsdc_rng::Rng;
 
     fn points(width: usize, height: usize, depth: impl Fn(usize, usize) -> f32) -> DepthMap {

@@ -1,6 +1,6 @@
 //! The distance of every pixel to the nearest point.
 
-use crate::data::DepthMap;
+use lsdc_core::DepthMap;
 
 /// Euclidean distances in pixels, row by row (Felzenszwalb and Huttenlocher 2012: one pass over
 /// columns, one over rows); infinite without a point.
@@ -74,7 +74,7 @@ mod tests {
         let found = distances(&sparse);
         for (i, distance) in found.iter().enumerate() {
             let apart =
-                |p: crate::data::Point| p.x.abs_diff(i % 50).pow(2) + p.y.abs_diff(i / 50).pow(2);
+                |p: lsdc_core::Point| p.x.abs_diff(i % 50).pow(2) + p.y.abs_diff(i / 50).pow(2);
             let expected = sparse.points().map(apart).min().unwrap() as f32;
             assert!((distance - expected.sqrt()).abs() < 1e-5);
         }

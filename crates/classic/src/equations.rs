@@ -33,13 +33,13 @@ impl Equations {
     /// The answer of any regular system.
     pub(super) fn solve(self) -> Result<Vec<f64>> {
         let matrix = self.matrix()?;
-        let factor = matrix.sp_lu().map_err(|_| singular())?;
+        let factor = matrix.sp_lu().map_err(|_| Error::Singular)?;
         Ok(self.answer(|right| factor.solve_in_place_with_conj(Conj::No, right.as_mut())))
     }
 
     fn matrix(&self) -> Result<SparseColMat<usize, f64>> {
         let n = self.right.len();
-        SparseColMat::try_new_from_triplets(n, n, &self.entries).map_err(|_| singular())
+        SparseColMat::try_new_from_triplets(n, n, &self.entries).map_err(|_| Error::Singular)
     }
 
     fn answer(&self, solve: impl FnOnce(&mut Mat<f64>)) -> Vec<f64> {
@@ -47,11 +47,6 @@ impl Equations {
         solve(&mut right);
         right.col_as_slice(0).to_vec()
     }
-}
-
-pub(super) fn singular() -> Error {
-    Error::fit("the equations between the pixels cannot be solved")
-        .hint("the image may be too large for a direct solver; use another method")
 }
 
 #[cfg(test)]

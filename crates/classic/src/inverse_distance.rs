@@ -1,8 +1,8 @@
 //! Inverse-distance weighting (Shepard 1968).
 
 use super::neighbours::{Neighbours, each_pixel};
-use crate::data::DepthMap;
 use crate::error::Result;
+use lsdc_core::DepthMap;
 
 /// Points that take part in a pixel.
 const NEAREST: usize = 8;
@@ -28,7 +28,7 @@ pub(super) fn inverse_distance(sparse: &DepthMap) -> Result<DepthMap> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Point;
+    use lsdc_core::Point;
 
     #[test]
     fn two_points_weigh_by_the_square_of_their_distance() {

@@ -1,8 +1,8 @@
 //! The points of a map, by place.
 
-use crate::data::{DepthMap, Point};
 use crate::error::Result;
 use lsdc_core::nearest::Cells;
+use lsdc_core::{DepthMap, Point};
 use rayon::prelude::*;
 
 /// The points of a map, for the nearest ones of a pixel.

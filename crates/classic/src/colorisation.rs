@@ -3,9 +3,9 @@
 //! point keep it.
 
 use super::equations::Equations;
-use crate::data::DepthMap;
 use crate::error::Result;
 use image::RgbImage;
+use lsdc_core::DepthMap;
 
 /// Share of the window's variance that is the scale of likeness, and its least value, for grey
 /// values of 0 to 1 (the constants of the authors' program).

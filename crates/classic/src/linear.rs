@@ -2,9 +2,9 @@
 //! their hull. The honest baseline of the field.
 
 use super::neighbours::Neighbours;
-use crate::data::{DepthMap, Point};
 use crate::error::Result;
 use delaunator::triangulate;
+use lsdc_core::{DepthMap, Point};
 
 pub(super) fn linear(sparse: &DepthMap) -> Result<DepthMap> {
     let neighbours = Neighbours::new(sparse);

@@ -3,11 +3,11 @@
 //! at the point. Here the edges are those of the colour image, and the points are scattered.
 
 use super::neighbours::{Neighbours, each_pixel};
-use crate::data::{DepthMap, Point};
 use crate::error::Result;
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, mat};
 use image::RgbImage;
+use lsdc_core::{DepthMap, Point};
 
 /// Width of the kernel in units of the mean distance between points, chosen on training frames of
 /// NYU Depth v2.

@@ -2,8 +2,8 @@
 //! over far, then a median and a Gaussian blur. Its sizes suit a 64-line laser scanner.
 
 use super::neighbours::Neighbours;
-use crate::data::DepthMap;
 use crate::error::Result;
+use lsdc_core::DepthMap;
 
 /// Depths are inverted about this many metres.
 const FAR: f32 = 100.0;

@@ -5,10 +5,9 @@
 //!
 //! where `w_ij` falls with the difference in colour.
 
-use super::equations::singular;
-use crate::data::DepthMap;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use image::RgbImage;
+use lsdc_core::DepthMap;
 use lsdc_core::bilinear::Taps;
 use lsdc_core::field::{Field, Grid, Observations};
 
@@ -56,7 +55,7 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         columns: &depths,
         count: 1,
     };
-    let field = Field::new(&grid, &seen).ok_or_else(singular)?;
+    let field = Field::new(&grid, &seen).ok_or(Error::Singular)?;
     let values = field.extend(&[1.0]).into_iter().map(|v| v as f32);
     Ok(DepthMap::new(width, height, values.collect())?)
 }

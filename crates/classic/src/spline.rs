@@ -5,10 +5,10 @@
 
 use super::neighbours::Neighbours;
 use super::neighbours::each_pixel;
-use crate::data::{DepthMap, Point};
 use crate::error::{Error, Result};
 use faer::Mat;
 use faer::linalg::solvers::Solve as _;
+use lsdc_core::{DepthMap, Point};
 use rayon::prelude::*;
 
 /// Up to so many points make one spline; else each neighbourhood has a quarter of them.
@@ -94,8 +94,7 @@ impl Spline {
         let answer = matrix.partial_piv_lu().solve(&right);
         let answer = answer.col_as_slice(0);
         if answer.iter().any(|v| !v.is_finite()) {
-            return Err(Error::fit("the thin-plate spline has no answer")
-                .hint("the points may coincide; use another method"));
+            return Err(Error::Spline);
         }
         Ok(Self {
             centres,
