@@ -152,12 +152,10 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             "png       {count} hold {unit} to a value: their depths do not fit in millimetres"
         ));
     }
-    raised(written.png_raised)
-        .iter()
-        .for_each(|line| tell(line));
-    if written.left_out_of_clouds != [0; 2] {
-        let lost = left_out_of_clouds(written.left_out_of_clouds);
-        tell(&format!("clouds    {}", lost.trim_start_matches(", ")));
+    let lost = left_out_of_clouds(written.left_out_of_clouds);
+    let lost = lost.map(|lost| format!("clouds    {lost}"));
+    for line in raised(written.png_raised).into_iter().chain(lost) {
+        tell(&line);
     }
     if !args.json {
         ui::tell(&format!("written   {}", output.display()));

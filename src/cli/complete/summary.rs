@@ -250,6 +250,7 @@ impl Summary {
         lines.extend(raised(self.png_raised));
         if let Some(cloud) = &self.cloud {
             let lost = left_out_of_clouds(self.left_out_of_cloud());
+            let lost = lost.map_or(String::new(), |lost| format!(", {lost}"));
             lines.push(format!("cloud     {} points{lost}", cloud.points));
         }
         if let Some(fit) = &self.fit {
@@ -286,14 +287,15 @@ pub(super) fn raised(pixels: usize) -> Option<String> {
     (pixels > 0).then(|| format!("png       {pixels} pixels nearer than half a unit hold one"))
 }
 
-/// What clouds leave out, behind a comma: too uncertain pixels, and those where the lens does not look.
-pub(super) fn left_out_of_clouds([uncertain, unseen]: [usize; 2]) -> String {
+/// What clouds leave out, if anything: too uncertain pixels, and those where the lens does not look.
+pub(super) fn left_out_of_clouds([uncertain, unseen]: [usize; 2]) -> Option<String> {
     let reasons = [
         (uncertain, "pixels above --max-sigma left out"),
         (unseen, "pixels left out where the lens does not look"),
     ];
     let reasons = reasons.into_iter().filter(|(count, _)| *count > 0);
-    reasons
-        .map(|(count, why)| format!(", {count} {why}"))
-        .collect()
+    let reasons: Vec<String> = reasons
+        .map(|(count, why)| format!("{count} {why}"))
+        .collect();
+    (!reasons.is_empty()).then(|| reasons.join(", "))
 }
