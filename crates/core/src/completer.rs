@@ -49,6 +49,9 @@ pub struct Completer {
     pool: Option<Arc<ThreadPool>>,
 }
 
+/// Threads of a pool.
+const MOST_THREADS: usize = 4096;
+
 /// Builder of a [`Completer`].
 ///
 /// ```
@@ -99,7 +102,7 @@ impl<'a> CompleterBuilder<'a> {
         }
     }
 
-    /// Uses a thread pool of its own. By default, work runs on the caller's pool: the global one of `rayon`,
+    /// Uses a thread pool of its own, with one thread per core if `threads` is 0. By default, work runs on the caller's pool: the global one of `rayon`,
     /// or the one in which the call was installed.
     pub fn threads(self, threads: usize) -> Self {
         Self {
@@ -137,6 +140,10 @@ impl<'a> CompleterBuilder<'a> {
             (Some(pool), _) => Some(pool),
             (None, None) => None,
             (None, Some(threads)) => {
+                if threads > MOST_THREADS {
+                    let what = format!("a pool has at most {MOST_THREADS} threads, not {threads}");
+                    return Err(SettingsError::new(what).into());
+                }
                 let pool = ThreadPoolBuilder::new().num_threads(threads).build();
                 let failed =
                     |error| SettingsError::new(format!("no pool of {threads} threads: {error}"));

@@ -421,6 +421,16 @@ fn the_number_of_threads_changes_no_bit() {
 }
 
 #[test]
+fn a_pool_of_millions_of_threads_is_refused() {
+    let weights = Weights::builtin_small();
+    let error = Completer::builder(&weights)
+        .threads(1 << 20)
+        .build()
+        .unwrap_err();
+    assert!(matches!(error, Error::Settings(_)), "{error}");
+}
+
+#[test]
 fn a_pool_of_the_caller_is_used() {
     let pool = Arc::new(
         rayon::ThreadPoolBuilder::new()
