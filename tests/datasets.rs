@@ -532,3 +532,36 @@ fn names_of_a_list_cannot_lead_out_of_the_folder() {
         assert!(error.contains("cannot be the name of a frame"), "{error}");
     }
 }
+
+#[test]
+fn depths_of_any_folder_are_metres_but_for_png() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (rgb, depth) = frame(0);
+    write_rgb(&at("a.png"), &rgb).unwrap();
+    write_npy(&at("a_depth.npy"), &depth).unwrap();
+    write_depth_png(&at("a_depth.png"), &depth, 0.001).unwrap();
+    for (ending, depth_scale, factor) in [
+        ("npy", None, 1.0),
+        ("png", None, 1.0),
+        ("npy", Some(0.5), 0.5),
+    ] {
+        let config = DataConfig {
+            dataset: DatasetKind::Folder,
+            root: Some(folder.path().to_owned()),
+            folder: FolderConfig {
+                rgb: "{frame}.png".into(),
+                depth: format!("{{frame}}_depth.{ending}"),
+                depth_scale,
+                ..FolderConfig::default()
+            },
+            ..DataConfig::default()
+        };
+        let frames = config.open(Split::Val, None).unwrap();
+        let found = (0..frames.len()).map(|i| frames.load(i).unwrap());
+        let found = found.filter(|frame| frame.id == "a").last().unwrap();
+        for (found, true_depth) in found.depth.values().iter().zip(depth.values()) {
+            assert!((found - factor * true_depth).abs() < 1e-5, "{ending}");
+        }
+    }
+}

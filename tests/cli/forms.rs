@@ -250,6 +250,11 @@ fn inputs_and_results_go_through_pipes() {
         .success();
     assert!(run.get_output().stderr.is_empty());
     refused(folder.path(), &["complete", "-", "-"], &["only one input"]);
+    refused(
+        folder.path(),
+        &["complete", "-", "sparse.npy"],
+        &["in no folder", "-o DIR"],
+    );
     refused(folder.path(), &["complete", "rgb.png", "-"], &["is empty"]);
 }
 

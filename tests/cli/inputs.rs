@@ -329,3 +329,49 @@ fn what_was_assumed_is_said_even_quietly_and_in_json() {
     let run = nearest(folder.path(), &said_so).success();
     assert_eq!(said(&run), "");
 }
+
+#[test]
+fn many_points_outside_the_image_are_doubted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_turned(&at("a.png"), 1);
+    // Columns and rows in turn: half of them are below the image.
+    let rows = |turned: bool| -> String {
+        let place = |i: usize| (1 + 3 * i, 1 + 2 * i);
+        let places = (0..9).map(place);
+        let rows = places.map(|(u, v)| if turned { (v, u) } else { (u, v) });
+        rows.map(|(u, v)| format!("{u},{v},2\n")).collect()
+    };
+    for (turned, doubted) in [(false, false), (true, true)] {
+        std::fs::write(at("a.csv"), format!("u,v,depth\n{}", rows(turned))).unwrap();
+        let run = nearest(
+            folder.path(),
+            &["a.png", "a.csv", "-o", "out", "--force", "-q"],
+        );
+        let told = said(&run.success());
+        assert_eq!(told.contains("are outside the image"), doubted, "{told}");
+    }
+    // Among many frames too, and counted for all together.
+    std::fs::create_dir(at("images")).unwrap();
+    std::fs::create_dir(at("points")).unwrap();
+    std::fs::copy(at("a.png"), at("images/a.png")).unwrap();
+    std::fs::copy(at("a.csv"), at("points/a.csv")).unwrap();
+    let told = said(&nearest(folder.path(), &["images", "points", "-o", "all"]).success());
+    assert!(told.contains("check that the columns"), "{told}");
+    assert!(told.contains("outside the image\n"), "{told}");
+}
+
+#[test]
+fn an_input_is_not_replaced_by_its_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_turned(&at("a.png"), 1);
+    std::fs::write(at("a.csv"), "u,v,depth\n1,1,2\n9,9,3\n").unwrap();
+    let before = std::fs::read(at("a.png")).unwrap();
+    refused(
+        folder.path(),
+        &["complete", "a.png", "a.csv", "-o", "a.png", "--force"],
+        &["`a.png` is the image", "-o"],
+    );
+    assert_eq!(std::fs::read(at("a.png")).unwrap(), before);
+}

@@ -38,7 +38,7 @@ use std::sync::Arc;
 /// # #[cfg(not(feature = "weights"))]
 /// # fn main() {}
 /// ```
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Completer {
     network: Arc<dyn Network>,
     normalisation: Normalisation,
@@ -180,6 +180,16 @@ impl<'a> CompleterBuilder<'a> {
             deviation,
             pool,
         })
+    }
+}
+
+impl std::fmt::Debug for Completer {
+    /// Not the numbers, of which there are millions.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Completer")
+            .field("fit", &self.fit)
+            .field("normalisation", &self.normalisation)
+            .finish_non_exhaustive()
     }
 }
 

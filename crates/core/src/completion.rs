@@ -24,7 +24,7 @@ const STRIP: usize = 1 << 13;
 ///
 /// Everything beyond the fit is computed on request. Depths are measured along the optical axis, in the unit
 /// of the observations.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Completion(Arc<Inner>);
 
 #[derive(Debug)]
@@ -84,6 +84,15 @@ pub struct Outlier {
     pub error: f64,
     /// The weight that it kept in a robust fit.
     pub weight: f64,
+}
+
+impl std::fmt::Debug for Completion {
+    /// Not the numbers, of which there are millions.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Completion")
+            .field("report", self.report())
+            .finish_non_exhaustive()
+    }
 }
 
 impl Completion {
@@ -168,7 +177,7 @@ impl Completion {
     pub fn at(&self, places: &[[f64; 2]]) -> Result<Vec<f32>> {
         let Inner { scene, fit, .. } = &*self.0;
         let (height, width) = scene.size();
-        let inside = |place: f64, length: usize| (-0.5..=length as f64 - 0.5).contains(&place);
+        let inside = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
         let outside = places
             .iter()
             .find(|[u, v]| !(inside(*u, width) && inside(*v, height)));

@@ -36,7 +36,7 @@ impl Error {
 }
 
 /// An image, map or buffer cannot be used.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageError {
     /// A side is 0, or there are more pixels than [`MAX_PIXELS`](crate::MAX_PIXELS).
@@ -66,6 +66,16 @@ pub enum ImageError {
         width: usize,
         /// Rows.
         height: usize,
+    },
+    /// A colour of a float image is far above 1.
+    #[error("the colour at column {x}, row {y} is {value}, but 1 is white")]
+    TooBright {
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+        /// The colour.
+        value: f32,
     },
     /// A colour is NaN or infinite.
     #[error("the colour at column {x}, row {y} is not finite")]

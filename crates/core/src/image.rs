@@ -76,8 +76,8 @@ impl<'a> Image<'a> {
         Self::of(width, height, channels, Values::Bytes(bytes))
     }
 
-    /// An image of floats, with 0 for black and 1 for white (values outside are clamped), stored without gaps
-    /// between rows.
+    /// An image of floats, with 0 for black and 1 for white (values a little outside are clamped, those above
+    /// 16 refused once the image is used), stored without gaps between rows.
     ///
     /// # Errors
     /// A side of 0, too many pixels, or a buffer that is too short.
@@ -121,6 +121,25 @@ impl<'a> Image<'a> {
         Ok(Self { stride, ..self })
     }
 
+    /// Checks that nothing follows the last row: a longer buffer has other channels, or another stride.
+    fn check_end(&self) -> Result<(), ImageError> {
+        let found = match self.values {
+            Values::Bytes(values) => values.len(),
+            Values::Floats(values) => values.len(),
+        };
+        let expected = self.stride.saturating_mul(self.height);
+        if found <= expected {
+            return Ok(());
+        }
+        let (width, height) = (self.width, self.height);
+        Err(ImageError::Length {
+            expected,
+            found,
+            width,
+            height,
+        })
+    }
+
     /// Number of columns.
     pub fn width(&self) -> usize {
         self.width
@@ -133,6 +152,9 @@ impl<'a> Image<'a> {
 
     /// Red, green and blue of every pixel, 8 bits each, without gaps.
     pub(crate) fn rgb(&self) -> Result<Vec<u8>> {
+        /// Brighter colours are not from 0 to 1.
+        const BRIGHTEST: f32 = 16.0;
+        self.check_end()?;
         let places = self.channels.places();
         let count = self.channels.count();
         let mut rgb = Vec::with_capacity(3 * self.width * self.height);
@@ -152,6 +174,9 @@ impl<'a> Image<'a> {
                             let value = pixel[place];
                             if !value.is_finite() {
                                 return Err(ImageError::NotFinite { x, y }.into());
+                            }
+                            if value > BRIGHTEST {
+                                return Err(ImageError::TooBright { x, y, value }.into());
                             }
                             rgb.push((value.clamp(0.0, 1.0) * 255.0).round() as u8);
                         }
@@ -201,6 +226,34 @@ pub(crate) fn check_rows(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn buffers_of_another_shape_or_range_are_refused() {
+        let bytes = [0; 18];
+        assert!(
+            Image::new(3, 2, Channels::Rgb, &bytes)
+                .unwrap()
+                .rgb()
+                .is_ok()
+        );
+        // Colours taken for grey values, and a stride that was forgotten.
+        assert!(
+            Image::new(3, 2, Channels::Gray, &bytes)
+                .unwrap()
+                .rgb()
+                .is_err()
+        );
+        let padded = Image::new(2, 2, Channels::Rgb, &bytes).unwrap();
+        assert!(padded.rgb().is_err());
+        assert!(padded.with_stride(9).unwrap().rgb().is_ok());
+        let floats = [0.0, 1.1, 255.0];
+        assert!(
+            Image::from_f32(1, 1, Channels::Rgb, &floats)
+                .unwrap()
+                .rgb()
+                .is_err()
+        );
+    }
 
     #[test]
     fn every_layout_gives_the_same_colours() {

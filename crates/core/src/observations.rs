@@ -14,7 +14,8 @@ pub struct Observation {
     pub v: f64,
     /// Depth along the optical axis in metres, or in any other unit, which is then that of the result.
     pub depth: f32,
-    /// Standard deviation of the depth, in the same unit, if it is known.
+    /// Standard deviation of the depth, in the same unit, if it is known. Only the ratios between those of
+    /// the observations count: how far depths are off is estimated from the observations themselves.
     pub sigma: Option<f32>,
 }
 

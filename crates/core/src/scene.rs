@@ -23,7 +23,7 @@ const CLOSER: f64 = 10.0;
 ///
 /// Holds everything that depends on the image alone, so that new points for the same image cost only a fit.
 /// Cheap to clone, and can be shared between threads.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Scene(Arc<Inner>);
 
 #[derive(Debug)]
@@ -36,6 +36,16 @@ struct Inner {
     /// Height and width of the image.
     size: (usize, usize),
     network: Duration,
+}
+
+impl std::fmt::Debug for Scene {
+    /// Not the numbers, of which there are millions.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Scene")
+            .field("width", &self.width())
+            .field("height", &self.height())
+            .finish_non_exhaustive()
+    }
 }
 
 impl Scene {

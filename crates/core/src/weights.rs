@@ -108,7 +108,7 @@ pub struct Calibration {
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Weights {
     /// The sizes of the network.
@@ -145,6 +145,16 @@ const CALIBRATION: &str = "calibration";
 /// The tables that hold a prior.
 const MEAN: &str = "prior.mean";
 const FACTOR: &str = "prior.factor";
+
+impl std::fmt::Debug for Weights {
+    /// Not the numbers, of which there are millions.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Weights")
+            .field("network", &self.network)
+            .field("parameters", &self.parameters())
+            .finish_non_exhaustive()
+    }
+}
 
 impl Weights {
     /// The tensors of a network, without a fit or a prior.

@@ -5,7 +5,7 @@
 
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{
-    Camera, Channels, Cloud, Completer, DepthMap, Error, FitError, Image, Observation,
+    Camera, Channels, Cloud, Completer, DepthMap, Error, FitError, Image, Lens, Observation,
     Observations, Scene, Weights,
 };
 use std::sync::{Arc, LazyLock};
@@ -514,4 +514,27 @@ fn cameras_that_mirror_or_have_no_focal_length_are_refused() {
     let flat = Camera::pinhole([0.0, 100.0], [31.5, 23.5]);
     assert!(seen(&flat, 64).is_err());
     assert_eq!(flat.unproject([0.0, 0.0], 1.0), None);
+}
+
+#[test]
+fn lenses_that_are_no_numbers_are_refused() {
+    let camera = Camera::pinhole([100.0; 2], [31.5, 23.5]);
+    let lens = Lens::fisheye([0.1, f64::NAN, 0.0, 0.0]);
+    assert!(camera.check().is_ok());
+    assert!(camera.with_lens(lens).check().is_err());
+}
+
+#[test]
+fn handles_are_printed_without_their_numbers() {
+    let completion = scene_of(&COMPLETER, 64, 48)
+        .complete(&observations(64, 48, 20))
+        .unwrap();
+    for text in [
+        format!("{completion:?}"),
+        format!("{:?}", completion.scene()),
+        format!("{:?}", *COMPLETER),
+        format!("{:?}", Weights::builtin_small()),
+    ] {
+        assert!(text.len() < 2000, "{text}");
+    }
 }

@@ -5,7 +5,7 @@ use super::frame::{Engine, Fitted, Prepared};
 use super::inputs::{self, Job, Loaded};
 use super::outputs::{Outputs, check_folder};
 use super::record::{Inputs, Records};
-use super::summary::{Summary, left_out_of_clouds, raised};
+use super::summary::{Summary, left_out_of_clouds, left_out_of_points, raised};
 use super::video::{Before, Chain};
 use crate::cli::args::Complete;
 use crate::cli::{Exit, ui};
@@ -147,6 +147,9 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     let counts = format!("frames    {done} completed, {there} there already, {failed} failed");
     let tell = if args.json { ui::say } else { ui::tell };
     tell(&counts);
+    if let Some(points) = left_out_of_points(written.left_out_of_points) {
+        tell(&format!("points    {points}"));
+    }
     for (unit, count) in &written.unusual_png_units {
         tell(&format!(
             "png       {count} hold {unit} to a value: their depths do not fit in millimetres"
@@ -188,6 +191,7 @@ struct Written {
     count: usize,
     unusual_png_units: BTreeMap<String, usize>,
     png_raised: usize,
+    left_out_of_points: [usize; 3],
     left_out_of_clouds: [usize; 2],
 }
 
@@ -198,6 +202,9 @@ impl Written {
             *self.unusual_png_units.entry(unit.to_string()).or_default() += 1;
         }
         self.png_raised += summary.png_raised();
+        let pairs = self.left_out_of_points.iter_mut();
+        let pairs = pairs.zip(summary.left_out_of_points());
+        pairs.for_each(|(sum, count)| *sum += count);
         let pairs = self.left_out_of_clouds.iter_mut();
         let pairs = pairs.zip(summary.left_out_of_cloud());
         pairs.for_each(|(sum, count)| *sum += count);
@@ -233,6 +240,7 @@ impl<'a> Plan<'a> {
         let mut unbroken = true;
         for job in jobs {
             let outputs = Outputs::below(args, output, &job)?;
+            outputs.check_apart(&job)?;
             let this = outputs.weights().map(|weights| Before {
                 weights: weights.to_owned(),
                 image: job.image.clone(),

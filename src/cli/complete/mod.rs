@@ -38,6 +38,7 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
 fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
     let outputs = Outputs::beside(args, job)?;
     outputs.check_writable()?;
+    outputs.check_apart(job)?;
     let frame = job.load(args)?;
     let found = Engine::new(args, true)?.complete(&frame.rgb, &frame.points)?;
     let forms = outputs.forms(&frame, &found)?;

@@ -140,6 +140,20 @@ impl<'a> Outputs<'a> {
         data::check_writable(&self.folder)
     }
 
+    /// Checks that no file of the result is one that it is made from.
+    pub(super) fn check_apart(&self, job: &Job) -> Result<()> {
+        let real = |path: &Path| path.canonicalize().ok();
+        for (what, input) in job.files(self.args) {
+            let input = real(input);
+            let mut files = self.files.iter().map(|(_, path)| path);
+            if let Some(path) = files.find(|path| input.is_some() && real(path) == input) {
+                let found = format!("`{}` is the {what}", path.display());
+                return Err(Error::config(found).hint("give another folder or file with -o"));
+            }
+        }
+        Ok(())
+    }
+
     /// What the formats make of a result.
     pub(super) fn forms(&self, frame: &Loaded, found: &Completed) -> Result<Forms> {
         let png = || -> Result<Png> {

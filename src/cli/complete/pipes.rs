@@ -26,6 +26,12 @@ impl Pipes {
         if to_stdout {
             check_one_file(args)?;
         }
+        if images > 0 && args.output.is_none() {
+            return Err(
+                Error::config("an image from standard input is in no folder")
+                    .hint("say where the result goes: -o DIR, -o FILE, or -o -"),
+            );
+        }
         if inputs == 0 && !to_stdout {
             return Ok(Self {
                 folder: None,

@@ -188,6 +188,12 @@ impl Summary {
         cloud.map_or([0; 2], |cloud| [cloud.uncertain, cloud.unseen])
     }
 
+    /// Points that were not fitted: without a usable depth, outside the image, and behind others.
+    pub(super) fn left_out_of_points(&self) -> [usize; 3] {
+        let points = &self.points;
+        [points.ignored, points.outside, points.hidden]
+    }
+
     /// Whether a text is the same but for times.
     pub(super) fn is_but_for_times(&self, text: &str) -> bool {
         let parsed = |text: &str| {
@@ -200,15 +206,8 @@ impl Summary {
 
     pub(super) fn lines(&self) -> Vec<String> {
         let points = &self.points;
-        let left_out = [
-            (points.ignored, "NaN, infinite or negative values ignored"),
-            (points.outside, "outside the image"),
-            (points.hidden, "behind others"),
-        ];
-        let mut notes: Vec<String> = left_out
+        let mut notes: Vec<String> = left_out_of_points(self.left_out_of_points())
             .into_iter()
-            .filter(|(count, _)| *count > 0)
-            .map(|(count, what)| format!("{count} {what}"))
             .collect();
         if points.deviations_used == Some(false) {
             notes.push("their deviations only weigh points of one pixel in this method".to_owned());
@@ -285,6 +284,21 @@ impl Summary {
 /// That pixels are nearer than half a unit of the PNG, if any are.
 pub(super) fn raised(pixels: usize) -> Option<String> {
     (pixels > 0).then(|| format!("png       {pixels} pixels nearer than half a unit hold one"))
+}
+
+/// Points that were not fitted, in words.
+pub(super) fn left_out_of_points(counts: [usize; 3]) -> Option<String> {
+    let reasons = [
+        "NaN, infinite or negative values ignored",
+        "outside the image",
+        "behind others",
+    ];
+    let pairs = counts.into_iter().zip(reasons);
+    let texts = pairs.filter(|(count, _)| *count > 0);
+    let texts: Vec<String> = texts
+        .map(|(count, reason)| format!("{count} {reason}"))
+        .collect();
+    (!texts.is_empty()).then(|| texts.join(", "))
 }
 
 /// What clouds leave out, if anything: too uncertain pixels, and those where the lens does not look.

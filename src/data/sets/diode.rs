@@ -70,7 +70,7 @@ fn by_walking(root: &Path, split: Split) -> Result<Vec<Files>> {
                 depth: format!("{stem}_depth.npy"),
                 mask: Some(format!("{stem}_depth_mask.npy")),
                 sparse: None,
-                depth_scale: 1.0,
+                depth_scale: Some(1.0),
                 place,
             };
             let found = find(root, split, &config)?;

@@ -22,8 +22,8 @@ pub struct FolderConfig {
     pub sparse: Option<String>,
     /// The file of valid pixels, by the same names, if there is one.
     pub mask: Option<String>,
-    /// Metres per stored unit: 0.001 for millimetres in PNG, 1 for metres in npy.
-    pub depth_scale: f64,
+    /// Metres per stored unit. If absent, 0.001 for PNG and PGM (millimetres), 1 for other files.
+    pub depth_scale: Option<f64>,
     /// Where the frames were taken.
     pub place: Place,
 }
@@ -35,9 +35,20 @@ impl Default for FolderConfig {
             depth: "{split}/{frame}_depth.png".into(),
             sparse: None,
             mask: None,
-            depth_scale: 0.001,
+            depth_scale: None,
             place: Place::Indoor,
         }
+    }
+}
+
+impl FolderConfig {
+    /// Metres per stored unit.
+    pub(super) fn scale(&self) -> f64 {
+        let millimetres = ["png", "pgm"]
+            .into_iter()
+            .any(|ending| has_ending(Path::new(&self.depth), ending));
+        let usual = if millimetres { 0.001 } else { 1.0 };
+        self.depth_scale.unwrap_or(usual)
     }
 }
 
@@ -77,8 +88,9 @@ impl Folder {
             ))
             .hint("check --root and --split"));
         }
-        let about = format!("folder `{}`", config.rgb);
-        Ok(Self::of(about, "full", config.depth_scale, frames))
+        let scale = config.scale();
+        let about = format!("folder `{}`, depths in units of {scale} m", config.rgb);
+        Ok(Self::of(about, "full", scale, frames))
     }
 
     /// Frames that were listed by other means.

@@ -60,7 +60,7 @@ pub(in crate::data) fn kitti(root: &Path, split: Split) -> Result<Folder> {
                 depth: below("groundtruth_depth", depth),
                 sparse: Some(below("velodyne_raw", sparse)),
                 mask: None,
-                depth_scale: 1.0 / 256.0,
+                depth_scale: Some(1.0 / 256.0),
                 place: Place::Outdoor,
             };
             let mut frames = find(root, split, &config)?;
@@ -68,7 +68,7 @@ pub(in crate::data) fn kitti(root: &Path, split: Split) -> Result<Folder> {
             frames.retain(|files| cropped || files.depth.is_file());
             if !frames.is_empty() {
                 let about = format!("KITTI depth completion, {about}");
-                return Ok(Folder::of(about, "kitti", config.depth_scale, frames));
+                return Ok(Folder::of(about, "kitti", config.scale(), frames));
             }
         }
     }

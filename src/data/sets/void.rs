@@ -21,7 +21,7 @@ pub(in crate::data) fn void(root: &Path, split: Split) -> Result<Folder> {
         depth: stem("ground_truth"),
         sparse: Some(stem("sparse_depth")),
         mask: None,
-        depth_scale: 1.0 / 256.0,
+        depth_scale: Some(1.0 / 256.0),
         place: Place::Indoor,
     };
     let mut frames = find(root, split, &config)?;
@@ -48,7 +48,7 @@ pub(in crate::data) fn void(root: &Path, split: Split) -> Result<Folder> {
     Ok(Folder::of(
         format!("VOID, {how}"),
         "void",
-        config.depth_scale,
+        config.scale(),
         frames,
     ))
 }

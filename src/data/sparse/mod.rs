@@ -292,10 +292,28 @@ impl Sparse {
         }
         let mut found = points.sparse(known.unit, known.is_guessed(), table.row);
         found.remarks.extend(known.doubt(found.depths()));
+        found.remarks.extend(found.doubtful_places());
         if !image.is_upright() {
             found.remarks.push(upright_as_shown("u and v are", image));
         }
         Ok(found)
+    }
+
+    /// What is odd about the places of points that are given in pixels: many of them outside the image, or
+    /// in the same pixels.
+    fn doubtful_places(&self) -> Option<String> {
+        let all = self.points.len() + self.outside + self.hidden;
+        let (count, what) = if self.outside * 10 > all {
+            (self.outside, "are outside the image")
+        } else if self.hidden * 2 > all {
+            (self.hidden, "share their pixels with nearer ones")
+        } else {
+            return None;
+        };
+        Some(format!(
+            "{count} of {all} points {what}: check that the columns are u to the right and v down, in pixels \
+             of this image"
+        ))
     }
 
     fn of_space(

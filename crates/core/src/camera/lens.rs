@@ -60,6 +60,14 @@ impl Lens {
     }
 
     /// The image position of a ray through (x, y, 1), in focal lengths from the principal point.
+    pub(super) fn coefficients(&self) -> &[f64] {
+        match self {
+            Self::Pinhole => &[],
+            Self::Radtan { coefficients, .. } => coefficients,
+            Self::Fisheye { coefficients, .. } => coefficients,
+        }
+    }
+
     pub(super) fn distort(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let square = x * x + y * y;
         match self {

@@ -82,6 +82,7 @@ impl Camera {
         let rows = &self.rotation;
         let mut numbers = [self.center, self.focal].concat();
         numbers.extend(self.translation.iter().chain(rows.as_flattened()));
+        numbers.extend(self.lens.coefficients());
         if !numbers.iter().all(|v| v.is_finite()) {
             return Err(SettingsError::new("a number of the camera is not finite"));
         }

@@ -119,7 +119,7 @@ pub(in crate::data) fn nyu(
         let config = FolderConfig {
             rgb: tree.rgb.into(),
             depth: tree.depth.into(),
-            depth_scale: tree.depth_scale,
+            depth_scale: Some(tree.depth_scale),
             ..FolderConfig::default()
         };
         let mut frames = find(root, split, &config)?;
