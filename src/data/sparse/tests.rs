@@ -30,7 +30,14 @@ fn points_keep_their_places_between_pixels() {
     let found = read_as("points.csv", text, Some(Unit::MILLIMETRE)).unwrap();
     assert_eq!((found.outside, found.ignored, found.hidden), (2, 1, 0));
     assert_eq!(points(&found), [(0.25, 0.0, 2.0), (3.4, 2.49, 1.5)]);
-    assert!(!found.guessed && found.remarks.is_empty());
+    assert!(!found.guessed);
+    let [remark] = &found.remarks[..] else {
+        panic!("{:?}", found.remarks);
+    };
+    assert!(
+        remark.starts_with("2 of 4 points are outside the image"),
+        "{remark}"
+    );
 }
 
 #[test]
