@@ -134,7 +134,8 @@ impl Completion {
 
     /// The dense depth at the size of the image.
     ///
-    /// Does not fail for images that a scene was made from.
+    /// # Errors
+    /// None for the image that the scene was made from.
     pub fn depth(&self) -> Result<DepthMap> {
         let (height, width) = self.0.scene.size();
         self.depth_at(width, height)

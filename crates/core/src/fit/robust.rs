@@ -118,9 +118,9 @@ impl Robust {
     }
 
     pub(super) fn check(self) -> Result<(), SettingsError> {
-        let positive = |v: f64| v > 0.0 && v.is_finite();
         /// Neighbours of a point, and rounds.
         const MOST: usize = 1000;
+        let positive = |v: f64| v > 0.0 && v.is_finite();
         if self.neighbours > MOST || self.iterations > MOST {
             return Err(SettingsError::new(format!(
                 "`fit.robust`: neighbours and iterations must be at most {MOST}"
