@@ -558,8 +558,8 @@ fn depths_of_any_folder_are_metres_but_for_png() {
             ..DataConfig::default()
         };
         let frames = config.open(Split::Val, None).unwrap();
-        let found = (0..frames.len()).map(|i| frames.load(i).unwrap());
-        let found = found.filter(|frame| frame.id == "a").last().unwrap();
+        let found: Vec<_> = (0..frames.len()).map(|i| frames.load(i).unwrap()).collect();
+        let found = found.into_iter().find(|frame| frame.id == "a").unwrap();
         for (found, true_depth) in found.depth.values().iter().zip(depth.values()) {
             assert!((found - factor * true_depth).abs() < 1e-5, "{ending}");
         }
