@@ -16,7 +16,7 @@ edition = "2024"
 lsdc-core = { path = "$root/crates/core" }
 image = { version = "0.25", default-features = false, features = ["png"] }
 TOML
-cp "$root/Cargo.lock" "$work/Cargo.lock"
+cp "$root/Cargo.lock" "$root/rust-toolchain.toml" "$work"
 cat >"$work/src/main.rs" <<'RUST'
 use lsdc_core::{Channels, Completer, Image, Observations, Weights};
 fn main() -> Result<(), Box<dyn std::error::Error>> {
