@@ -21,8 +21,10 @@ KEPT = ROOT / "crates/core/public-api.txt"
 def documented() -> dict:
     command = ["cargo", "rustdoc", "-q", "--release", "-p", "lsdc-core", "--lib", "--"]
     command += ["-Z", "unstable-options", "--output-format", "json", "--document-hidden-items"]
-    subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, "RUSTC_BOOTSTRAP": "1"})
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    # A folder of its own: what else is built does not know RUSTC_BOOTSTRAP, and would be built again.
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "public-api"
+    settings = {"RUSTC_BOOTSTRAP": "1", "CARGO_TARGET_DIR": str(target)}
+    subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, **settings})
     return json.loads((target / "doc/lsdc_core.json").read_text())
 
 
