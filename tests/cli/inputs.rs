@@ -340,7 +340,8 @@ fn many_points_outside_the_image_are_doubted() {
         let place = |i: usize| (1 + 3 * i, 1 + 2 * i);
         let places = (0..9).map(place);
         let rows = places.map(|(u, v)| if turned { (v, u) } else { (u, v) });
-        rows.map(|(u, v)| format!("{u},{v},2\n")).collect()
+        let lines: Vec<_> = rows.map(|(u, v)| format!("{u},{v},2\n")).collect();
+        lines.concat()
     };
     for (turned, doubted) in [(false, false), (true, true)] {
         std::fs::write(at("a.csv"), format!("u,v,depth\n{}", rows(turned))).unwrap();
