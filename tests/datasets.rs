@@ -536,11 +536,11 @@ fn names_of_a_list_cannot_lead_out_of_the_folder() {
 #[test]
 fn depths_of_any_folder_are_metres_but_for_png() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let at = |name: &str| file(folder.path(), name);
     let (rgb, depth) = frame(0);
-    write_rgb(&at("a.png"), &rgb).unwrap();
-    write_npy(&at("a_depth.npy"), &depth).unwrap();
-    write_depth_png(&at("a_depth.png"), &depth, 0.001).unwrap();
+    write_rgb(&at("colours/a.png"), &rgb).unwrap();
+    write_npy(&at("depths/a.npy"), &depth).unwrap();
+    write_depth_png(&at("depths/a.png"), &depth, 0.001).unwrap();
     for (ending, depth_scale, factor) in [
         ("npy", None, 1.0),
         ("png", None, 1.0),
@@ -550,16 +550,15 @@ fn depths_of_any_folder_are_metres_but_for_png() {
             dataset: DatasetKind::Folder,
             root: Some(folder.path().to_owned()),
             folder: FolderConfig {
-                rgb: "{frame}.png".into(),
-                depth: format!("{{frame}}_depth.{ending}"),
+                rgb: "colours/{frame}.png".into(),
+                depth: format!("depths/{{frame}}.{ending}"),
                 depth_scale,
                 ..FolderConfig::default()
             },
             ..DataConfig::default()
         };
         let frames = config.open(Split::Val, None).unwrap();
-        let found: Vec<_> = (0..frames.len()).map(|i| frames.load(i).unwrap()).collect();
-        let found = found.into_iter().find(|frame| frame.id == "a").unwrap();
+        let found = frames.load(0).unwrap();
         for (found, true_depth) in found.depth.values().iter().zip(depth.values()) {
             assert!((found - factor * true_depth).abs() < 1e-5, "{ending}");
         }
