@@ -152,15 +152,20 @@ fn several_devices_divide_every_batch() {
     assert!(!at.join("c").exists());
 }
 
-#[test]
-fn a_run_folder_is_not_overwritten() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+/// One step of [`CONFIG`], in the file `c.toml`, into the folder `a`.
+fn train_one_step(at: &Path) {
     std::fs::write(at.join("c.toml"), CONFIG).unwrap();
     train(
         at,
         &["--config", "c.toml", "-o", "a", "--set", "train.steps=1"],
     );
+}
+
+#[test]
+fn a_run_folder_is_not_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    train_one_step(at);
     for name in [
         "config.toml",
         "data.json",
@@ -183,11 +188,7 @@ fn a_run_folder_is_not_overwritten() {
 fn a_run_does_not_go_on_with_other_frames() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    std::fs::write(at.join("c.toml"), CONFIG).unwrap();
-    train(
-        at,
-        &["--config", "c.toml", "-o", "a", "--set", "train.steps=1"],
-    );
+    train_one_step(at);
     let resume = || {
         Command::new(env!("CARGO_BIN_EXE_lsdc"))
             .current_dir(at)

@@ -52,7 +52,8 @@ impl Journal {
         } else {
             file.set_len(0).map_err(write)?;
             file.rewind().map_err(write)?;
-            writeln!(file, "{made_from}").map_err(write)?;
+            let line = format!("{made_from}\n");
+            file.write_all(line.as_bytes()).map_err(write)?;
         }
         file.sync_all().map_err(write)?;
         Ok(Self {

@@ -187,27 +187,13 @@ fn predictions_of_others_are_scored_on_the_same_frames_and_points() {
 #[test]
 fn broken_frames_are_reported_and_the_rest_measured() {
     let folder = tempfile::tempdir().unwrap();
-    let export = ["export", "-o", "frames"];
-    lsdc(folder.path())
-        .args(export)
-        .args(&ROOMS[1..])
-        .assert()
-        .success();
+    export_rooms(folder.path());
     let at = |name: &str| folder.path().join("frames").join(name);
     let image = std::fs::read(at("rgb/val/00000.png")).unwrap();
     std::fs::write(at("rgb/val/00000.png"), &image[..image.len() / 2]).unwrap();
     std::fs::remove_file(at("gt/val/00001.npy")).unwrap();
     std::fs::write(at("sparse/val/00002.npy"), huge_header()).unwrap();
-    let eval = [
-        "eval",
-        "--dataset",
-        "marigold",
-        "--root",
-        "frames",
-        "--method",
-        "linear",
-    ];
-    let output = lsdc(folder.path()).args(eval).output().unwrap();
+    let output = lsdc(folder.path()).args(EVAL_EXPORTED).output().unwrap();
     assert_eq!(output.status.code(), Some(3));
     let errors = String::from_utf8(output.stderr).unwrap();
     for word in ["00000.png", "00001.npy", "00002.npy", "500000x500000"] {

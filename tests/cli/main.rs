@@ -88,6 +88,23 @@ const ROOMS: [&str; 9] = [
     "4",
 ];
 
+/// Writes the frames of [`ROOMS`] into the folder `frames`, for [`EVAL_EXPORTED`].
+fn export_rooms(at: &Path) {
+    let export = ["export", "-o", "frames"];
+    let made = lsdc(at).args(export).args(&ROOMS[1..]).assert();
+    made.success();
+}
+
+const EVAL_EXPORTED: [&str; 7] = [
+    "eval",
+    "--dataset",
+    "marigold",
+    "--root",
+    "frames",
+    "--method",
+    "linear",
+];
+
 /// An npy file whose header declares a terabyte.
 fn huge_header() -> Vec<u8> {
     let mut header =

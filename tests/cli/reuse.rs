@@ -238,21 +238,10 @@ fn an_input_of_another_ending_is_another_input() {
 fn frames_that_changed_are_not_taken_for_those_that_were_measured() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let export = [&["export", "-o", "frames"], &ROOMS[1..]].concat();
-    lsdc(at).args(export).assert().success();
-    let eval = [
-        "eval",
-        "--dataset",
-        "marigold",
-        "--root",
-        "frames",
-        "--method",
-        "linear",
-        "-o",
-        "run",
-    ];
-    lsdc(at).args(eval).assert().success();
-    let again = lsdc(at).args(eval).assert().success();
+    export_rooms(at);
+    let eval = [&EVAL_EXPORTED[..], &["-o", "run"]].concat();
+    lsdc(at).args(&eval).assert().success();
+    let again = lsdc(at).args(&eval).assert().success();
     assert!(said(&again).contains("4 results of an earlier run are used again"));
     let path = at.join("frames/gt/val/00001.npy");
     let truth = read_npy(&path, 1.0).unwrap();
@@ -264,7 +253,7 @@ fn frames_that_changed_are_not_taken_for_those_that_were_measured() {
         &eval,
         &["val/00001", "00001.npy` has changed", "--force"],
     );
-    lsdc(at).args(eval).arg("--force").assert().success();
+    lsdc(at).args(&eval).arg("--force").assert().success();
 }
 
 #[test]

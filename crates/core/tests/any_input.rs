@@ -104,9 +104,11 @@ proptest! {
             prop_assert_eq!(list.len(), given.len());
             prop_assert!(!list.iter().any(|v| v.is_infinite()));
         }
-        for list in [&lists[0], &lists[2]] {
-            prop_assert_eq!(list.iter().filter(|v| v.is_finite()).count(), report.used);
-        }
+        let finite = lists.each_ref().map(|list| list.iter().filter(|v| v.is_finite()).count());
+        // Observations that are met whatever they are have no leave-one-out error.
+        prop_assert_eq!([finite[0], finite[2]], [report.used; 2]);
+        prop_assert!(finite[1] <= report.used);
+        prop_assert_eq!(finite[1] == 0, completion.leave_one_out_error().is_none());
         for outlier in completion.outliers() {
             prop_assert!(outlier.index < given.len() && !outlier.score.is_nan());
         }

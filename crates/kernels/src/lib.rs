@@ -1,8 +1,8 @@
 //! CPU kernels of lsdc: what its network needs to run, and to be trained, on every instruction set.
 //!
-//! All functions are safe: lengths are checked where they enter, and kernels are private. Work is cut
-//! into pieces that do not depend on the number of threads, and sums run in a fixed order, so results
-//! are the same bits for any number of threads. They differ in rounding between instruction sets.
+//! All functions are safe: lengths are checked where they enter, and kernels are private. However work is
+//! cut among threads, every sum runs in the same order, so results are the same bits for any number of
+//! threads. They differ in rounding between instruction sets.
 
 #![allow(unsafe_code)]
 

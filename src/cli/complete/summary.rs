@@ -293,23 +293,22 @@ pub(super) fn left_out_of_points(counts: [usize; 3]) -> Option<String> {
         "outside the image",
         "behind others",
     ];
-    let pairs = counts.into_iter().zip(reasons);
-    let texts = pairs.filter(|(count, _)| *count > 0);
-    let texts: Vec<String> = texts
-        .map(|(count, reason)| format!("{count} {reason}"))
-        .collect();
-    (!texts.is_empty()).then(|| texts.join(", "))
+    in_words(counts.into_iter().zip(reasons))
 }
 
 /// What clouds leave out, if anything: too uncertain pixels, and those where the lens does not look.
 pub(super) fn left_out_of_clouds([uncertain, unseen]: [usize; 2]) -> Option<String> {
-    let reasons = [
+    in_words([
         (uncertain, "pixels above --max-sigma left out"),
         (unseen, "pixels left out where the lens does not look"),
-    ];
-    let reasons = reasons.into_iter().filter(|(count, _)| *count > 0);
-    let reasons: Vec<String> = reasons
-        .map(|(count, why)| format!("{count} {why}"))
+    ])
+}
+
+/// Counts above 0, each with its reason.
+fn in_words(counts: impl IntoIterator<Item = (usize, &'static str)>) -> Option<String> {
+    let counts = counts.into_iter().filter(|(count, _)| *count > 0);
+    let texts: Vec<String> = counts
+        .map(|(count, reason)| format!("{count} {reason}"))
         .collect();
-    (!reasons.is_empty()).then(|| reasons.join(", "))
+    (!texts.is_empty()).then(|| texts.join(", "))
 }
