@@ -17,7 +17,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 const POINTS: usize = 500;
-const RUNS: usize = 11;
+const RUNS: usize = 5;
 const SIZES: [Size; 2] = [
     Size {
         height: 228,

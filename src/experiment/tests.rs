@@ -18,9 +18,10 @@ pub(super) fn lab(folder: &Path) -> Lab {
         ..Preset::named("full").unwrap()
     };
     let train = TrainConfig {
-        steps: 4,
+        steps: 2,
+        batch: 2,
         held_out: 2,
-        save_every: 2,
+        save_every: 1,
         protocol: Protocol::default(),
         supervision: SupervisionConfig {
             points: 300,
@@ -158,7 +159,16 @@ fn a_folder_of_other_settings_is_refused() {
     .unwrap();
     assert!(resumed >= 3, "{resumed} results used again");
     // Networks that are trained already belong to their recipe as well.
-    run(&[Experiment::Ablation], &first, go_on).unwrap();
+    let mut events = 0;
+    run(&[Experiment::Ablation], &first, |_| {
+        events += 1;
+        if events < 30 {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
+        }
+    })
+    .unwrap();
     let mut longer = lab(folder.path());
     longer.recipe.train.steps += 1;
     assert!(run(&[Experiment::Ablation], &longer, go_on).is_err());

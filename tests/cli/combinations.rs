@@ -278,8 +278,9 @@ fn refusal(row: &Choice) -> Option<&'static str> {
     if several && yes("temporal") && !row.is("shard", "0/1") {
         return Some("cannot be combined");
     }
-    let needs = yes("uncertainty") || yes("outliers") || yes("temporal");
-    if classic && (needs || !row.is("size", "")) {
+    let switches = ["uncertainty", "outliers", "temporal", "full"];
+    let needs = switches.into_iter().any(yes) || !row.is("size", "") || !row.is("robust", "none");
+    if classic && needs {
         return Some("need method `lsdc`");
     }
     if yes("temporal") && row.is("method", "field") {

@@ -177,6 +177,32 @@ fn a_range_of_negative_depths_is_refused() {
     }
 }
 
+#[test]
+fn options_that_would_change_nothing_are_refused() {
+    let folder = room();
+    for (options, words) in [
+        (
+            &["--range=0,3", "--formats=npy"][..],
+            ["`--range`", "colour maps"],
+        ),
+        (
+            &["--max-sigma=0.1", "--formats=npy"],
+            ["`--max-sigma`", "clouds"],
+        ),
+        (
+            &["--method=linear", "--robust=huber"],
+            ["`--robust`", "need method `lsdc`"],
+        ),
+        (
+            &["--method=linear", "--full"],
+            ["`--full`", "need method `lsdc`"],
+        ),
+    ] {
+        let args = [&["complete", "rgb.png", "sparse.npy"], options].concat();
+        refused(folder.path(), &args, &words);
+    }
+}
+
 #[cfg(unix)]
 fn shell(folder: &Path, command: &str) -> std::process::Command {
     let mut shell = std::process::Command::new("sh");

@@ -1,7 +1,7 @@
 //! A fit and everything derived from it: depth at any position, standard deviations, residuals, outliers.
 
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, LocalNoise};
+use crate::fit::{Fit, FitMethod, LocalNoise, RANGE};
 use crate::image::{check_rows, check_size};
 use crate::map::DepthMap;
 use crate::scene::Scene;
@@ -9,10 +9,6 @@ use crate::usable::Usable;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
-
-/// Depths are clamped to the range of the observations, widened by this factor at both ends. It is relative,
-/// so that scaling the observations scales the result.
-pub const RANGE: f32 = 10.0;
 
 /// The score above which an observation is called an outlier (Iglewicz and Hoaglin 1993).
 pub const OUTLYING: f64 = 3.5;
@@ -305,8 +301,8 @@ impl Completion {
         Ok(values)
     }
 
-    /// For every given observation, its depth minus the fitted depth (before clamping); NaN for those that
-    /// were not used.
+    /// For every given observation, its depth minus the fitted depth, before clamping (after it if a logarithm
+    /// or an inverse was fitted, which may stand for an infinite depth); NaN for those that were not used.
     pub fn residuals(&self) -> Vec<f64> {
         self.0.usable.spread(&self.0.fit.residuals)
     }

@@ -7,6 +7,7 @@
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust, Space};
 use lsdc_core::{Channels, Completer, Image, Observation, Observations, Weights};
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 use std::sync::LazyLock;
 
 static COMPLETER: LazyLock<Completer> =
@@ -71,6 +72,8 @@ proptest! {
     #![proptest_config(ProptestConfig {
         cases: 100,
         failure_persistence: None,
+        // The same cases every time.
+        rng_seed: RngSeed::Fixed(1),
         ..ProptestConfig::default()
     })]
 
@@ -97,7 +100,8 @@ proptest! {
             prop_assert!(value.is_finite() && (low..=high).contains(value), "{}", value);
         }
         if let Ok(deviations) = completion.standard_deviation() {
-            prop_assert_eq!(deviations.ignored(), 0, "{:?} {:?}", report, completion.depth());
+            let positive = deviations.values().iter().all(|v| *v > 0.0);
+            prop_assert!(positive, "{:?} {:?}", report, completion.depth());
         }
         let lists = [completion.residuals(), completion.leave_one_out(), completion.point_weights()];
         for list in &lists {

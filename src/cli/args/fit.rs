@@ -30,6 +30,21 @@ impl FitFlags {
         self.fit_method?.remark()
     }
 
+    /// The flags that were given, but for `--robust none`.
+    pub(in crate::cli) fn given(&self) -> impl Iterator<Item = &'static str> {
+        let robust = self
+            .robust
+            .is_some_and(|robust| robust.settings().is_some());
+        let flags = [
+            ("`--fit`", self.fit_method.is_some()),
+            ("`--robust`", robust),
+            ("`--prior`", self.prior.is_some()),
+            ("`--space`", self.space.is_some()),
+        ];
+        let given = flags.into_iter().filter(|(_, given)| *given);
+        given.map(|(name, _)| name)
+    }
+
     /// Overrides settings with the flags. The field and the learned prior exist for depth only: in another
     /// space, basis functions alone and the flat prior replace them. A lambda chosen for basis functions
     /// with a field does not apply to basis functions alone, and vice versa.

@@ -60,12 +60,13 @@ pub(super) struct Diagnostics {
 impl<'a> Engine<'a> {
     /// Ready to work; `told` says whether diagnostics are printed.
     pub(super) fn new(args: &'a Complete, told: bool) -> Result<Self> {
+        let alien = args.options_of_the_fit();
         let method = match args.method {
-            Method::Classic(_) if args.needs_fit() => {
-                return Err(Error::config(
-                    "`--size`, `--sigma`, `--uncertainty`, `--max-sigma`, `--outliers` and `--temporal` \
-                     need method `lsdc`",
-                ));
+            Method::Classic(_) if !alien.is_empty() => {
+                let options = alien.join(", ");
+                return Err(Error::config(format!(
+                    "{options}: options that need method `lsdc`"
+                )));
             }
             Method::Classic(method) => Loaded::Untrained(method),
             Method::Lsdc => {
@@ -199,14 +200,22 @@ impl Fitted {
 }
 
 impl Complete {
-    /// Whether something is asked for that only a fit has.
-    fn needs_fit(&self) -> bool {
-        self.size.is_some()
-            || self.sigma.is_some()
-            || self.uncertainty
-            || self.max_sigma.is_some()
-            || self.outliers
-            || self.temporal
+    /// The options that were given and that only a fit has.
+    fn options_of_the_fit(&self) -> Vec<&'static str> {
+        let options = [
+            ("`--size`", self.size.is_some()),
+            ("`--sigma`", self.sigma.is_some()),
+            ("`--uncertainty`", self.uncertainty),
+            ("`--max-sigma`", self.max_sigma.is_some()),
+            ("`--outliers`", self.outliers),
+            ("`--temporal`", self.temporal),
+            ("`--full`", self.full),
+        ];
+        let given = options.into_iter().filter(|(_, given)| *given);
+        given
+            .map(|(name, _)| name)
+            .chain(self.fit.given())
+            .collect()
     }
 }
 

@@ -110,6 +110,10 @@ impl<'a> Outputs<'a> {
         if self.args.max_sigma.is_some() && !self.has(Format::Ply) {
             return Err(Error::config("`--max-sigma` is for clouds").hint("add ply to --formats"));
         }
+        if self.args.range.is_some() && !self.has(Format::Color) {
+            let error = Error::config("`--range` is for colour maps");
+            return Err(error.hint("add color to --formats"));
+        }
         Ok(self)
     }
 

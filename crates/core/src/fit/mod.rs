@@ -21,7 +21,7 @@ pub use cosines::CosineBasis;
 pub use joint::{Adjoint, Gradients, JointConfig, JointProblem};
 pub use lstsq::{Moments, Problem, Solution, Solver, dot};
 pub use noise::LocalNoise;
-pub use outcome::{Fit, root_mean_square};
+pub use outcome::{Fit, RANGE, root_mean_square};
 pub use points::Points;
 pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use robust::{Loss, Robust};

@@ -73,11 +73,11 @@ impl LocalNoise {
         }
     }
 
-    /// Whether the noise is zero everywhere.
+    /// Whether the noise is zero somewhere: there it is unknown rather than nothing.
     pub fn is_silent(&self) -> bool {
         const ROUNDING: f64 = 1e-20;
         let least = ROUNDING * self.square;
-        self.values.iter().all(|v| *v <= least)
+        self.values.iter().any(|v| *v <= least)
     }
 
     /// The variance at a position, with coordinates from 0 to the image's width and height; bilinear between

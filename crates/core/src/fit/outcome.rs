@@ -9,6 +9,10 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use std::sync::Arc;
 
+/// Depths are clamped to the range of the observations, widened by this factor at both ends. It is relative,
+/// so that scaling the observations scales the result.
+pub const RANGE: f32 = 10.0;
+
 /// The outcome of a fit.
 #[derive(Clone, Debug)]
 pub struct Fit {
@@ -186,14 +190,19 @@ impl Fit {
     }
 }
 
-/// Residuals in metres, from values and residuals in the space of a fit.
+/// Residuals in metres, from values and residuals in the space of a fit. A logarithm or an inverse may stand for
+/// any depth, even an infinite one: fitted depths are clamped like those of the map.
 fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
-    let pairs = values.iter().zip(rests);
-    let metres = |(&value, &rest): (&f64, &f64)| match space {
-        Space::Depth => rest,
-        _ => space.depth(value) - space.depth(value - rest),
-    };
-    pairs.map(metres).collect()
+    if space == Space::Depth {
+        return rests.to_vec();
+    }
+    let depths = || values.iter().map(|value| space.depth(*value));
+    let low = depths().fold(f64::INFINITY, f64::min) / f64::from(RANGE);
+    let high = depths().fold(0.0, f64::max) * f64::from(RANGE);
+    let rests = values.iter().zip(rests).zip(depths());
+    rests
+        .map(|((value, rest), depth)| depth - space.depth(value - rest).clamp(low, high))
+        .collect()
 }
 
 /// Residuals divided by 1 - leverage. A point that the fit passes through whatever its depth is gives no
