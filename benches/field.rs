@@ -4,7 +4,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc_core::bilinear::Taps;
-use lsdc_core::field::{Field, Grid, Observations, Reach};
+use lsdc_core::field::{Field, FieldPrior, Grid, MOST, Observations, Reach};
 use lsdc_rng::Rng;
 use std::hint::black_box;
 
@@ -26,6 +26,12 @@ fn field(criterion: &mut Criterion) {
         down: &down,
         level: 1e-7,
     };
+    let Some(prior) = FieldPrior::new(&grid) else {
+        return;
+    };
+    criterion.bench_function("field without points", |bencher| {
+        bencher.iter(|| FieldPrior::new(black_box(&grid)));
+    });
     for (points, count) in [(500, 1), (500, 130), (5000, 130)] {
         let mut rng = Rng::stream(1, &["bench"]);
         let columns: Vec<f64> = (0..points * count)
@@ -46,6 +52,11 @@ fn field(criterion: &mut Criterion) {
         group.bench_function("factorise", |bencher| {
             bencher.iter(|| Field::new(black_box(&grid), &seen));
         });
+        if points <= MOST {
+            group.bench_function("add points to that without", |bencher| {
+                bencher.iter(|| Field::with_prior(black_box(&prior), &seen, &[]));
+            });
+        }
         let Some(field) = Field::new(&grid, &seen) else {
             continue;
         };

@@ -70,6 +70,7 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
     for (name, value) in [
         ("network", outcome.times.network_ms),
         ("fit", outcome.times.fit_ms),
+        ("- field", outcome.times.field_ms),
         ("dense", outcome.times.dense_ms),
         ("total", outcome.times.total_ms),
     ] {

@@ -36,6 +36,9 @@ pub struct Times {
     pub network_ms: f64,
     /// Basis functions at the points, and the solve.
     pub fit_ms: f64,
+    /// Part of the fit: the field of the image, which later fits to the same image share.
+    #[serde(default)]
+    pub field_ms: f64,
     /// The solve alone.
     pub solve_ms: f64,
     /// Dense depth from the weights.
@@ -50,7 +53,7 @@ pub struct Times {
 /// No runs, or a frame that cannot be completed.
 pub fn time(completer: &Completer, frame: &Frame, points: &Pattern, runs: usize) -> Result<Times> {
     let sparse = points.draw(frame, 0)?;
-    let mut times: Vec<[Duration; 5]> = Vec::with_capacity(runs);
+    let mut times: Vec<[Duration; 6]> = Vec::with_capacity(runs);
     for run in 0..=runs {
         let started = Instant::now();
         let completion = complete(completer, &frame.rgb, &sparse)?;
@@ -59,16 +62,18 @@ pub fn time(completer: &Completer, frame: &Frame, points: &Pattern, runs: usize)
         let (dense, total) = (reading.elapsed(), started.elapsed());
         let report = completion.report();
         if run > 0 {
-            times.push([report.network, report.fit, report.solve, dense, total]);
+            let fit = [report.fit, report.field, report.solve];
+            times.push([report.network, fit[0], fit[1], fit[2], dense, total]);
         }
     }
     let median = |of: usize| median(times.iter().map(|stages| stages[of]));
     Ok(Times {
         network_ms: median(0)?,
         fit_ms: median(1)?,
-        solve_ms: median(2)?,
-        dense_ms: median(3)?,
-        total_ms: median(4)?,
+        field_ms: median(2)?,
+        solve_ms: median(3)?,
+        dense_ms: median(4)?,
+        total_ms: median(5)?,
     })
 }
 
@@ -205,6 +210,7 @@ impl Timed<'_> {
                     times: Times {
                         network_ms: 0.0,
                         fit_ms: 0.0,
+                        field_ms: 0.0,
                         solve_ms: 0.0,
                         dense_ms: 0.0,
                         total_ms,

@@ -56,7 +56,7 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         count: 1,
     };
     let field = Field::new(&grid, &seen).ok_or(Error::Singular)?;
-    let values = field.extend(&[1.0]).into_iter().map(|v| v as f32);
+    let values = field.extend(&[1.0]).0.into_iter().map(|v| v as f32);
     Ok(DepthMap::new(width, height, values.collect())?)
 }
 

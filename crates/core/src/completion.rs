@@ -61,8 +61,10 @@ pub struct Report {
     pub lambda: Option<f64>,
     /// Run time of the network.
     pub network: Duration,
-    /// Run time of the fit, including the evaluation of the basis functions at the observations.
+    /// Run time of the fit, including the evaluation of the basis functions at the observations, and `field`.
     pub fit: Duration,
+    /// Run time of factorising the field of the image, which only the first completion of a scene does.
+    pub field: Duration,
     /// Run time of the solver alone.
     pub solve: Duration,
 }
@@ -97,7 +99,7 @@ impl Completion {
         fit: Fit,
         usable: Usable,
         method: FitMethod,
-        (network, fitting, solve): (Duration, Duration, Duration),
+        [network, fitting, field, solve]: [Duration; 4],
     ) -> Self {
         let report = Report {
             given: usable.given,
@@ -112,6 +114,7 @@ impl Completion {
             lambda: fit.lambda,
             network,
             fit: fitting,
+            field,
             solve,
         };
         Self(Arc::new(Inner {
@@ -275,7 +278,7 @@ impl Completion {
             let what = "the points say nothing of how far the depth is off between them";
             return Err(FitError::TooFewPoints(what).into());
         }
-        if let Some(deviations) = fit.field_deviations(|size, places| scene.at(size, places)) {
+        if let Some(deviations) = fit.field_deviations(|size, places| scene.at(size, places))? {
             deviations.add_to((height, width), &mut values);
             values
                 .par_iter_mut()

@@ -166,17 +166,21 @@ impl Scene {
                     FitMethod::Lse => None,
                     FitMethod::Field | FitMethod::Joint => Some(inner.affinities()?),
                 };
-                let solving = Instant::now();
+                let factorising = Instant::now();
+                if let (FitMethod::Joint, Some(affinities)) = (config.method, affinities) {
+                    affinities.prepare(config.joint.level, usable.places.len());
+                }
+                let (field, solving) = (factorising.elapsed(), Instant::now());
                 let points = inner.points(&bases, &usable, affinities);
-                Ok((fit(&points, &config, prior)?, solving.elapsed()))
+                Ok((fit(&points, &config, prior)?, field, solving.elapsed()))
             })
         });
-        let (fit, solve) = found.map_err(|error| match error {
+        let (fit, field, solve) = found.map_err(|error| match error {
             // What was left out, and why, is known here.
             crate::Error::Fit(FitError::NoObservations { .. }) => usable.none().into(),
             other => other,
         })?;
-        let times = (inner.network, started.elapsed(), solve);
+        let times = [inner.network, started.elapsed(), field, solve];
         Ok(Completion::new(
             self.clone(),
             fit,

@@ -95,6 +95,9 @@ struct Seconds {
     network: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     fit: Option<f64>,
+    /// Part of the fit: the field of the image before any point.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    field: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     dense: Option<f64>,
 }
@@ -155,6 +158,7 @@ impl Summary {
                 reading: seconds(frame.reading),
                 network: report.map(|report| seconds(report.network)),
                 fit: report.map(|report| seconds(report.fit)),
+                field: report.map(|report| seconds(report.field)),
                 dense: fit.map(|fit| seconds(fit.dense)),
             },
             remarks,

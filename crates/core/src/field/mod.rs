@@ -4,33 +4,33 @@
 //! > + sum over observations a_p (s_p . y - t_p)^2
 //!
 //! for targets t that are linear combinations of given columns; s_p interpolates the field bilinearly between
-//! the pixels around a position. It is solved directly, by Cholesky factorisation in the order of nested
-//! dissection (George 1973): the grid is cut into halves by a line of pixels, the halves are eliminated
-//! first, in parallel, and the line last. The points are eliminated wherever a region holds more than a few
-//! of them, so that the columns enter only the last and largest steps.
+//! the pixels around a position.
 //!
-//! An observation at a pixel's centre is carried by the variable of that pixel until it is eliminated. An
-//! observation between pixels is carried by an additional variable z, with the terms
-//! `2 a (s . y - z)^2 + 2 a (z - t)^2`: their minimum over z is `a (s . y - t)^2`, and the pixels around the
-//! position can be eliminated in their usual order.
+//! It is solved directly, by Cholesky factorisation in the order of nested dissection (George 1973). With up to
+//! [`MOST`] observations, the factor is that of the equations without them ([`FieldPrior`]), which depends on the
+//! image alone, and observations are added in the form of covariances ([`kriged`]); with more, or without
+//! `level`, the equations are factorised with all of them ([`direct`]).
 
-mod columns;
-mod dense;
-mod dissection;
-mod elimination;
-mod front;
-mod spread;
+mod border;
+mod direct;
+mod factor;
+mod kriged;
+mod plan;
+mod runs;
+mod stencil;
+mod sweep;
 #[cfg(test)]
 mod tests;
-
-pub use spread::{Reach, Spread};
+mod tile;
 
 use crate::bilinear::Taps;
-use dissection::{Dissection, Region};
-use elimination::{Elimination, Room};
-use faer::Mat;
-use front::Front;
-use lsdc_kernels::simd::Level;
+use direct::Direct;
+use factor::Factor;
+use faer::{Mat, MatRef};
+use kriged::Kriged;
+use plan::Plan;
+use std::sync::Arc;
+use stencil::Stencil;
 
 /// The affinities of neighbouring pixels, `[height * width]` each, none negative.
 #[derive(Clone, Copy, Debug)]
@@ -60,110 +60,39 @@ pub struct Observations<'a> {
     pub count: usize,
 }
 
-/// A factorised field: solving for any combination of the columns costs almost nothing.
+/// With more observations the form of covariances, whose cost grows with their square, is not the faster one.
+pub const MOST: usize = 1000;
+
+/// A field before any observation: the factor of its equations, which every set of observations shares.
 #[derive(Clone, Debug)]
-pub struct Field {
-    fronts: Vec<Front>,
-    pixels: usize,
-    /// Number of variables: pixels, and observations between them.
-    variables: usize,
-    moments: Mat<f64>,
-    carriers: Vec<Carrier>,
+pub struct FieldPrior(Arc<Factor>);
+
+impl FieldPrior {
+    /// Factorises the equations. `None` if values are not finite, or `level` is next to 0: the field is then free
+    /// by a constant until it is observed, whose variance drowns all others in rounding.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn new(grid: &Grid<'_>) -> Option<Self> {
+        const LEAST: f64 = 1e-12;
+        grid.check();
+        if grid.level.is_nan() || grid.level < LEAST {
+            return None;
+        }
+        let plan = Plan::of(grid.height, grid.width);
+        let factor = Factor::new(plan, &Stencil::new(grid));
+        factor.map(|factor| Self(Arc::new(factor)))
+    }
 }
 
-/// The variable that carries an observation until the columns are introduced.
-#[derive(Clone, Copy, Debug)]
-struct Carrier {
-    variable: u32,
-    /// Weight of the variable against the target.
-    weight: f64,
-}
+/// A factorised field: solving for any combination of the columns costs almost nothing.
+#[derive(Debug)]
+pub struct Field(Form);
 
-/// Fronts with more descendants share them among threads.
-const FORK: usize = 16;
-
-/// Observations by the variables that carry them.
-struct Sites<'a> {
-    seen: &'a Observations<'a>,
-    carriers: Vec<Carrier>,
-    /// One more than the observation that each pixel carries, or 0.
-    on_pixel: Vec<u32>,
-    /// Observations with variables of their own, in the order of these.
-    between: Vec<u32>,
-    /// These variables, sorted by the pixel of theirs that is eliminated first.
-    beginning: Vec<u32>,
-    /// Where those of each pixel start in the list, and its length.
-    starts: Vec<u32>,
-}
-
-impl<'a> Sites<'a> {
-    fn new(seen: &'a Observations<'a>, cuts: &Dissection) -> Self {
-        let pixels = cuts.len();
-        let mut sites = Self {
-            seen,
-            carriers: Vec::with_capacity(seen.taps.len()),
-            on_pixel: vec![0; pixels],
-            between: Vec::new(),
-            beginning: Vec::new(),
-            starts: vec![0; pixels + 1],
-        };
-        let mut beginning = Vec::new();
-        for (i, (taps, &weight)) in seen.taps.iter().zip(seen.weights).enumerate() {
-            let own = taps.single().filter(|&p| sites.on_pixel[p as usize] == 0);
-            let carrier = if let Some(pixel) = own {
-                sites.on_pixel[pixel as usize] = i as u32 + 1;
-                Carrier {
-                    variable: pixel,
-                    weight,
-                }
-            } else {
-                let variable = (pixels + sites.between.len()) as u32;
-                let first = taps.iter().map(|(pixel, _)| pixel);
-                let first = first.min_by_key(|&pixel| (cuts.turn(pixel), pixel));
-                beginning.extend(first.map(|pixel| (pixel, variable)));
-                sites.between.push(i as u32);
-                Carrier {
-                    variable,
-                    weight: 2.0 * weight,
-                }
-            };
-            sites.carriers.push(carrier);
-        }
-        beginning.sort_unstable();
-        for &(pixel, _) in &beginning {
-            sites.starts[pixel as usize + 1] += 1;
-        }
-        for pixel in 0..pixels {
-            sites.starts[pixel + 1] += sites.starts[pixel];
-        }
-        sites.beginning = beginning
-            .into_iter()
-            .map(|(_, variable)| variable)
-            .collect();
-        sites
-    }
-
-    /// Pixels, and observations between them.
-    fn variables(&self) -> usize {
-        self.on_pixel.len() + self.between.len()
-    }
-
-    /// The observation that a variable carries.
-    fn carried(&self, variable: u32) -> Option<usize> {
-        match (variable as usize).checked_sub(self.on_pixel.len()) {
-            None => (self.on_pixel[variable as usize] as usize).checked_sub(1),
-            Some(place) => Some(self.between[place] as usize),
-        }
-    }
-
-    /// The observations with variables of their own of which a pixel is the first to be eliminated.
-    fn beginning_at(&self, pixel: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
-        let [start, end] = [0, 1].map(|next| self.starts[pixel as usize + next] as usize);
-        self.beginning[start..end].iter().map(|&variable| {
-            let place = variable as usize - self.on_pixel.len();
-            (variable, self.between[place] as usize)
-        })
-    }
+#[derive(Debug)]
+enum Form {
+    Kriged(Kriged),
+    Direct(Direct),
 }
 
 impl Field {
@@ -173,102 +102,117 @@ impl Field {
     /// # Panics
     /// If lengths do not match or a pixel is outside the grid.
     pub fn new(grid: &Grid<'_>, seen: &Observations<'_>) -> Option<Self> {
-        let pixels = grid.height * grid.width;
-        assert_eq!([grid.right.len(), grid.down.len()], [pixels; 2], "grid");
-        assert_eq!(seen.weights.len(), seen.taps.len(), "weights");
-        assert_eq!(seen.columns.len(), seen.taps.len() * seen.count, "columns");
+        grid.check();
+        seen.check();
         if seen.taps.is_empty() {
             return None;
         }
-        let cuts = Dissection::new(grid.height, grid.width);
-        let sites = Sites::new(seen, &cuts);
-        let variables = sites.variables();
-        let whole = Region::whole(grid.height, grid.width);
-        let elimination = Elimination {
-            grid,
-            sites: &sites,
-            cuts: &cuts,
-            level: Level::here(),
-        };
-        let part = elimination.eliminate(whole, &mut Room::new(variables + seen.count))?;
-        Some(Self {
-            fronts: part.fronts,
-            pixels,
-            variables,
-            moments: part.rest.matrix(0..seen.count, seen.count),
-            carriers: sites.carriers,
-        })
+        let direct = Direct::new(grid, seen)?;
+        Some(Self(Form::Direct(direct)))
     }
 
-    /// `columns^T C columns` (lower half), where C is the inverse covariance of the targets: for targets
+    /// The same, from the equations without observations. Columns before the last one may be functions that are
+    /// part of the field, with a penalty on the square of the weight of each: its ridge.
+    ///
+    /// # Panics
+    /// If lengths do not match or a pixel is outside the grid.
+    pub fn with_prior(prior: &FieldPrior, seen: &Observations<'_>, ridges: &[f64]) -> Option<Self> {
+        seen.check();
+        assert!(ridges.len() < seen.count, "columns");
+        if seen.taps.is_empty() {
+            return None;
+        }
+        let kriged = Kriged::new(prior.0.clone(), seen, ridges)?;
+        Some(Self(Form::Kriged(kriged)))
+    }
+
+    /// `columns^T C columns` (lower half) for the columns that are not part of the field, where C is the inverse covariance of the targets: for targets
     /// `columns x`, the minimum of the sum above over y is `x^T moments x`.
     pub fn moments(&self) -> &Mat<f64> {
-        &self.moments
+        match &self.0 {
+            Form::Kriged(field) => field.moments(),
+            Form::Direct(field) => field.moments(),
+        }
     }
 
-    /// The field for targets `columns x`.
-    pub fn extend(&self, x: &[f64]) -> Vec<f64> {
-        self.substitute(&vec![0.0; self.variables], x)
+    /// The number of columns that are part of the field.
+    pub fn functions(&self) -> usize {
+        match &self.0 {
+            Form::Kriged(field) => field.functions(),
+            Form::Direct(_) => 0,
+        }
+    }
+
+    /// The field for targets `columns x`, less the functions that are part of it, and the weights of these.
+    pub fn extend(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        match &self.0 {
+            Form::Kriged(field) => field.extend(x),
+            Form::Direct(field) => (field.extend(x), Vec::new()),
+        }
     }
 
     /// The solution of the equations for y, for a right-hand side at every pixel.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
-        let columns = self.moments.ncols();
-        let mut values = right.to_vec();
-        values.resize(self.variables + columns, 0.0);
-        for front in &self.fronts {
-            front.forward(&mut values);
+        match &self.0 {
+            Form::Kriged(field) => field.solve(right),
+            Form::Direct(field) => field.solve(right),
         }
-        self.substitute(&values, &vec![0.0; columns])
     }
 
-    /// What is left of the equations once they are triangular, from the last front to the first.
-    fn substitute(&self, right: &[f64], columns: &[f64]) -> Vec<f64> {
-        let mut values = vec![0.0; self.variables];
-        let Some(last) = self.fronts.len().checked_sub(1) else {
-            return Vec::new();
-        };
-        for (at, found) in self.descend_values(last, &[], right, columns) {
-            let pixels = &self.fronts[at].eliminated;
-            for (&pixel, value) in pixels.iter().zip(found) {
-                values[pixel as usize] = value;
-            }
-        }
-        values.truncate(self.pixels);
-        values
+    /// Whether [`Self::spreads`] has an answer.
+    pub fn reaches(&self, reach: Reach) -> bool {
+        matches!(self.0, Form::Direct(_)) || reach == Reach::Observations
     }
 
-    /// The values of the variables of a front and its descendants, those that it eliminates first;
-    /// `later` are those of the front that it is a half of.
-    fn descend_values(
+    /// Variances, and responses to combinations `[columns, combinations]`. Positions come in any order, each
+    /// once. `columns` are those of the observations. `None` at the pixels of a field with a prior.
+    pub fn spreads(
         &self,
-        at: usize,
-        later: &[f64],
-        right: &[f64],
         columns: &[f64],
-    ) -> Vec<(usize, Vec<f64>)> {
-        let front = &self.fronts[at];
-        let mut values = vec![0.0; front.eliminated.len()];
-        values.extend(front.inherited.iter().map(|&place| later[place as usize]));
-        if front.joined {
-            values.extend_from_slice(columns);
+        combinations: MatRef<'_, f64>,
+        reach: Reach,
+    ) -> Option<Vec<Spread>> {
+        match (&self.0, reach) {
+            (Form::Direct(field), _) => Some(field.spreads(columns, combinations, reach)),
+            (Form::Kriged(field), Reach::Observations) => Some(vec![field.spread(combinations)]),
+            (Form::Kriged(_), Reach::Pixels) => None,
         }
-        front.backward(right, &mut values);
-        let run = |half: usize| self.descend_values(half, &values, right, columns);
-        let mut found = match front.halves(at, &self.fronts)[..] {
-            [one, two] if front.descendants > FORK => {
-                let (mut one, two) = rayon::join(|| run(one), || run(two));
-                one.extend(two);
-                one
-            }
-            [one, two] => {
-                let mut one = run(one);
-                one.extend(run(two));
-                one
-            }
-            _ => Vec::new(),
-        };
-        found.push((at, values));
-        found
     }
+}
+
+impl Grid<'_> {
+    fn check(&self) {
+        let pixels = self.height * self.width;
+        assert_eq!([self.right.len(), self.down.len()], [pixels; 2], "grid");
+    }
+}
+
+impl Observations<'_> {
+    fn check(&self) {
+        assert_eq!(self.weights.len(), self.taps.len(), "weights");
+        assert_eq!(self.columns.len(), self.taps.len() * self.count, "columns");
+    }
+}
+
+/// Where variances and responses are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// At the observations.
+    Observations,
+    /// At every pixel.
+    Pixels,
+}
+
+/// Variances and responses of a field at some positions.
+#[derive(Clone, Debug)]
+pub struct Spread {
+    /// The positions: pixels `y * width + x`, or indices of observations in the order in which they were
+    /// given.
+    pub places: Vec<u32>,
+    /// The variance of the field at each position, given the targets: for pixels, the diagonal of the inverse
+    /// of the equations.
+    pub variances: Vec<f64>,
+    /// The value of the field at each position, with each combination of the columns as targets,
+    /// `[places, combinations]`.
+    pub responses: Mat<f64>,
 }

@@ -57,21 +57,32 @@ impl Example {
         Self { taps, ..self }
     }
 
-    fn field(&self) -> Field {
-        let grid = Grid {
+    fn grid(&self, level: f64) -> Grid<'_> {
+        Grid {
             height: self.size[0],
             width: self.size[1],
             right: &self.right,
             down: &self.down,
-            level: self.level,
-        };
-        let seen = Observations {
+            level,
+        }
+    }
+
+    fn observations(&self) -> Observations<'_> {
+        Observations {
             taps: &self.taps,
             weights: &self.weights,
             columns: &self.columns,
             count: COLUMNS,
-        };
-        Field::new(&grid, &seen).unwrap()
+        }
+    }
+
+    fn field(&self) -> Field {
+        Field::new(&self.grid(self.level), &self.observations()).unwrap()
+    }
+
+    fn kriged(&self, ridges: &[f64]) -> Field {
+        let prior = FieldPrior::new(&self.grid(self.level)).unwrap();
+        Field::with_prior(&prior, &self.observations(), ridges).unwrap()
     }
 
     /// The equations of y as a dense matrix.
@@ -141,7 +152,7 @@ fn fields_are_those_of_the_dense_equations() {
         let dense = example.dense().llt(Side::Lower).unwrap();
         let x = [0.5, -1.0, 2.0, 0.25];
         let expected = dense.solve(example.right_side(&x));
-        for (found, expected) in field.extend(&x).iter().zip(expected.col(0).iter()) {
+        for (found, expected) in field.extend(&x).0.iter().zip(expected.col(0).iter()) {
             assert!((found - expected).abs() < 1e-9, "{found} {expected}");
         }
         let right: Vec<f64> = (0..expected.nrows()).map(|i| (i as f64).sin()).collect();
@@ -159,7 +170,7 @@ fn moments_are_the_sum_at_its_minimum() {
         let field = example.field();
         let x = [1.0, -0.5, 0.25, 3.0];
         // The sum at its minimum, by hand.
-        let y = field.extend(&x);
+        let (y, _) = field.extend(&x);
         let width = example.size[1];
         let mut sum = 0.0;
         for i in 0..y.len() {
@@ -230,7 +241,7 @@ fn variances_and_responses_are_those_of_the_dense_inverse() {
         let inverse = dense.solve(Mat::<f64>::identity(size, size));
         let combinations = Mat::from_fn(COLUMNS, 2, |i, j| (1 + i) as f64 - 3.0 * j as f64);
         let expected: Vec<Vec<f64>> = (0..2)
-            .map(|j| field.extend(combinations.col_as_slice(j)))
+            .map(|j| field.extend(combinations.col_as_slice(j)).0)
             .collect();
         for reach in [Reach::Observations, Reach::Pixels] {
             let places: Vec<Taps> = match reach {
@@ -238,7 +249,10 @@ fn variances_and_responses_are_those_of_the_dense_inverse() {
                 Reach::Observations => example.taps.clone(),
             };
             let mut seen = vec![0; places.len()];
-            for spread in field.spreads(&example.columns, combinations.as_ref(), reach) {
+            for spread in field
+                .spreads(&example.columns, combinations.as_ref(), reach)
+                .unwrap()
+            {
                 for (i, &place) in spread.places.iter().enumerate() {
                     seen[place as usize] += 1;
                     let taps = &places[place as usize];
@@ -257,4 +271,144 @@ fn variances_and_responses_are_those_of_the_dense_inverse() {
             assert!(seen.iter().all(|&count| count == 1));
         }
     }
+}
+
+/// Larger grids than a few tiles, and smaller ones than one.
+fn large_examples() -> [Example; 8] {
+    [
+        Example::new(23, 31, 1).between(1),
+        Example::new(61, 70, 60).between(2),
+        Example::new(25, 40, 420).between(3),
+        Example::new(50, 37, 90),
+        Example::new(9, 11, 20).between(4),
+        Example::new(1, 90, 7).between(5),
+        Example::new(90, 2, 30),
+        Example::new(1, 1, 1),
+    ]
+    .map(|example| Example {
+        level: 1e-4,
+        ..example
+    })
+}
+
+/// How far lists are apart, relative to the largest value if that is above 1.
+fn difference(found: &[f64], expected: impl Iterator<Item = f64>) -> f64 {
+    let pairs = found.iter().zip(expected);
+    let worst = |(off, most): (f64, f64), (found, expected): (&f64, f64)| {
+        (off.max((found - expected).abs()), most.max(expected.abs()))
+    };
+    let (off, most) = pairs.fold((0.0, 1.0), worst);
+    off / most
+}
+
+#[test]
+fn a_field_with_a_prior_is_that_of_the_dense_equations() {
+    for example in large_examples() {
+        let field = example.kriged(&[]);
+        let dense = example.dense().llt(Side::Lower).unwrap();
+        let x = [0.5, -1.0, 2.0, 0.25];
+        let expected = dense.solve(example.right_side(&x));
+        let (values, weights) = field.extend(&x);
+        assert!(weights.is_empty());
+        assert!(difference(&values, expected.col(0).iter().copied()) < 1e-9);
+        let right: Vec<f64> = (0..values.len()).map(|i| (i as f64).sin()).collect();
+        let expected = dense.solve(Mat::from_fn(right.len(), 1, |i, _| right[i]));
+        assert!(difference(&field.solve(&right), expected.col(0).iter().copied()) < 1e-9);
+    }
+}
+
+/// A grid of so many tiles that they are eliminated in parallel, and observations of many strips.
+#[test]
+fn both_forms_of_a_field_agree() {
+    let large = Example {
+        level: 1e-6,
+        ..Example::new(131, 150, 300).between(6)
+    };
+    for example in large_examples().into_iter().chain([large]) {
+        let (one, other) = (example.kriged(&[]), example.field());
+        let moments = |field: &Field, i, j| field.moments()[(i, j)];
+        for (i, j) in (0..COLUMNS).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            let (a, b) = (moments(&one, i, j), moments(&other, i, j));
+            assert!((a - b).abs() < 1e-8 * b.abs().max(1.0), "{a} {b}");
+        }
+        let x = [1.0, -0.5, 0.25, 3.0];
+        let expected = other.extend(&x).0;
+        assert!(difference(&one.extend(&x).0, expected.into_iter()) < 1e-8);
+
+        let combinations = Mat::from_fn(COLUMNS, 2, |i, j| (1 + i) as f64 - 3.0 * j as f64);
+        let spreads = |field: &Field| {
+            let parts = field.spreads(&example.columns, combinations.as_ref(), Reach::Observations);
+            let mut rows = Vec::new();
+            for part in parts.unwrap() {
+                for (i, &place) in part.places.iter().enumerate() {
+                    let responses = [0, 1].map(|j| part.responses[(i, j)]);
+                    rows.push((place, part.variances[i], responses));
+                }
+            }
+            rows.sort_by_key(|row| row.0);
+            rows
+        };
+        let (one, other) = (spreads(&one), spreads(&other));
+        assert_eq!(one.len(), other.len());
+        for (a, b) in one.into_iter().zip(other) {
+            assert_eq!(a.0, b.0);
+            assert!((a.1 - b.1).abs() < 1e-8 * b.1.max(1.0), "{} {}", a.1, b.1);
+            for (a, b) in a.2.into_iter().zip(b.2) {
+                assert!((a - b).abs() < 1e-8, "{a} {b}");
+            }
+        }
+    }
+}
+
+/// Field y and weights w of functions G at the observations minimise
+/// `y'Ky + w'Rw + (Sy + Gw - t)' A (Sy + Gw - t)` together.
+#[test]
+fn functions_that_are_part_of_a_field_have_the_weights_of_the_dense_equations() {
+    let ridges = [0.3, 20.0];
+    for example in large_examples() {
+        let field = example.kriged(&ridges);
+        let pixels = example.size[0] * example.size[1];
+        let mut all = Mat::<f64>::zeros(pixels + 2, pixels + 2);
+        all.submatrix_mut(0, 0, pixels, pixels)
+            .copy_from(example.dense());
+        let mut right = Mat::<f64>::zeros(pixels + 2, 1);
+        let x = [0.5, 2.0];
+        for (i, taps) in example.taps.iter().enumerate() {
+            let row = &example.columns[i * COLUMNS..][..COLUMNS];
+            let target = row[0] * x[0] + row[3] * x[1];
+            let functions = &row[1..3];
+            let weight = example.weights[i];
+            for (pixel, share) in taps.iter() {
+                let pixel = pixel as usize;
+                right[(pixel, 0)] += weight * share * target;
+                for (k, value) in functions.iter().enumerate() {
+                    all[(pixels + k, pixel)] += weight * share * value;
+                    all[(pixel, pixels + k)] += weight * share * value;
+                }
+            }
+            for (k, value) in functions.iter().enumerate() {
+                right[(pixels + k, 0)] += weight * value * target;
+                for (l, other) in functions.iter().enumerate() {
+                    all[(pixels + k, pixels + l)] += weight * value * other;
+                }
+            }
+        }
+        for (k, ridge) in ridges.iter().enumerate() {
+            all[(pixels + k, pixels + k)] += ridge;
+        }
+        let expected = all.llt(Side::Lower).unwrap().solve(right);
+        let (values, weights) = field.extend(&x);
+        assert_eq!((weights.len(), field.functions()), (2, 2));
+        let found = [values, weights].concat();
+        assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
+    }
+}
+
+#[test]
+fn a_field_that_is_free_has_no_prior() {
+    let example = Example::new(20, 30, 5);
+    for level in [0.0, 1e-30, f64::NAN] {
+        assert!(FieldPrior::new(&example.grid(level)).is_none());
+    }
+    assert!(FieldPrior::new(&example.grid(1e-9)).is_some());
 }

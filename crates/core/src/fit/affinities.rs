@@ -2,16 +2,22 @@
 
 use crate::bilinear::{Taps, neighbours};
 use crate::error::FitError;
-use crate::field::Grid;
+use crate::field::{self, FieldPrior, Grid};
 use rayon::prelude::*;
+use std::sync::{Arc, OnceLock};
 
-/// The affinities of the pixels of an image with their neighbours.
+/// The affinities of the pixels of an image with their neighbours. Cheap to clone.
 #[derive(Clone, Debug)]
-pub struct Affinities {
+pub struct Affinities(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
     height: usize,
     width: usize,
     right: Vec<f64>,
     down: Vec<f64>,
+    /// The field of these affinities before any observation, and its level.
+    prior: OnceLock<(f64, Option<FieldPrior>)>,
 }
 
 impl Affinities {
@@ -33,27 +39,48 @@ impl Affinities {
             let some = values.iter().skip(first).step_by(2);
             some.map(|&v| f64::from(v)).collect()
         };
-        Ok(Self {
+        Ok(Self(Arc::new(Inner {
             height,
             width,
             right: every(0),
             down: every(1),
-        })
+            prior: OnceLock::new(),
+        })))
     }
 
     /// Height and width.
     pub fn size(&self) -> (usize, usize) {
-        (self.height, self.width)
+        (self.0.height, self.0.width)
     }
 
     /// The grid of a field with these affinities.
     pub fn grid(&self, level: f64) -> Grid<'_> {
         Grid {
-            height: self.height,
-            width: self.width,
-            right: &self.right,
-            down: &self.down,
+            height: self.0.height,
+            width: self.0.width,
+            right: &self.0.right,
+            down: &self.0.down,
             level,
+        }
+    }
+
+    /// The field before any observation, factorised on first use; `None` without a level.
+    pub fn prior(&self, level: f64) -> Option<FieldPrior> {
+        let of = |kept: &(f64, Option<FieldPrior>)| (kept.0 == level).then(|| kept.1.clone());
+        if let Some(prior) = self.0.prior.get().and_then(of) {
+            return prior;
+        }
+        // Not within the initialiser: a thread that waits for others there may take up work that asks for the
+        // same.
+        let found = FieldPrior::new(&self.grid(level));
+        let _ = self.0.prior.set((level, found.clone()));
+        found
+    }
+
+    /// Factorises the field if it will be needed for so many observations.
+    pub fn prepare(&self, level: f64, observations: usize) {
+        if observations <= field::MOST {
+            self.prior(level);
         }
     }
 
@@ -64,10 +91,10 @@ impl Affinities {
             (scaled.max(0.0) as usize).min(to.saturating_sub(1))
         };
         let (column, row) = (
-            within(u, size.1, self.width),
-            within(v, size.0, self.height),
+            within(u, size.1, self.0.width),
+            within(v, size.0, self.0.height),
         );
-        (row * self.width + column) as u32
+        (row * self.0.width + column) as u32
     }
 
     /// The pixels that a position (u, v) of an image of `size` (height, width) is interpolated from.

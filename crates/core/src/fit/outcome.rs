@@ -5,6 +5,7 @@ use super::lstsq::Solution;
 use super::points::Rows;
 use super::robust::deviation;
 use super::{Estimate, Smooth, Space};
+use crate::error::FitError;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use std::sync::Arc;
@@ -73,7 +74,7 @@ impl Fit {
 
     /// The number of basis functions, including the constant but not the cosines: an upper bound of the rank.
     pub fn functions(&self) -> usize {
-        self.weights.len() - self.field.as_ref().map_or(0, |field| field.cosines)
+        self.weights.len() - self.field.as_ref().map_or(0, |field| field.ridges.len())
     }
 
     /// The field that is added to basis functions x weights, if there is one.
@@ -174,14 +175,19 @@ impl Fit {
     /// The standard deviation at every pixel of the field of a fit, where the steps between neighbours with
     /// affinity 1 have variance 1; `None` for a fit without a field. `bases` returns the basis functions
     /// `[places, N + 1]` at positions in an image of the given height and width.
+    ///
+    /// # Errors
+    /// Equations that are not positive definite.
     pub fn field_deviations(
         &self,
         bases: impl Fn((usize, usize), &[[f64; 2]]) -> Vec<f32> + Sync,
-    ) -> Option<Smooth> {
-        let field = self.field.as_ref()?;
-        let variances = field.variances(&self.solution, |places| bases(field.size, places));
+    ) -> Result<Option<Smooth>, FitError> {
+        let Some(field) = &self.field else {
+            return Ok(None);
+        };
+        let variances = field.variances(&self.solution, |places| bases(field.size, places))?;
         let deviations: Vec<f64> = variances.iter().map(|v| f64::from(*v).sqrt()).collect();
-        Some(Smooth::new(field.size, &deviations))
+        Ok(Some(Smooth::new(field.size, &deviations)))
     }
 
     /// The weight of a point of weight 1 in the objective: 1, or `data` in a fit with a field.

@@ -1,6 +1,7 @@
 //! What fast CPU kernels are made of: vectors of every instruction set, chosen at run time, matrix
 //! products of rows with packed weights, and memory that threads reuse.
 
+mod doubles;
 mod level;
 mod memory;
 mod product;
@@ -10,6 +11,7 @@ mod tests;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+pub(crate) use doubles::{Doubles, PortableDoubles};
 pub use level::Level;
 pub use memory::Buffer;
 pub use memory::Scratch;
@@ -31,6 +33,8 @@ pub(crate) trait Vector: Copy {
     const LANES: usize;
     /// Rows of two vectors that fit the registers, beside two vectors and a broadcast.
     const ROWS: usize;
+    /// The vector of f64 of the same instruction set.
+    type Doubles: Doubles;
 
     unsafe fn load(from: *const f32) -> Self;
     unsafe fn store(self, to: *mut f32);
@@ -113,6 +117,7 @@ impl Portable {
 impl Vector for Portable {
     const LANES: usize = 8;
     const ROWS: usize = 4;
+    type Doubles = PortableDoubles;
 
     #[inline(always)]
     unsafe fn load(from: *const f32) -> Self {

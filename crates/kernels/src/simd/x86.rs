@@ -1,6 +1,6 @@
 //! The vectors of x86-64.
 
-use super::{Kernel, Vector};
+use super::{Doubles, Kernel, Vector};
 #[allow(clippy::wildcard_imports)]
 use std::arch::x86_64::*;
 
@@ -23,7 +23,7 @@ pub(super) unsafe fn avx2<K: Kernel>(kernel: K) -> K::Output {
 /// Implements `Vector` by one intrinsic per function.
 macro_rules! vector {
     (
-        $type:ty, lanes $lanes:literal, rows $rows:literal,
+        $type:ty, lanes $lanes:literal, rows $rows:literal, doubles $doubles:ty,
         $load:ident $store:ident $splat:ident $add:ident $sub:ident $mul:ident $max:ident $fma:ident
         where_positive($a:ident, $b:ident) $positive:expr
     ) => {
@@ -31,6 +31,7 @@ macro_rules! vector {
         impl Vector for $type {
             const LANES: usize = $lanes;
             const ROWS: usize = $rows;
+            type Doubles = $doubles;
 
             #[inline(always)]
             unsafe fn load(from: *const f32) -> Self {
@@ -82,7 +83,7 @@ macro_rules! vector {
 }
 
 vector!(
-    __m512, lanes 16, rows 14,
+    __m512, lanes 16, rows 14, doubles __m512d,
     _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps
     _mm512_max_ps _mm512_fmadd_ps
     where_positive(a, b) {
@@ -90,10 +91,69 @@ vector!(
     }
 );
 vector!(
-    __m256, lanes 8, rows 6,
+    __m256, lanes 8, rows 6, doubles __m256d,
     _mm256_loadu_ps _mm256_storeu_ps _mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps
     _mm256_max_ps _mm256_fmadd_ps
     where_positive(a, b) {
         _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(b, _mm256_setzero_ps()), a)
     }
+);
+
+/// Implements `Doubles` by one intrinsic per function.
+macro_rules! doubles {
+    (
+        $type:ty, lanes $lanes:literal,
+        $load:ident $store:ident $splat:ident $mul:ident $div:ident $sqrt:ident $fnma:ident
+    ) => {
+        // SAFETY (of every function): as demanded from the caller.
+        impl Doubles for $type {
+            const LANES: usize = $lanes;
+
+            #[inline(always)]
+            unsafe fn load(from: *const f64) -> Self {
+                unsafe { $load(from) }
+            }
+
+            #[inline(always)]
+            unsafe fn store(self, to: *mut f64) {
+                unsafe { $store(to, self) }
+            }
+
+            #[inline(always)]
+            unsafe fn splat(value: f64) -> Self {
+                unsafe { $splat(value) }
+            }
+
+            #[inline(always)]
+            unsafe fn mul(self, other: Self) -> Self {
+                unsafe { $mul(self, other) }
+            }
+
+            #[inline(always)]
+            unsafe fn div(self, other: Self) -> Self {
+                unsafe { $div(self, other) }
+            }
+
+            #[inline(always)]
+            unsafe fn sqrt(self) -> Self {
+                unsafe { $sqrt(self) }
+            }
+
+            #[inline(always)]
+            unsafe fn less_product(self, a: Self, b: Self) -> Self {
+                unsafe { $fnma(a, b, self) }
+            }
+        }
+    };
+}
+
+doubles!(
+    __m512d, lanes 8,
+    _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_mul_pd _mm512_div_pd _mm512_sqrt_pd
+    _mm512_fnmadd_pd
+);
+doubles!(
+    __m256d, lanes 4,
+    _mm256_loadu_pd _mm256_storeu_pd _mm256_set1_pd _mm256_mul_pd _mm256_div_pd _mm256_sqrt_pd
+    _mm256_fnmadd_pd
 );

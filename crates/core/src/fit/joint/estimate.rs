@@ -2,9 +2,9 @@
 
 use super::JointConfig;
 use super::sites::Sites;
-use crate::error::Result;
+use crate::error::{FitError, Result};
 use crate::field::{Field, Reach, Spread};
-use crate::fit::affinities::{Scene, Smooth};
+use crate::fit::affinities::{Affinities, Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution};
 use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
@@ -27,29 +27,33 @@ pub(in crate::fit) struct FieldEstimator<'a> {
 #[derive(Debug)]
 pub(in crate::fit) struct FieldFit {
     field: Field,
+    affinities: Affinities,
+    level: f64,
     sites: Sites,
     pub(in crate::fit) smooth: Smooth,
     pub(in crate::fit) size: (usize, usize),
     pub(in crate::fit) data: f64,
-    /// How many of the last weights are of cosines.
-    pub(in crate::fit) cosines: usize,
+    /// Of the last weights, which are of cosines.
+    pub(in crate::fit) ridges: Vec<f64>,
 }
 
 impl FieldEstimator<'_> {
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
         let columns = rows.columns();
-        let field = sites.field(self.scene, self.joint.level)?;
+        let field = sites.field(self.scene.affinities, self.joint.level, self.ridges)?;
         let freedom = sites.freedom(self.joint.level);
-        let moments = moments(&field, columns, freedom);
+        // Cosines that are not part of the field are marginalised out of the moments.
+        let apart = self.ridges.len() - field.functions();
+        let moments = moments(&field, columns - field.functions(), freedom);
         let (solution, noise, lambda) = match self.prior {
             None => {
                 // Rounding may leave less than nothing.
                 let noise = moments.square.max(0.0) / moments.count.max(1) as f64;
-                (nothing(columns), noise, None)
+                (nothing(columns - field.functions()), noise, None)
             }
             Some((prior, lambda)) => {
-                let (moments, cosines) = moments.without_last(self.ridges)?;
+                let (moments, cosines) = moments.without_last(&self.ridges[..apart])?;
                 let found = moments.shrunk(prior, lambda)?;
                 let solution = cosines.beside(&found.solution);
                 (solution, found.noise, Some(found.lambda))
@@ -57,7 +61,9 @@ impl FieldEstimator<'_> {
         };
         let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
         rest.push(1.0);
-        let values = field.extend(&rest);
+        let (values, cosines) = field.extend(&rest);
+        let mut solution = solution;
+        solution.weights.extend(cosines);
         let rests = rows.residuals(&solution.weights);
         let places = rows.places.unwrap_or_default().iter();
         let rests = rests.iter().zip(places).map(|(rest, &place)| {
@@ -74,11 +80,13 @@ impl FieldEstimator<'_> {
             lambda,
             field: Some(Arc::new(FieldFit {
                 field,
+                affinities: self.scene.affinities.clone(),
+                level: self.joint.level,
                 sites,
                 smooth: Smooth::new(self.scene.affinities.size(), &values),
                 size: self.scene.affinities.size(),
                 data: self.joint.data,
-                cosines: self.ridges.len(),
+                ridges: self.ridges.to_vec(),
             })),
         })
     }
@@ -108,13 +116,14 @@ fn moments(field: &Field, columns: usize, count: usize) -> Moments {
 impl FieldFit {
     /// The leverage of each point: its weight times the variance of the fitted depth there.
     pub(in crate::fit) fn leverages(&self, solution: &Solution, weights: &[f64]) -> Vec<f64> {
-        let columns = solution.weights.len();
+        let stride = solution.weights.len() + 1;
         let mut variances = vec![0.0; self.sites.taps.len()];
-        for spread in self.spreads(solution, Reach::Observations) {
-            let bases = Mat::from_fn(spread.places.len(), columns, |i, j| {
-                self.sites.rows[spread.places[i] as usize * (columns + 1) + j]
+        for spread in self.spreads(&self.field, &solution.factor, Reach::Observations) {
+            let bases = Mat::from_fn(spread.places.len(), solution.factor.nrows(), |i, j| {
+                self.sites.rows[spread.places[i] as usize * stride + j]
             });
-            let squares = weight_variances(bases.as_ref(), spread.responses.as_ref(), solution);
+            let responses = spread.responses.as_ref();
+            let squares = weight_variances(bases.as_ref(), responses, &solution.factor);
             for ((&site, own), square) in spread.places.iter().zip(&spread.variances).zip(squares) {
                 variances[site as usize] = own + square;
             }
@@ -135,9 +144,14 @@ impl FieldFit {
         &self,
         solution: &Solution,
         bases: impl Fn(&[[f64; 2]]) -> Vec<f32> + Sync,
-    ) -> Vec<f32> {
+    ) -> Result<Vec<f32>, FitError> {
         let columns = solution.weights.len();
-        let spreads = self.spreads(solution, Reach::Pixels);
+        let (field, factor) = self.everywhere(solution)?;
+        let spreads = self.spreads(
+            field.as_ref().unwrap_or(&self.field),
+            &factor,
+            Reach::Pixels,
+        );
         let parts: Vec<Vec<f64>> = spreads
             .par_iter()
             .map(|spread| {
@@ -149,7 +163,8 @@ impl FieldFit {
                 let rows = Mat::from_fn(places.len(), columns, |i, j| {
                     f64::from(rows[i * columns + j])
                 });
-                let squares = weight_variances(rows.as_ref(), spread.responses.as_ref(), solution);
+                let responses = spread.responses.as_ref();
+                let squares = weight_variances(rows.as_ref(), responses, &factor);
                 let pairs = squares.into_iter().zip(&spread.variances);
                 pairs.map(|(square, variance)| square + variance).collect()
             })
@@ -160,11 +175,30 @@ impl FieldFit {
                 values[pixel as usize] = value as f32;
             }
         }
-        values
+        Ok(values)
     }
 
-    fn spreads(&self, solution: &Solution, reach: Reach) -> Vec<Spread> {
-        let factor = &solution.factor;
+    /// The field in a form in which every pixel can be asked for its variance, if that is another one, and the
+    /// factor of the covariance of all weights.
+    fn everywhere(&self, solution: &Solution) -> Result<(Option<Field>, Mat<f64>), FitError> {
+        if self.field.reaches(Reach::Pixels) {
+            return Ok((None, solution.factor.clone()));
+        }
+        let field = self.sites.direct(&self.affinities, self.level)?;
+        let moments = moments(&field, solution.weights.len(), self.sites.taps.len());
+        let inside = &self.ridges[self.ridges.len() - self.field.functions()..];
+        let (_, cosines) = moments.without_last(inside)?;
+        let others = Solution {
+            weights: solution.weights[..solution.factor.nrows()].to_vec(),
+            rank: solution.rank,
+            factor: solution.factor.clone(),
+        };
+        let factor = cosines.beside(&others).factor;
+        Ok((Some(field), factor))
+    }
+
+    /// Variances, and responses to the columns of a factor of the covariance of the weights.
+    fn spreads(&self, field: &Field, factor: &Mat<f64>, reach: Reach) -> Vec<Spread> {
         // The last column is the depth, which does not vary.
         let combinations = Mat::from_fn(factor.nrows() + 1, factor.ncols(), |i, j| {
             if i < factor.nrows() {
@@ -173,8 +207,8 @@ impl FieldFit {
                 0.0
             }
         });
-        self.field
-            .spreads(&self.sites.rows, combinations.as_ref(), reach)
+        let found = field.spreads(&self.sites.rows, combinations.as_ref(), reach);
+        found.unwrap_or_default()
     }
 }
 
@@ -183,9 +217,9 @@ impl FieldFit {
 fn weight_variances(
     bases: MatRef<'_, f64>,
     responses: MatRef<'_, f64>,
-    solution: &Solution,
+    factor: &Mat<f64>,
 ) -> Vec<f64> {
-    let along = bases * &solution.factor - responses;
+    let along = bases * factor - responses;
     (0..along.nrows())
         .map(|i| along.row(i).squared_norm_l2())
         .collect()

@@ -2,7 +2,7 @@
 
 use super::JointConfig;
 use crate::bilinear::Taps;
-use crate::field::{Field, Grid, Observations};
+use crate::field::{self, Field, FieldPrior, Grid, Observations};
 use crate::fit::lstsq::dot;
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
@@ -54,7 +54,10 @@ impl JointProblem<'_> {
             columns: self.rows,
             count: self.rows.len() / self.taps.len().max(1),
         };
-        Field::new(&self.grid, &seen)
+        let few = self.taps.len() <= field::MOST;
+        let prior = few.then(|| FieldPrior::new(&self.grid)).flatten();
+        let found = prior.and_then(|prior| Field::with_prior(&prior, &seen, &[]));
+        found.or_else(|| Field::new(&self.grid, &seen))
     }
 }
 
@@ -87,7 +90,7 @@ impl Adjoint {
         let weights = normal.solve(right).col_as_slice(0).to_vec();
         let mut rest: Vec<f64> = weights.iter().map(|w| -w).collect();
         rest.push(1.0);
-        let smooth = field.extend(&rest);
+        let (smooth, _) = field.extend(&rest);
         Some(Self {
             rows,
             candidates,
@@ -123,7 +126,7 @@ impl Adjoint {
         let weights = self.normal.solve(right).col_as_slice(0).to_vec();
         let mut along = weights.clone();
         along.push(0.0);
-        let response = self.field.extend(&along);
+        let (response, _) = self.field.extend(&along);
         smooth.iter_mut().zip(&response).for_each(|(s, r)| *s -= r);
 
         let mut bases = Vec::with_capacity(self.pixels.len() * k);

@@ -1,11 +1,13 @@
 //! Points in the form in which a field observes them.
 
-use super::{JointConfig, JointProblem};
+use super::JointConfig;
 use crate::bilinear::Taps;
 use crate::error::FitError;
-use crate::field::Field;
-use crate::fit::affinities::Scene;
+use crate::field::{self, Field, Observations};
+use crate::fit::affinities::{Affinities, Scene};
 use crate::fit::points::Rows;
+
+const UNSOLVABLE: &str = "the equations of the field are not positive definite";
 
 /// Observations of a field: each point at its exact position, but all points within one pixel of the field
 /// merged into one, with their mean position, basis functions and depth.
@@ -76,15 +78,33 @@ impl Sites {
         Ok(sites)
     }
 
-    pub(super) fn field(&self, scene: Scene<'_>, level: f64) -> Result<Field, FitError> {
-        let problem = JointProblem {
-            grid: scene.affinities.grid(level),
+    /// The field with these observations; the last columns before the depth have ridges.
+    pub(super) fn field(
+        &self,
+        affinities: &Affinities,
+        level: f64,
+        ridges: &[f64],
+    ) -> Result<Field, FitError> {
+        let seen = self.observations();
+        let few = seen.taps.len() <= field::MOST;
+        let prior = few.then(|| affinities.prior(level)).flatten();
+        let found = prior.and_then(|prior| Field::with_prior(&prior, &seen, ridges));
+        found.map_or_else(|| self.direct(affinities, level), Ok)
+    }
+
+    /// The same, of which every pixel can be asked.
+    pub(super) fn direct(&self, affinities: &Affinities, level: f64) -> Result<Field, FitError> {
+        let found = Field::new(&affinities.grid(level), &self.observations());
+        found.ok_or(FitError::Unsolvable(UNSOLVABLE))
+    }
+
+    fn observations(&self) -> Observations<'_> {
+        Observations {
             taps: &self.taps,
             weights: &self.weights,
-            rows: &self.rows,
-        };
-        let why = "the equations of the field are not positive definite";
-        problem.field().ok_or(FitError::Unsolvable(why))
+            columns: &self.rows,
+            count: self.rows.len() / self.taps.len().max(1),
+        }
     }
 
     /// Observations, less the one that a level that is free takes.

@@ -174,7 +174,7 @@ fn deviations_are_those_of_the_gaussian_posterior() {
     let example = Example::new();
     let lambda = 0.05;
     let fit = example.fit(&settings(FitMethod::Joint));
-    let found = fit.field_deviations(|_, places| bases_at(places));
+    let found = fit.field_deviations(|_, places| bases_at(places)).unwrap();
     let mut deviations = vec![0.0; HEIGHT * WIDTH];
     found.unwrap().add_to((HEIGHT, WIDTH), &mut deviations);
 

@@ -2,34 +2,11 @@
 //! back to the first (selected inversion: Takahashi, Fagan and Chin 1973).
 
 use super::front::Front;
-use super::{Carrier, FORK, Field};
+use super::{Carrier, Direct, FORK, Reach, Spread};
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::{Mat, MatRef, Par};
-
-/// Where variances and responses are computed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reach {
-    /// At the observations.
-    Observations,
-    /// At every pixel.
-    Pixels,
-}
-
-/// Variances and responses of a field at some positions.
-#[derive(Clone, Debug)]
-pub struct Spread {
-    /// The positions: pixels `y * width + x`, or indices of observations in the order in which they were
-    /// given.
-    pub places: Vec<u32>,
-    /// The variance of the field at each position, given the targets: for pixels, the diagonal of the inverse
-    /// of the equations.
-    pub variances: Vec<f64>,
-    /// The value of the field at each position, with each combination of the columns as targets,
-    /// `[places, combinations]`.
-    pub responses: Mat<f64>,
-}
 
 /// Covariance and responses of the variables that are eliminated later.
 struct Known {
@@ -37,10 +14,8 @@ struct Known {
     responses: Mat<f64>,
 }
 
-impl Field {
-    /// Variances, and responses to combinations `[columns, combinations]`. Positions come in any order, each
-    /// once. `columns` are those of the observations.
-    pub fn spreads(
+impl Direct {
+    pub(in crate::field) fn spreads(
         &self,
         columns: &[f64],
         combinations: MatRef<'_, f64>,

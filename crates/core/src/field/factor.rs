@@ -1,0 +1,315 @@
+//! The Cholesky factor of a field's equations, in the order of a plan.
+
+use super::plan::{FORK, Half, Line, Plan};
+use super::runs::Run;
+use super::stencil::Stencil;
+use lsdc_kernels::cholesky::{Eight, factorise};
+use lsdc_kernels::simd::Level;
+use rayon::prelude::*;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// A factor.
+#[derive(Debug)]
+pub(super) struct Factor {
+    pub(super) plan: Arc<Plan>,
+    pub(super) level: Level,
+    /// Of all tiles, eight at a time.
+    pub(super) tiles: Vec<Eight>,
+    /// Of all lines.
+    pub(super) lines: Vec<f64>,
+}
+
+/// What is left of tiles and lines until the next line is eliminated.
+#[derive(Debug, Default)]
+struct Rests {
+    tiles: Vec<f64>,
+    lines: Vec<f64>,
+}
+
+/// Memory that factors of a plan use one after the other, because new memory costs as much time as a good part
+/// of the factor.
+#[derive(Debug, Default)]
+pub(super) struct Pool {
+    factors: Mutex<Vec<(Vec<Eight>, Vec<f64>)>>,
+    rests: Mutex<Vec<Rests>>,
+}
+
+/// How many unused factors are kept.
+const SPARE: usize = 2;
+
+fn take<T: Default>(list: &Mutex<Vec<T>>) -> T {
+    let mut list = list.lock().unwrap_or_else(PoisonError::into_inner);
+    list.pop().unwrap_or_default()
+}
+
+fn give<T>(list: &Mutex<Vec<T>>, value: T) {
+    let mut list = list.lock().unwrap_or_else(PoisonError::into_inner);
+    if list.len() < SPARE {
+        list.push(value);
+    }
+}
+
+impl Drop for Factor {
+    fn drop(&mut self) {
+        let memory = (
+            std::mem::take(&mut self.tiles),
+            std::mem::take(&mut self.lines),
+        );
+        give(&self.plan.pool.factors, memory);
+    }
+}
+
+impl Factor {
+    /// Factorises a matrix; `None` if it is not positive definite.
+    pub(super) fn new(plan: Arc<Plan>, stencil: &Stencil) -> Option<Self> {
+        let (mut tiles, mut lines) = take(&plan.pool.factors);
+        let mut rests = take(&plan.pool.rests);
+        let level = Level::here();
+        let room = match plan.root {
+            Half::Tile(_) => 0,
+            Half::Line(root) => plan.lines[root].room + plan.lines[root].square(),
+        };
+        tiles.resize(plan.lengths.tiles, [0.0; 8]);
+        lines.resize(plan.lengths.lines, 0.0);
+        rests.tiles.resize(plan.lengths.rests, 0.0);
+        rests.lines.resize(room, 0.0);
+        let mut found = eliminate_tiles(&plan, level, stencil, &mut tiles, &mut rests.tiles);
+        if let (true, Half::Line(root)) = (found, plan.root) {
+            let work = Lines {
+                plan: &plan,
+                level,
+                stencil,
+                rests: &rests.tiles,
+            };
+            let (rest, room) = rests.lines.split_at_mut(plan.lines[root].square());
+            found = work.eliminate(root, &mut lines, 0, rest, room);
+        }
+        give(&plan.pool.rests, rests);
+        let factor = Self {
+            plan,
+            level,
+            tiles,
+            lines,
+        };
+        found.then_some(factor)
+    }
+
+    /// The columns of a line, `[rows, own]`.
+    pub(super) fn columns(&self, line: &Line) -> &[f64] {
+        &self.lines[line.start..][..line.rows * line.own.len()]
+    }
+}
+
+fn eliminate_tiles(
+    plan: &Plan,
+    level: Level,
+    stencil: &Stencil,
+    factors: &mut [Eight],
+    rests: &mut [f64],
+) -> bool {
+    let (mut factors, mut rests) = (factors, rests);
+    let mut work = Vec::with_capacity(plan.batches.len());
+    for batch in &plan.batches {
+        let program = &plan.programs[batch.program];
+        let (factor, others) = factors.split_at_mut(program.length);
+        let (rest, left) = rests.split_at_mut(8 * program.ring.len().pow(2));
+        (factors, rests) = (others, left);
+        work.push((batch, program, factor, rest));
+    }
+    let memory = || (Vec::new(), Vec::new(), Vec::new());
+    let work = work.into_par_iter();
+    work.map_init(
+        memory,
+        |(entries, room, eight), (batch, program, factor, rest)| {
+            entries.resize(program.sources.len(), [0.0; 8]);
+            room.resize(program.room(), [0.0; 8]);
+            eight.resize(program.rest(), [0.0; 8]);
+            // Lanes without a tile do as the last one does.
+            let tile = |lane: usize| &plan.tiles[batch.tiles[lane.min(batch.tiles.len() - 1)]];
+            let places: [usize; 8] = std::array::from_fn(|lane| {
+                let tile = tile(lane);
+                stencil.place(tile.left, tile.top)
+            });
+            for (value, source) in entries.iter_mut().zip(&program.sources) {
+                let offset = stencil.offset(source.x, source.y);
+                let map = stencil.map(source.entry);
+                *value = places.map(|place| map[place.wrapping_add_signed(offset)]);
+            }
+            let found = program.eliminate(level, entries, factor, eight, room);
+            level.vectorised(
+                #[inline(always)]
+                || program.part(eight, rest),
+            );
+            found
+        },
+    )
+    .all(|found| found)
+}
+
+/// The elimination of lines.
+struct Lines<'a> {
+    plan: &'a Plan,
+    level: Level,
+    stencil: &'a Stencil,
+    rests: &'a [f64],
+}
+
+impl Lines<'_> {
+    /// Eliminates a line and all below it; `factor` holds the columns of these from `base` on.
+    fn eliminate(
+        &self,
+        at: usize,
+        factor: &mut [f64],
+        base: usize,
+        rest: &mut [f64],
+        room: &mut [f64],
+    ) -> bool {
+        let line = &self.plan.lines[at];
+        let (below, panel) = factor.split_at_mut(line.start - base);
+        let front = &mut Front {
+            count: line.own.len(),
+            panel: &mut panel[..line.rows * line.own.len()],
+            rows: line.rows,
+            rest,
+        };
+        front.clear();
+        for &(row, column, entry, place) in &line.entries {
+            let value = self.stencil.get(entry, place as usize);
+            front.column(column as usize, row as usize)[0] = value;
+        }
+        let lines = &self.plan.lines;
+        let halves = line.halves.map(|half| match half {
+            Half::Line(half) => Some(half),
+            Half::Tile(_) => None,
+        });
+        let found = if let [Some(one), Some(two)] = halves {
+            let split = lines[one].start + lines[one].rows * lines[one].own.len() - base;
+            let (first, second) = below.split_at_mut(split);
+            let (rest_one, room) = room.split_at_mut(lines[one].square());
+            let (found, rest_two) = if line.tiles > FORK {
+                let (room_one, room) = room.split_at_mut(lines[one].room);
+                let (rest_two, room) = room.split_at_mut(lines[two].square());
+                let (one, two) = rayon::join(
+                    || self.eliminate(one, first, base, rest_one, room_one),
+                    || self.eliminate(two, second, base + split, rest_two, room),
+                );
+                (one && two, rest_two)
+            } else {
+                let found = self.eliminate(one, first, base, rest_one, room);
+                let (rest_two, room) = room.split_at_mut(lines[two].square());
+                let two = self.eliminate(two, second, base + split, rest_two, room);
+                (found && two, rest_two)
+            };
+            self.add(line, 0, one, rest_one, front);
+            self.add(line, 1, two, rest_two, front);
+            found
+        } else {
+            let mut found = true;
+            for (i, half) in line.halves.into_iter().enumerate() {
+                match half {
+                    Half::Line(half) => {
+                        let (own, room) = room.split_at_mut(lines[half].square());
+                        found &= self.eliminate(half, below, base, own, room);
+                        self.add(line, i, half, own, front);
+                    }
+                    Half::Tile(tile) => self.add_tile(line, i, tile, front),
+                }
+            }
+            found
+        };
+        found && factorise(self.level, front.panel, front.count, front.rest)
+    }
+
+    /// Adds what a line leaves to the equations of the next.
+    fn add(&self, line: &Line, half: usize, from: usize, values: &[f64], front: &mut Front<'_>) {
+        let stride = self.plan.lines[from].padded();
+        self.level.vectorised(
+            #[inline(always)]
+            || front.add(&line.runs[half], values, stride),
+        );
+    }
+
+    /// Adds what a tile leaves.
+    fn add_tile(&self, line: &Line, half: usize, tile: usize, front: &mut Front<'_>) {
+        let tile = &self.plan.tiles[tile];
+        let batch = &self.plan.batches[tile.batch];
+        let ring = self.plan.programs[batch.program].ring.len();
+        let values = &self.rests[batch.rest + tile.lane * ring * ring..][..ring * ring];
+        self.level.vectorised(
+            #[inline(always)]
+            || front.add(&line.runs[half], values, ring),
+        );
+    }
+}
+
+/// The equations of a line, lower half.
+struct Front<'a> {
+    /// Variables that are eliminated.
+    count: usize,
+    /// Their columns, `[rows, count]`.
+    panel: &'a mut [f64],
+    rows: usize,
+    /// Those of the variables that are kept, `[kept, kept]`.
+    rest: &'a mut [f64],
+}
+
+impl Front<'_> {
+    /// A column from a row on.
+    #[inline(always)]
+    fn column(&mut self, column: usize, row: usize) -> &mut [f64] {
+        let kept = self.rows - self.count;
+        match column.checked_sub(self.count) {
+            None => &mut self.panel[column * self.rows + row..][..self.rows - row],
+            Some(own) => &mut self.rest[own * kept + row - self.count..][..self.rows - row],
+        }
+    }
+
+    fn clear(&mut self) {
+        self.panel.fill(0.0);
+        let kept = self.rows - self.count;
+        for (j, column) in self.rest.chunks_exact_mut(kept.max(1)).enumerate() {
+            column[j..].fill(0.0);
+        }
+    }
+
+    /// Adds the lower half of a matrix whose variables are in runs of this one's.
+    #[inline(always)]
+    fn add(&mut self, runs: &[Run], values: &[f64], stride: usize) {
+        for (r, run) in runs.iter().enumerate() {
+            for (j, to) in run.from.clone().zip(run.to..) {
+                let below = &values[j * stride + j..j * stride + run.from.end];
+                let target = self.column(to, to).iter_mut();
+                target.zip(below).for_each(|(t, v)| *t += v);
+            }
+            for other in &runs[r + 1..] {
+                if other.to > run.to {
+                    for (j, to) in run.from.clone().zip(run.to..) {
+                        let values = &values[j * stride..][other.from.clone()];
+                        let target = self.column(to, other.to).iter_mut();
+                        target.zip(values).for_each(|(t, v)| *t += v);
+                    }
+                } else {
+                    for (i, to) in other.from.clone().zip(other.to..) {
+                        let values = values[run.from.start * stride + i..].iter();
+                        let values = values.step_by(stride).take(run.from.len());
+                        let target = self.column(to, run.to).iter_mut();
+                        target.zip(values).for_each(|(t, v)| *t += v);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Both results, at the same time if it pays.
+pub(super) fn both<A: Send, B: Send>(
+    parallel: bool,
+    one: impl FnOnce() -> A + Send,
+    two: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    if parallel {
+        rayon::join(one, two)
+    } else {
+        (one(), two())
+    }
+}

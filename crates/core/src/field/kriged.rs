@@ -1,0 +1,255 @@
+//! A field observed at some positions, in the form of covariances: kriging with the inverse of the field's
+//! equations as covariance function.
+//!
+//! With K the equations without observations, S the interpolation at these, A their weights and t their targets,
+//! the minimum of `y' K y + (S y - t)' A (S y - t)` is `y = K^-1 S' C^-1 t` with `C = S K^-1 S' + A^-1`, where
+//! its value is `t' C^-1 t`. Functions with ridges R on their weights are part of the field: with G their values
+//! at the observations, C grows by `G R^-1 G'`, and their weights are `R^-1 G' C^-1 t`.
+
+use super::border::{Border, STRIP, Strip};
+use super::factor::Factor;
+use super::{Observations, Spread};
+use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::{
+    solve_lower_triangular_in_place, solve_upper_triangular_in_place,
+};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+use lsdc_kernels::cholesky::{Block, PAD, factorise, subtract_product};
+use lsdc_kernels::simd::Level;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// A field with observations.
+#[derive(Debug)]
+pub(super) struct Kriged {
+    factor: Arc<Factor>,
+    border: Border,
+    /// The Cholesky factor of C at the positions of the border, padded, column by column.
+    lower: Vec<f64>,
+    /// The columns without those that are part of the field, in the same order.
+    columns: Mat<f64>,
+    /// Of the observations, in the same order.
+    weights: Vec<f64>,
+    moments: Mat<f64>,
+    /// `R^-1/2 G'`, by strips of observations.
+    functions: Vec<Strip>,
+    ridges: Vec<f64>,
+}
+
+/// Columns that a task solves for.
+const TOGETHER: usize = 33;
+
+impl Kriged {
+    /// The last columns but one are functions that are part of the field, as many as there are ridges.
+    pub(super) fn new(
+        factor: Arc<Factor>,
+        seen: &Observations<'_>,
+        ridges: &[f64],
+    ) -> Option<Self> {
+        let border = Border::new(&factor, seen.taps);
+        let n = border.order.len();
+        let free = seen.count - ridges.len() - 1;
+        let row =
+            |position: usize| &seen.columns[border.order[position] * seen.count..][..seen.count];
+        let columns = Mat::from_fn(n, free + 1, |i, j| {
+            row(i)[if j < free { j } else { seen.count - 1 }]
+        });
+        let scales: Vec<f64> = ridges.iter().map(|ridge| ridge.sqrt().recip()).collect();
+        let functions = strips_of(n, &scales, |i, j| row(i)[free + j]);
+        let mut lower = border.covariance(&factor, &functions);
+        let weights: Vec<f64> = border.order.iter().map(|&i| seen.weights[i]).collect();
+        let size = n.next_multiple_of(PAD);
+        for (i, column) in lower.chunks_exact_mut(size).enumerate() {
+            column[i] += weights.get(i).map_or(1.0, |weight| weight.recip());
+        }
+        if !cholesky(factor.level, &mut lower, size) {
+            return None;
+        }
+        let mut white = columns.clone();
+        let triangle = triangle(&lower, n);
+        let parts = column_chunks(white.as_mut()).into_par_iter();
+        parts.for_each(|part| solve_lower_triangular_in_place(triangle, part, Par::Seq));
+        let moments = squared(white.as_ref());
+        Some(Self {
+            factor,
+            border,
+            lower,
+            columns,
+            weights,
+            moments,
+            functions,
+            ridges: ridges.to_vec(),
+        })
+    }
+
+    pub(super) fn moments(&self) -> &Mat<f64> {
+        &self.moments
+    }
+
+    pub(super) fn functions(&self) -> usize {
+        self.ridges.len()
+    }
+
+    fn triangle(&self) -> MatRef<'_, f64> {
+        triangle(&self.lower, self.weights.len())
+    }
+
+    /// `C^-1 targets`, in place.
+    fn pull(&self, mut targets: MatMut<'_, f64>) {
+        let lower = self.triangle();
+        solve_lower_triangular_in_place(lower, targets.as_mut(), Par::Seq);
+        solve_upper_triangular_in_place(lower.transpose(), targets, Par::Seq);
+    }
+
+    /// Variances and responses at the observations. The field there is `t - A^-1 C^-1 t`, and its covariance
+    /// `A^-1 - A^-1 C^-1 A^-1`.
+    pub(super) fn spread(&self, combinations: MatRef<'_, f64>) -> Spread {
+        let n = self.weights.len();
+        let lower = self.triangle();
+        let mut inverse = Mat::<f64>::identity(n, n);
+        let parts = column_chunks(inverse.as_mut()).into_par_iter();
+        parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
+        let variance = |i: usize| {
+            let own = self.weights[i].recip();
+            own * (1.0 - own * inverse.col(i).squared_norm_l2())
+        };
+        let variances = (0..n).map(variance).collect();
+        let mut responses = Mat::<f64>::zeros(n, combinations.ncols());
+        let parts = column_chunks(responses.as_mut()).into_par_iter();
+        parts.enumerate().for_each(|(k, mut part)| {
+            let own = combinations.subcols(k * TOGETHER, part.ncols());
+            part.copy_from(&self.columns * own);
+            let targets = part.to_owned();
+            self.pull(part.as_mut());
+            for j in 0..part.ncols() {
+                for i in 0..n {
+                    part[(i, j)] = targets[(i, j)] - part[(i, j)] / self.weights[i];
+                }
+            }
+        });
+        Spread {
+            places: self.border.order.iter().map(|&i| i as u32).collect(),
+            variances,
+            responses,
+        }
+    }
+
+    /// The field without the functions that are part of it, and the weights of these.
+    pub(super) fn extend(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let x = MatRef::from_column_major_slice(x, x.len(), 1);
+        let mut pull = &self.columns * x;
+        self.pull(pull.as_mut());
+        let pull = pull.col_as_slice(0);
+        let mut values = vec![0.0; self.factor.plan.len()];
+        self.border.add_to(&self.factor, pull, &mut values);
+        self.factor.backward(&mut values);
+        let mut weights = vec![0.0; self.ridges.len()];
+        for strip in &self.functions {
+            strip.add_products(pull, &mut weights);
+        }
+        let pairs = weights.iter_mut().zip(&self.ridges);
+        pairs.for_each(|(weight, ridge)| *weight /= ridge.sqrt());
+        (values, weights)
+    }
+
+    pub(super) fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let mut values = right.to_vec();
+        self.factor.forward(&mut values);
+        let products = self.border.products(&self.factor, &values);
+        let mut pull = Mat::from_fn(products.len(), 1, |i, _| -products[i]);
+        self.pull(pull.as_mut());
+        self.border
+            .add_to(&self.factor, pull.col_as_slice(0), &mut values);
+        self.factor.backward(&mut values);
+        values
+    }
+}
+
+/// Scaled rows of functions, by strips of `n` observations.
+fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64) -> Vec<Strip> {
+    if scales.is_empty() {
+        return Vec::new();
+    }
+    let mut strips = Strip::all(&(0..n), scales.len());
+    for strip in &mut strips {
+        let (first, rows) = (strip.first, strip.rows);
+        for (j, (column, scale)) in strip.values.chunks_exact_mut(rows).zip(scales).enumerate() {
+            for (value, i) in column.iter_mut().zip(first..n) {
+                *value = scale * at(i, j);
+            }
+        }
+    }
+    strips
+}
+
+/// A matrix of `n` rows without what pads it.
+fn triangle(values: &[f64], n: usize) -> MatRef<'_, f64> {
+    let stride = n.next_multiple_of(PAD);
+    MatRef::from_column_major_slice_with_stride(values, n, n, stride)
+}
+
+/// The Cholesky factor in place, lower half, column by column; the number of rows is a multiple of 8.
+fn cholesky(level: Level, matrix: &mut [f64], size: usize) -> bool {
+    let mut panel = Vec::new();
+    for first in (0..size).step_by(STRIP) {
+        let (count, rows) = (STRIP.min(size - first), size - first);
+        let (own, rest) = matrix[first * size..].split_at_mut(count * size);
+        panel.clear();
+        for column in own.chunks_exact(size) {
+            panel.extend_from_slice(&column[first..]);
+        }
+        if !factorise(level, &mut panel, count, &mut []) {
+            return false;
+        }
+        for (own, column) in own.chunks_exact_mut(size).zip(panel.chunks_exact(rows)) {
+            own[first..].copy_from_slice(column);
+        }
+        let chunks = rest.par_chunks_mut(STRIP * size).enumerate();
+        chunks.for_each(|(i, columns)| {
+            let start = count + i * STRIP;
+            let below = Block {
+                values: &panel[start..],
+                stride: rows,
+            };
+            let sizes = [rows - start, columns.len() / size, count];
+            let target = (&mut columns[first + start..], size);
+            subtract_product(level, target, sizes, below, below);
+        });
+    }
+    true
+}
+
+/// Some columns each.
+fn column_chunks(matrix: MatMut<'_, f64>) -> Vec<MatMut<'_, f64>> {
+    let mut chunks = Vec::new();
+    let mut rest = matrix;
+    while rest.ncols() > 0 {
+        let count = TOGETHER.min(rest.ncols());
+        let (own, others) = rest.split_at_col_mut(count);
+        chunks.push(own);
+        rest = others;
+    }
+    chunks
+}
+
+/// `matrix' matrix`, lower half.
+fn squared(matrix: MatRef<'_, f64>) -> Mat<f64> {
+    let count = matrix.ncols();
+    let mut square = Mat::<f64>::zeros(count, count);
+    let parts = column_chunks(square.as_mut());
+    parts.into_par_iter().enumerate().for_each(|(i, part)| {
+        let first = i * TOGETHER;
+        let (_, target) = part.split_at_row_mut(first);
+        let own = matrix.subcols(first, target.ncols());
+        let later = matrix.subcols(first, count - first);
+        matmul(
+            target,
+            Accum::Replace,
+            later.transpose(),
+            own,
+            1.0,
+            Par::Seq,
+        );
+    });
+    square
+}

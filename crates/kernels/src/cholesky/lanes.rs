@@ -1,0 +1,239 @@
+//! Eight small matrices of one shape at a time, one in each lane.
+
+use crate::simd::{Doubles, Kernel, Level, Vector};
+
+/// The same element of eight matrices.
+pub type Eight = [f64; 8];
+
+/// Rows below the square block come in multiples of this.
+const TOGETHER: usize = 4;
+
+/// [`super::factorise`] of eight matrices at once; here `kept` is a multiple of 4.
+///
+/// # Panics
+/// If lengths do not match, or `kept` is no multiple of 4.
+pub fn factorise_eight(
+    level: Level,
+    panel: &mut [Eight],
+    columns: usize,
+    rest: &mut [Eight],
+) -> bool {
+    if columns == 0 {
+        return true;
+    }
+    let rows = panel.len() / columns;
+    let kept = rows.checked_sub(columns).expect("rows of the panel");
+    assert_eq!(panel.len(), rows * columns, "panel");
+    assert!(kept.is_multiple_of(TOGETHER) && rest.len() == kept * kept);
+    let kernel = FactoriseEight {
+        panel,
+        rows,
+        columns,
+        rest,
+        kept,
+    };
+    // SAFETY: the assertions hold what the kernel relies on.
+    unsafe { level.run(kernel) }
+}
+
+struct FactoriseEight<'a> {
+    panel: &'a mut [Eight],
+    rows: usize,
+    columns: usize,
+    rest: &'a mut [Eight],
+    kept: usize,
+}
+
+impl Kernel for FactoriseEight<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    unsafe fn run<V: Vector>(self) -> bool {
+        let lanes = <V::Doubles as Doubles>::LANES;
+        let mut positive = true;
+        for first in (0..8).step_by(lanes) {
+            // SAFETY: the caller checked all lengths; a vector of either size is within its eight values.
+            positive &= unsafe {
+                let panel = self.panel.as_mut_ptr().cast::<f64>().add(first);
+                let rest = self.rest.as_mut_ptr().cast::<f64>().add(first);
+                partial::<V::Doubles>(panel, self.rows, self.columns, rest, self.kept)
+            };
+        }
+        positive
+    }
+}
+
+/// From an element to the next.
+const STEP: usize = 8;
+
+/// `target -= a b'` for `R` rows and 4 columns.
+#[inline(always)]
+unsafe fn tile<D: Doubles, const R: usize>(
+    target: *mut f64,
+    stride: usize,
+    a: *const f64,
+    b: *const f64,
+    rows: usize,
+    depth: usize,
+) {
+    // SAFETY: as demanded from the caller.
+    unsafe {
+        let mut sums = [[D::splat(0.0); R]; TOGETHER];
+        for (q, column) in sums.iter_mut().enumerate() {
+            for (r, sum) in column.iter_mut().enumerate() {
+                *sum = D::load(target.add((q * stride + r) * STEP));
+            }
+        }
+        for p in 0..depth {
+            let mut values = [D::splat(0.0); R];
+            for (r, value) in values.iter_mut().enumerate() {
+                *value = D::load(a.add((p * rows + r) * STEP));
+            }
+            for (q, column) in sums.iter_mut().enumerate() {
+                let factor = D::load(b.add((p * rows + q) * STEP));
+                for (sum, value) in column.iter_mut().zip(values) {
+                    *sum = sum.less_product(value, factor);
+                }
+            }
+        }
+        for (q, column) in sums.into_iter().enumerate() {
+            for (r, sum) in column.into_iter().enumerate() {
+                sum.store(target.add((q * stride + r) * STEP));
+            }
+        }
+    }
+}
+
+/// Four columns from a row on, as many rows as the registers take at once.
+#[inline(always)]
+unsafe fn strip<D: Doubles>(
+    target: *mut f64,
+    stride: usize,
+    [a, b]: [*const f64; 2],
+    rows: usize,
+    depth: usize,
+    count: usize,
+) {
+    for row in (0..count).step_by(TOGETHER) {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            let (target, a) = (target.add(row * STEP), a.add(row * STEP));
+            if D::LANES == 8 {
+                tile::<D, 4>(target, stride, a, b, rows, depth);
+            } else {
+                tile::<D, 2>(target, stride, a, b, rows, depth);
+                let (target, a) = (target.add(2 * STEP), a.add(2 * STEP));
+                tile::<D, 2>(target, stride, a, b, rows, depth);
+            }
+        }
+    }
+}
+
+/// The factor of the first `C` columns, of which no others are subtracted any more; false if a pivot is not positive.
+#[inline(always)]
+unsafe fn columns_of<D: Doubles, const C: usize>(own: *mut f64, rows: usize, count: usize) -> bool {
+    // SAFETY: as demanded from the caller.
+    unsafe {
+        let at = |i: usize, q: usize| own.add((q * rows + i) * STEP);
+        let mut triangle = [[D::splat(0.0); C]; C];
+        let mut inverse = [D::splat(0.0); C];
+        for q in 0..C {
+            let mut pivot = D::load(at(q, q));
+            for d in 0..q {
+                pivot = pivot.less_product(triangle[q][d], triangle[q][d]);
+            }
+            let mut pivots = [1.0; STEP];
+            pivot.store(pivots.as_mut_ptr());
+            if !pivots.iter().all(|pivot| *pivot > 0.0 && pivot.is_finite()) {
+                return false;
+            }
+            let root = pivot.sqrt();
+            inverse[q] = D::splat(1.0).div(root);
+            root.store(at(q, q));
+            for i in q + 1..C {
+                let mut value = D::load(at(i, q));
+                for d in 0..q {
+                    value = value.less_product(triangle[i][d], triangle[q][d]);
+                }
+                triangle[i][q] = value.mul(inverse[q]);
+                triangle[i][q].store(at(i, q));
+            }
+        }
+        for i in C..count {
+            let mut known = [D::splat(0.0); C];
+            for q in 0..C {
+                let mut value = D::load(at(i, q));
+                for d in 0..q {
+                    value = value.less_product(known[d], triangle[q][d]);
+                }
+                known[q] = value.mul(inverse[q]);
+                known[q].store(at(i, q));
+            }
+        }
+    }
+    true
+}
+
+/// Subtracts the product of a column of the factor with its first value.
+#[inline(always)]
+unsafe fn subtract_column<D: Doubles>(target: *mut f64, column: *const f64, count: usize) {
+    // SAFETY: as demanded from the caller.
+    unsafe {
+        let factor = D::load(column);
+        for i in 0..count {
+            let at = target.add(i * STEP);
+            D::load(at)
+                .less_product(D::load(column.add(i * STEP)), factor)
+                .store(at);
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn partial<D: Doubles>(
+    panel: *mut f64,
+    rows: usize,
+    columns: usize,
+    rest: *mut f64,
+    kept: usize,
+) -> bool {
+    // SAFETY: as demanded from the caller. The first columns are those that are left over, so that rows below
+    // the others come in fours.
+    unsafe {
+        let mut first = 0;
+        while first < columns {
+            let count = match columns % TOGETHER {
+                left if first == 0 && left > 0 => left,
+                _ => TOGETHER,
+            };
+            let own = panel.add((first * rows + first) * STEP);
+            if first > 0 {
+                let before: *const f64 = panel.add(first * STEP);
+                strip::<D>(own, rows, [before; 2], rows, first, rows - first);
+            }
+            let found = if count == TOGETHER {
+                columns_of::<D, TOGETHER>(own, rows, rows - first)
+            } else {
+                // At most three, once.
+                (0..count).all(|q| {
+                    let column = own.add(q * (rows + 1) * STEP);
+                    for d in 0..q {
+                        let before = own.add((d * rows + q) * STEP);
+                        subtract_column::<D>(column, before, rows - first - q);
+                    }
+                    columns_of::<D, 1>(column, rows, rows - first - q)
+                })
+            };
+            if !found {
+                return false;
+            }
+            first += count;
+        }
+        for column in (0..kept).step_by(TOGETHER) {
+            let below: *const f64 = panel.add((columns + column) * STEP);
+            let target = rest.add((column * kept + column) * STEP);
+            strip::<D>(target, kept, [below; 2], rows, columns, kept - column);
+        }
+    }
+    true
+}

@@ -1,0 +1,19 @@
+//! Partial Cholesky factorisation in f64, as multifrontal solvers of sparse equations need it: of a matrix
+//!
+//! > `[ A  B' ]`
+//! > `[ B  C  ]`
+//!
+//! the columns of the factor `L = [L_A; L_B]` with `L_A L_A' = A` and `L_B = B L_A'^-1`, and the Schur
+//! complement `C - L_B L_B'`. Matrices are stored column by column; of symmetric ones, the lower half counts.
+//! The numbers of rows below A are multiples of [`PAD`]; what pads them is 0.
+
+mod dense;
+mod lanes;
+#[cfg(test)]
+mod tests;
+
+pub use dense::{Block, factorise, solve_rows, subtract_product};
+pub use lanes::{Eight, factorise_eight};
+
+/// Rows below the square block come in multiples of this.
+pub const PAD: usize = 8;

@@ -1,0 +1,63 @@
+//! Vectors of f64.
+
+/// A vector of f64.
+///
+/// # Safety
+/// As for [`super::Vector`]; pointers must be valid for `LANES` values.
+pub(crate) trait Doubles: Copy {
+    /// Values in a vector: 4 or 8.
+    const LANES: usize;
+
+    unsafe fn load(from: *const f64) -> Self;
+    unsafe fn store(self, to: *mut f64);
+    unsafe fn splat(value: f64) -> Self;
+    unsafe fn mul(self, other: Self) -> Self;
+    unsafe fn div(self, other: Self) -> Self;
+    unsafe fn sqrt(self) -> Self;
+    /// `self - a * b`, rounded once where the processor can.
+    unsafe fn less_product(self, a: Self, b: Self) -> Self;
+}
+
+/// An array that the compiler may keep in registers.
+#[derive(Clone, Copy)]
+pub(crate) struct PortableDoubles([f64; 4]);
+
+// SAFETY (of every function): as demanded from the caller.
+impl Doubles for PortableDoubles {
+    const LANES: usize = 4;
+
+    #[inline(always)]
+    unsafe fn load(from: *const f64) -> Self {
+        Self(unsafe { from.cast::<[f64; 4]>().read_unaligned() })
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f64) {
+        unsafe { to.cast::<[f64; 4]>().write_unaligned(self.0) }
+    }
+
+    #[inline(always)]
+    unsafe fn splat(value: f64) -> Self {
+        Self([value; 4])
+    }
+
+    #[inline(always)]
+    unsafe fn mul(self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i] * other.0[i]))
+    }
+
+    #[inline(always)]
+    unsafe fn div(self, other: Self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i] / other.0[i]))
+    }
+
+    #[inline(always)]
+    unsafe fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+
+    #[inline(always)]
+    unsafe fn less_product(self, a: Self, b: Self) -> Self {
+        Self(std::array::from_fn(|i| self.0[i] - a.0[i] * b.0[i]))
+    }
+}
