@@ -81,9 +81,9 @@ impl Border {
         lines.resize_with(plan.lines.len(), Vec::new);
         if let Half::Line(root) = plan.root {
             let mut of_tiles = vec![None; plan.tiles.len()];
-            tiles
-                .iter()
-                .for_each(|rows| of_tiles[rows.tile] = Some(rows));
+            for rows in &tiles {
+                of_tiles[rows.tile] = Some(rows);
+            }
             let climb = Climb {
                 factor,
                 of_tiles,
@@ -125,7 +125,9 @@ impl Border {
                     );
                 }
             }
-            columns.iter_mut().for_each(|value| *value = -*value);
+            for value in columns {
+                *value = -*value;
+            }
         });
         for rows in &self.tiles {
             let pixels = rows.values.len() / rows.positions.len().max(1);
@@ -247,9 +249,9 @@ impl Climb<'_> {
             for strip in left {
                 let columns = strip.values.chunks_exact(strip.rows);
                 for (values, place) in columns.zip(places) {
-                    place
-                        .iter()
-                        .for_each(|place| front.add(*place, strip.first, values));
+                    if let Some(place) = place {
+                        front.add(*place, strip.first, values);
+                    }
                 }
             }
             if let Half::Tile(tile) = half
@@ -258,9 +260,9 @@ impl Climb<'_> {
                 let lists = rows.ring.chunks_exact(places.len());
                 for (position, values) in rows.positions.clone().zip(lists) {
                     for (value, place) in values.iter().zip(places) {
-                        place
-                            .iter()
-                            .for_each(|place| front.add(*place, position, &[*value]));
+                        if let Some(place) = place {
+                            front.add(*place, position, &[*value]);
+                        }
                     }
                 }
             }

@@ -8,8 +8,8 @@
 //!
 //! It is solved directly, by Cholesky factorisation in the order of nested dissection (George 1973). With up to
 //! [`MOST`] observations, the factor is that of the equations without them ([`FieldPrior`]), which depends on the
-//! image alone, and observations are added in the form of covariances ([`kriged`]); with more, or without
-//! `level`, the equations are factorised with all of them ([`direct`]).
+//! image alone, and observations are added in the form of covariances (`kriged`); with more, or without
+//! `level`, the equations are factorised with all of them (`direct`).
 
 mod border;
 mod direct;

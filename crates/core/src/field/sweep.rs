@@ -175,7 +175,7 @@ impl Factor {
             },
         );
         own.copy_from_slice(&values[..own.len()]);
-        let known = |half: usize| self.kept(line, half, &values);
+        let known = |half: usize| kept(line, half, &values);
         if let [Half::Line(one), Half::Line(two)] = line.halves {
             let split = plan.lines[one].first + plan.lines[one].own.len() - base;
             let (first, second) = below.split_at_mut(split);
@@ -193,14 +193,14 @@ impl Factor {
             }
         }
     }
+}
 
-    /// The values that a half keeps, from those of a line's front.
-    fn kept(&self, line: &Line, half: usize, values: &[f64]) -> Vec<f64> {
-        let places = line.places[half].iter();
-        places
-            .map(|place| place.map_or(0.0, |place| values[place as usize]))
-            .collect()
-    }
+/// The values that a half of a line keeps, from those of its front.
+fn kept(line: &Line, half: usize, values: &[f64]) -> Vec<f64> {
+    let places = line.places[half].iter();
+    places
+        .map(|place| place.map_or(0.0, |place| values[place as usize]))
+        .collect()
 }
 
 impl Program {

@@ -207,12 +207,12 @@ impl Program {
             kept.retain(|&number| number >= end);
             kept.sort_unstable();
             kept.dedup();
-            let row = |number: u32| match number.checked_sub(end) {
-                None => number - step.first as u32,
-                Some(_) => {
-                    let place = kept.partition_point(|&other| other < number);
-                    (step.count + place) as u32
+            let row = |number: u32| {
+                if number < end {
+                    return number - step.first as u32;
                 }
+                let place = kept.partition_point(|&other| other < number);
+                (step.count + place) as u32
             };
             for (number, column, x, y, entry) in joins {
                 let source = &mut sources[index(x, y)][entry as usize];

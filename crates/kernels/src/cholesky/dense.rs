@@ -284,15 +284,15 @@ impl Kernel for Factorise<'_> {
                     strip::<V::Doubles>(own, rows, before, before, first, rows - first);
                 }
                 let mut inverse = [0.0; PAD];
-                for q in 0..count {
+                for (q, scale) in inverse.iter_mut().enumerate().take(count) {
                     let column = own.add(q * rows);
                     let pivot = *column.add(q);
                     if !(pivot > 0.0 && pivot.is_finite()) {
                         return false;
                     }
-                    inverse[q] = pivot.sqrt().recip();
+                    *scale = pivot.sqrt().recip();
                     for i in q..count {
-                        *column.add(i) *= inverse[q];
+                        *column.add(i) *= *scale;
                     }
                     for k in q + 1..count {
                         let factor = *column.add(k);

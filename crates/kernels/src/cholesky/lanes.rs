@@ -139,8 +139,8 @@ unsafe fn columns_of<D: Doubles, const C: usize>(own: *mut f64, rows: usize, cou
         let mut inverse = [D::splat(0.0); C];
         for q in 0..C {
             let mut pivot = D::load(at(q, q));
-            for d in 0..q {
-                pivot = pivot.less_product(triangle[q][d], triangle[q][d]);
+            for value in &triangle[q][..q] {
+                pivot = pivot.less_product(*value, *value);
             }
             let mut pivots = [1.0; STEP];
             pivot.store(pivots.as_mut_ptr());
@@ -152,8 +152,8 @@ unsafe fn columns_of<D: Doubles, const C: usize>(own: *mut f64, rows: usize, cou
             root.store(at(q, q));
             for i in q + 1..C {
                 let mut value = D::load(at(i, q));
-                for d in 0..q {
-                    value = value.less_product(triangle[i][d], triangle[q][d]);
+                for (one, other) in triangle[i][..q].iter().zip(&triangle[q][..q]) {
+                    value = value.less_product(*one, *other);
                 }
                 triangle[i][q] = value.mul(inverse[q]);
                 triangle[i][q].store(at(i, q));
@@ -163,8 +163,8 @@ unsafe fn columns_of<D: Doubles, const C: usize>(own: *mut f64, rows: usize, cou
             let mut known = [D::splat(0.0); C];
             for q in 0..C {
                 let mut value = D::load(at(i, q));
-                for d in 0..q {
-                    value = value.less_product(known[d], triangle[q][d]);
+                for (known, factor) in known[..q].iter().zip(&triangle[q][..q]) {
+                    value = value.less_product(*known, *factor);
                 }
                 known[q] = value.mul(inverse[q]);
                 known[q].store(at(i, q));
