@@ -178,6 +178,13 @@ fn a_range_of_negative_depths_is_refused() {
 }
 
 #[test]
+fn a_size_that_no_memory_holds_is_refused() {
+    let folder = room();
+    let args = ["complete", "rgb.png", "sparse.npy", "--size", "65536x65536"];
+    refused(folder.path(), &args, &["65536x65536 pixels are too many"]);
+}
+
+#[test]
 fn options_that_would_change_nothing_are_refused() {
     let folder = room();
     for (options, words) in [

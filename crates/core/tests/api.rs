@@ -289,6 +289,27 @@ fn outliers_are_judged_by_their_own_deviations() {
     assert!(!listed(&given).contains(&40));
 }
 
+/// Standard deviations count relative to their median: one precise point takes nothing from all others, and
+/// their unit does not matter.
+#[test]
+fn deviations_are_relative_to_their_median() {
+    let scene = scene_of(&COMPLETER, 96, 72);
+    let weights = |unit: f32| {
+        let points = observations(96, 72, 30);
+        let given = points.iter().enumerate().map(|(i, p)| Observation {
+            sigma: Some(unit * if i == 7 { 0.001 } else { 0.02 }),
+            ..*p
+        });
+        scene.complete(&given.collect()).unwrap().point_weights()
+    };
+    for unit in [1.0, 50.0] {
+        for (i, weight) in weights(unit).into_iter().enumerate() {
+            let expected = if i == 7 { 400.0 } else { 1.0 };
+            assert!((weight / expected - 1.0).abs() < 1e-5, "{i}: {weight}");
+        }
+    }
+}
+
 #[test]
 fn a_robust_fit_leaves_outliers_little_weight() {
     let robust = with(&COMPLETER, |fit| {

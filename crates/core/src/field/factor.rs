@@ -34,15 +34,19 @@ pub(super) struct Pool {
     rests: Mutex<Vec<Rests>>,
 }
 
-/// How many unused factors are kept.
+/// How many unused factors are kept, and how many bytes each may have: what is larger is given back.
 const SPARE: usize = 2;
+const MOST_BYTES: usize = 1 << 27;
 
 fn take<T: Default>(list: &Mutex<Vec<T>>) -> T {
     let mut list = list.lock().unwrap_or_else(PoisonError::into_inner);
     list.pop().unwrap_or_default()
 }
 
-fn give<T>(list: &Mutex<Vec<T>>, value: T) {
+fn give<T>(list: &Mutex<Vec<T>>, value: T, bytes: usize) {
+    if bytes > MOST_BYTES {
+        return;
+    }
     let mut list = list.lock().unwrap_or_else(PoisonError::into_inner);
     if list.len() < SPARE {
         list.push(value);
@@ -55,7 +59,8 @@ impl Drop for Factor {
             std::mem::take(&mut self.tiles),
             std::mem::take(&mut self.lines),
         );
-        give(&self.plan.pool.factors, memory);
+        let bytes = size_of_val(&memory.0[..]) + size_of_val(&memory.1[..]);
+        give(&self.plan.pool.factors, memory, bytes);
     }
 }
 
@@ -84,7 +89,8 @@ impl Factor {
             let (rest, room) = rests.lines.split_at_mut(plan.lines[root].square());
             found = work.eliminate(root, &mut lines, 0, rest, room);
         }
-        give(&plan.pool.rests, rests);
+        let bytes = size_of_val(&rests.tiles[..]) + size_of_val(&rests.lines[..]);
+        give(&plan.pool.rests, rests, bytes);
         let factor = Self {
             plan,
             level,

@@ -19,7 +19,7 @@ pub(in crate::fit) struct FieldEstimator<'a> {
     pub(in crate::fit) scene: Scene<'a>,
     pub(in crate::fit) joint: JointConfig,
     pub(in crate::fit) prior: Option<(&'a Prior, Lambda)>,
-    /// The last columns are cosines, and their weights count so much.
+    /// The last columns are cosines, with these penalties on the squares of their weights.
     pub(in crate::fit) ridges: &'a [f64],
 }
 
@@ -33,7 +33,7 @@ pub(in crate::fit) struct FieldFit {
     pub(in crate::fit) smooth: Smooth,
     pub(in crate::fit) size: (usize, usize),
     pub(in crate::fit) data: f64,
-    /// Of the last weights, which are of cosines.
+    /// The penalties on the last weights, those of the cosines.
     pub(in crate::fit) ridges: Vec<f64>,
 }
 
@@ -46,7 +46,7 @@ impl FieldEstimator<'_> {
         // Cosines that are not part of the field are marginalised out of the moments.
         let apart = self.ridges.len() - field.functions();
         let moments = moments(&field, columns - field.functions(), freedom);
-        let (solution, noise, lambda) = match self.prior {
+        let (mut solution, noise, lambda) = match self.prior {
             None => {
                 // Rounding may leave less than nothing.
                 let noise = moments.square.max(0.0) / moments.count.max(1) as f64;
@@ -62,7 +62,6 @@ impl FieldEstimator<'_> {
         let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
         rest.push(1.0);
         let (values, cosines) = field.extend(&rest);
-        let mut solution = solution;
         solution.weights.extend(cosines);
         let rests = rows.residuals(&solution.weights);
         let places = rows.places.unwrap_or_default().iter();
