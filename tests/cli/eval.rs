@@ -151,17 +151,7 @@ fn predictions_of_others_are_scored_on_the_same_frames_and_points() {
     run(&[&export[..], &ROOMS[1..]].concat());
     eval(&["--method", "linear", "--json", "one.json"]);
     let means = |path: &str| json(&at(path))["means"]["linear"].clone();
-    run(&[
-        "eval",
-        "--dataset",
-        "marigold",
-        "--root",
-        "frames",
-        "--method",
-        "linear",
-        "--json",
-        "m.json",
-    ]);
+    run(&[&EVAL_EXPORTED[..], &["--json", "m.json"]].concat());
     assert_eq!(means("m.json"), means("one.json"));
     eval(&[
         "--method",

@@ -77,6 +77,34 @@ struct Part {
     height: usize,
 }
 
+impl Part {
+    /// Two halves, and the line of pixels between them, unless it is a leaf.
+    fn cut(self) -> Option<([Self; 2], Self)> {
+        let length = self.width.max(self.height);
+        if self.width * self.height <= LEAF || length < 3 {
+            return None;
+        }
+        let along = |first: usize, length: usize| {
+            if self.width >= self.height {
+                Self {
+                    x: self.x + first,
+                    width: length,
+                    ..self
+                }
+            } else {
+                Self {
+                    y: self.y + first,
+                    height: length,
+                    ..self
+                }
+            }
+        };
+        let half = length / 2;
+        let halves = [along(0, half), along(half + 1, length - half - 1)];
+        Some((halves, along(half, 1)))
+    }
+}
+
 impl Program {
     pub(super) fn new(width: usize, height: usize) -> Self {
         let mut program = Self {
@@ -99,58 +127,9 @@ impl Program {
 
     /// Orders the pixels of a part, and returns its step.
     fn cut(&mut self, part: Part) -> usize {
-        let Part {
-            x,
-            y,
-            width,
-            height,
-        } = part;
-        let (halves, own) = if width * height <= LEAF || width.max(height) < 3 {
-            (None, part)
-        } else if width >= height {
-            let half = width / 2;
-            let rest = Part {
-                x: x + half + 1,
-                width: width - half - 1,
-                ..part
-            };
-            let line = Part {
-                x: x + half,
-                width: 1,
-                ..part
-            };
-            (
-                Some([
-                    Part {
-                        width: half,
-                        ..part
-                    },
-                    rest,
-                ]),
-                line,
-            )
-        } else {
-            let half = height / 2;
-            let rest = Part {
-                y: y + half + 1,
-                height: height - half - 1,
-                ..part
-            };
-            let line = Part {
-                y: y + half,
-                height: 1,
-                ..part
-            };
-            (
-                Some([
-                    Part {
-                        height: half,
-                        ..part
-                    },
-                    rest,
-                ]),
-                line,
-            )
+        let (halves, own) = match part.cut() {
+            Some((halves, line)) => (Some(halves), line),
+            None => (None, part),
         };
         let halves = halves.map(|halves| halves.map(|half| (self.cut(half), Vec::new())));
         let first = self.order.len();

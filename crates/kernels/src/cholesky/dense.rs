@@ -1,6 +1,6 @@
 //! One matrix at a time.
 
-use super::PAD;
+use super::{PAD, is_size, panel_rows};
 use crate::simd::{Doubles, Kernel, Level, Vector};
 
 /// A matrix stored column by column, its columns `stride` values apart.
@@ -37,11 +37,8 @@ pub fn factorise(level: Level, panel: &mut [f64], columns: usize, rest: &mut [f6
     if columns == 0 {
         return true;
     }
-    let rows = panel.len() / columns;
-    let kept = rows.checked_sub(columns).expect("rows of the panel");
-    assert_eq!(panel.len(), rows * columns, "panel");
-    assert!(kept.is_multiple_of(PAD), "rows");
-    assert!(rest.is_empty() || rest.len() == kept * kept, "rest");
+    let [rows, kept] = panel_rows(panel.len(), columns, PAD);
+    assert!(rest.is_empty() || is_size(rest.len(), kept, kept), "rest");
     let kernel = Factorise {
         panel,
         rows,
@@ -68,12 +65,11 @@ pub fn solve_rows(
     if columns == 0 {
         return;
     }
-    let (rows, count) = (panel.len() / columns, extra.len() / columns);
-    let kept = rows.checked_sub(columns).expect("rows of the panel");
-    assert_eq!(panel.len(), rows * columns, "panel");
-    assert_eq!(extra.len(), count * columns, "extra");
-    assert!(kept.is_multiple_of(PAD) && count.is_multiple_of(PAD));
-    assert_eq!(rest.len(), count * kept, "rest");
+    let [rows, kept] = panel_rows(panel.len(), columns, PAD);
+    let count = extra.len() / columns;
+    assert!(is_size(extra.len(), count, columns), "extra");
+    assert!(count.is_multiple_of(PAD), "further rows");
+    assert!(is_size(rest.len(), count, kept), "rest");
     let kernel = SolveRows {
         panel,
         rows,
@@ -102,6 +98,9 @@ pub fn subtract_product(
     assert!(holds(target.len(), stride, rows, columns), "target");
     assert!(left.holds(rows, depth), "left");
     assert!(right.holds(columns, depth), "right");
+    if rows == 0 || columns == 0 {
+        return;
+    }
     let kernel = SubtractProduct {
         target,
         stride,

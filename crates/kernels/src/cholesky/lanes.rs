@@ -1,5 +1,6 @@
 //! Eight small matrices of one shape at a time, one in each lane.
 
+use super::{is_size, panel_rows};
 use crate::simd::{Doubles, Kernel, Level, Vector};
 
 /// The same element of eight matrices.
@@ -21,10 +22,8 @@ pub fn factorise_eight(
     if columns == 0 {
         return true;
     }
-    let rows = panel.len() / columns;
-    let kept = rows.checked_sub(columns).expect("rows of the panel");
-    assert_eq!(panel.len(), rows * columns, "panel");
-    assert!(kept.is_multiple_of(TOGETHER) && rest.len() == kept * kept);
+    let [rows, kept] = panel_rows(panel.len(), columns, TOGETHER);
+    assert!(is_size(rest.len(), kept, kept), "rest");
     let kernel = FactoriseEight {
         panel,
         rows,

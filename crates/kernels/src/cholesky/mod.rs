@@ -17,3 +17,20 @@ pub use lanes::{Eight, factorise_eight};
 
 /// Rows below the square block come in multiples of this.
 pub const PAD: usize = 8;
+
+/// All rows of a panel of so many values and columns, and those below the square block.
+///
+/// # Panics
+/// If there are no such rows, or those below are no multiple of `pad`.
+fn panel_rows(length: usize, columns: usize, pad: usize) -> [usize; 2] {
+    let rows = length / columns;
+    assert!(is_size(length, rows, columns), "panel");
+    let kept = rows.checked_sub(columns).expect("rows of the panel");
+    assert!(kept.is_multiple_of(pad), "rows below the square block");
+    [rows, kept]
+}
+
+/// Whether a matrix of this size has so many values.
+fn is_size(length: usize, rows: usize, columns: usize) -> bool {
+    rows.checked_mul(columns) == Some(length)
+}

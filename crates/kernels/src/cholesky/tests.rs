@@ -160,3 +160,27 @@ fn what_is_not_positive_definite_is_refused() {
         }
     }
 }
+
+#[test]
+fn lengths_that_do_not_go_together_are_refused() {
+    let panics =
+        |run: &(dyn Fn() + std::panic::RefUnwindSafe)| std::panic::catch_unwind(run).is_err();
+    let level = Level::Portable;
+    assert!(panics(&|| {
+        factorise(level, &mut [1.0; 7], 2, &mut []);
+    }));
+    assert!(panics(&|| {
+        factorise(level, &mut [1.0; 9], 1, &mut [0.0; 9]);
+    }));
+    assert!(panics(&|| {
+        factorise_eight(level, &mut [[1.0; 8]; 5], 1, &mut [[0.0; 8]; 15]);
+    }));
+    assert!(panics(&|| {
+        solve_rows(level, &[1.0; 9], 1, &mut [0.0; 8], &mut [0.0; 63]);
+    }));
+    let block = |values| Block { values, stride: 8 };
+    assert!(panics(&|| {
+        let short = block(&[0.0; 15]);
+        subtract_product(level, (&mut [0.0; 64], 8), [8, 8, 2], short, short);
+    }));
+}
