@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use image::RgbImage;
 use lsdc_core::DepthMap;
 use lsdc_core::bilinear::Taps;
-use lsdc_core::field::{Field, Grid, Observations};
+use lsdc_core::field::{Grid, Observed};
 
 /// Difference in colour (of 255 a channel) at which a weight is half. This and the next were chosen
 /// on training frames of NYU Depth v2.
@@ -49,14 +49,8 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         down: &joined(width, &|i| i + width >= width * height),
         level: 0.0,
     };
-    let seen = Observations {
-        taps: &taps,
-        weights: &vec![DATA; taps.len()],
-        columns: &depths,
-        count: 1,
-    };
-    let field = Field::new(&grid, &seen).ok_or(Error::Singular)?;
-    let values = field.extend(&[1.0]).0.into_iter().map(|v| v as f32);
+    let field = Observed::new(&grid, &taps, &vec![DATA; taps.len()]).ok_or(Error::Singular)?;
+    let values = field.extend(&depths).into_iter().map(|v| v as f32);
     Ok(DepthMap::new(width, height, values.collect())?)
 }
 

@@ -4,20 +4,24 @@ use crate::completer::Completer;
 use crate::completion::Completion;
 use crate::error::{FitError, Result};
 use crate::fit::{
-    Affinities, CosineBasis, FitMethod, ImageMoments, Points, Prior, PriorKind, Scene as Placed,
-    fit,
+    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Points, Prior, PriorKind,
+    Scene as Placed, dot, fit,
 };
 use crate::image::Image;
 use crate::network::Basis;
 use crate::observations::Observations;
 use crate::resize::resized;
 use crate::usable::Usable;
+use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// How much closer the weights are expected to be to those of the previous frame than to those of an
 /// arbitrary image, as a ratio of variances.
 const CLOSER: f64 = 10.0;
+
+/// Points whose basis functions are held in memory at once.
+const HELD: usize = 1 << 13;
 
 /// The basis functions and affinities of an image.
 ///
@@ -161,7 +165,8 @@ impl Scene {
         // On a thread of the pool, which need not be awaited for each step.
         let found = inner.completer.run(|| {
             rayon::scope(|_| {
-                let bases = inner.at(inner.size, &usable.places);
+                let few = config.method == FitMethod::Lse || usable.places.len() <= HELD;
+                let rows = few.then(|| inner.at(inner.size, &usable.places));
                 let affinities = match config.method {
                     FitMethod::Lse => None,
                     FitMethod::Field | FitMethod::Joint => Some(inner.affinities()?),
@@ -171,7 +176,8 @@ impl Scene {
                     affinities.prepare(config.joint.level, usable.places.len());
                 }
                 let (field, solving) = (factorising.elapsed(), Instant::now());
-                let points = inner.points(&bases, &usable, affinities);
+                let bases = rows.as_deref().map_or(Bases::Functions(inner), Bases::Rows);
+                let points = inner.points(bases, &usable, affinities);
                 Ok((fit(&points, &config, prior)?, field, solving.elapsed()))
             })
         });
@@ -206,7 +212,11 @@ impl Scene {
         let inner = &*self.0;
         let usable = Usable::new(observations, inner.size)?;
         let bases = inner.at(inner.size, &usable.places);
-        Ok(ImageMoments::new(&inner.points(&bases, &usable, None))?)
+        Ok(ImageMoments::new(&inner.points(
+            Bases::Rows(&bases),
+            &usable,
+            None,
+        ))?)
     }
 
     pub(crate) fn size(&self) -> (usize, usize) {
@@ -224,11 +234,7 @@ impl Scene {
 
     /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).
     pub(crate) fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        let Inner { basis, cosines, .. } = &*self.0;
-        let (network, smooth) = weights.split_at(weights.len().saturating_sub(cosines.len()));
-        let mut values = basis.combine(size, network);
-        cosines.add_to(size, smooth, &mut values);
-        values
+        self.0.combine(size, weights)
     }
 }
 
@@ -242,6 +248,13 @@ impl Inner {
         self.cosines.beside(&rows, before, size, places)
     }
 
+    fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
+        let (network, smooth) = weights.split_at(weights.len().saturating_sub(self.cosines.len()));
+        let mut values = self.basis.combine(size, network);
+        self.cosines.add_to(size, smooth, &mut values);
+        values
+    }
+
     fn affinities(&self) -> Result<&Affinities> {
         if let Some(affinities) = self.affinities.get() {
             return Ok(affinities);
@@ -253,7 +266,7 @@ impl Inner {
 
     fn points<'a>(
         &self,
-        bases: &'a [f32],
+        bases: Bases<'a>,
         usable: &'a Usable,
         affinities: Option<&'a Affinities>,
     ) -> Points<'a> {
@@ -265,6 +278,41 @@ impl Inner {
             places: Some(&usable.places),
             scene: affinities.map(|affinities| Placed { affinities, size }),
         }
+    }
+}
+
+impl Functions for Inner {
+    fn count(&self) -> usize {
+        self.at(self.size, &[[0.0; 2]]).len()
+    }
+
+    fn at(&self, places: &[[f64; 2]]) -> Vec<f32> {
+        self.at(self.size, places)
+    }
+
+    fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Vec<f64> {
+        let (height, width) = self.size;
+        let pixel = |&[u, v]: &[f64; 2]| {
+            let inside = u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64;
+            (inside && u.fract() == 0.0 && v.fract() == 0.0)
+                .then(|| v as usize * width + u as usize)
+        };
+        // All at the centres of pixels, as those of depth cameras are: read from the map of all pixels.
+        if let Some(pixels) = places.iter().map(pixel).collect::<Option<Vec<_>>>() {
+            let map = self.combine(self.size, weights);
+            return pixels
+                .into_iter()
+                .map(|pixel| f64::from(map[pixel]))
+                .collect();
+        }
+        let strips = places.par_chunks(HELD / 8).flat_map_iter(|places| {
+            let rows = self.at(self.size, places);
+            let values = rows
+                .chunks_exact(weights.len().max(1))
+                .map(|row| dot(row, weights));
+            values.collect::<Vec<_>>()
+        });
+        strips.collect()
     }
 }
 

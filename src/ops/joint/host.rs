@@ -4,7 +4,7 @@ use super::{Inner, Scenes};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata as _};
 use burn::tensor::{TensorData, try_read_sync};
-use lsdc_core::field::Grid;
+use lsdc_core::field::{FieldPrior, Grid};
 use lsdc_core::fit::Adjoint;
 use rayon::prelude::*;
 
@@ -24,25 +24,30 @@ pub(super) fn forward<B: Backend>(
         .chunks_exact((2 * height * width).max(1))
         .map(|pairs| [0, 1].map(|way| pairs.iter().skip(way).step_by(2).copied().collect()))
         .collect();
-    let solve = |problem: usize| {
-        let [right, down] = &joins[problem % images];
-        let grid = Grid {
+    let grids: Vec<Grid<'_>> = joins
+        .iter()
+        .map(|[right, down]| Grid {
             height,
             width,
             right,
             down,
             level: config.level,
-        };
+        })
+        .collect();
+    let priors: Vec<Option<FieldPrior>> = grids.par_iter().map(FieldPrior::new).collect();
+    let solve = |problem: usize| {
+        let image = problem % images;
         let first = problem * points;
         let rows: Vec<usize> = (0..points).filter(|i| draws[first + i] > 0.0).collect();
-        let at = &pixels[problem % images];
+        let at = &pixels[image];
         let pixels = rows.iter().map(|&i| at[i]).collect();
         let mut values = Vec::with_capacity(rows.len() * (k + 1));
         for i in &rows {
             values.extend_from_slice(&bases[(first + i) * k..][..k]);
             values.push(depths[first + i]);
         }
-        Adjoint::solve(grid, (rows, points), pixels, values, *config)
+        let field = (grids[image], priors[image].as_ref());
+        Adjoint::solve(field, (rows, points), pixels, values, *config)
     };
     let solved: Vec<Option<Adjoint>> = (0..problems).into_par_iter().map(solve).collect();
     let length = k + height * width;

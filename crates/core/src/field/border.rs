@@ -8,8 +8,11 @@
 
 use super::factor::{Factor, both};
 use super::plan::{FORK, Half, Home};
+use super::sweep::Rows;
 use crate::bilinear::Taps;
-use lsdc_kernels::cholesky::{Block, Eight, PAD, solve_rows, subtract_product};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+use lsdc_kernels::cholesky::{Block, PAD, solve_rows, subtract_product};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -141,6 +144,80 @@ impl Border {
             }
         }
         all
+    }
+
+    /// `W' V`, where V are the rows of another border of the same factor: `[own positions, other positions]`.
+    /// `more` and `others` are further rows of W and V.
+    pub(super) fn across(&self, more: &[Strip], other: &Self, others: &[Strip]) -> Mat<f64> {
+        let (rows, columns) = (self.order.len(), other.order.len());
+        let mut all = vec![0.0; rows * columns];
+        let chunks = all.par_chunks_mut((STRIP * rows).max(1)).enumerate();
+        chunks.for_each(|(i, chunk)| {
+            let width = chunk.len() / rows.max(1);
+            let mut chunk = MatMut::from_column_major_slice_mut(chunk, rows, width);
+            let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
+            let other = other.lines.iter().map(Vec::as_slice).chain([others]);
+            for (lefts, rights) in lists.zip(other) {
+                let Some(right) = rights.iter().find(|s| s.first / STRIP == i) else {
+                    continue;
+                };
+                let start = right.first - i * STRIP;
+                for left in lefts {
+                    let (height, width) = (
+                        left.rows.min(rows - left.first),
+                        right.rows.min(width - start),
+                    );
+                    matmul(
+                        chunk
+                            .as_mut()
+                            .submatrix_mut(left.first, start, height, width),
+                        Accum::Add,
+                        left.matrix().subrows(0, height),
+                        right.matrix().subrows(0, width).transpose(),
+                        1.0,
+                        Par::Seq,
+                    );
+                }
+            }
+        });
+        let mut all = Mat::from_fn(rows, columns, |i, j| all[j * rows + i]);
+        let mut of_tiles: HashMap<usize, &TileRows> = HashMap::new();
+        of_tiles.extend(self.tiles.iter().map(|rows| (rows.tile, rows)));
+        for right in &other.tiles {
+            let Some(left) = of_tiles.get(&right.tile) else {
+                continue;
+            };
+            let pixels = right.values.len() / right.positions.len().max(1);
+            for (j, one) in right
+                .positions
+                .clone()
+                .zip(right.values.chunks_exact(pixels))
+            {
+                for (i, two) in left.positions.clone().zip(left.values.chunks_exact(pixels)) {
+                    all[(i, j)] += dot(one, two);
+                }
+            }
+        }
+        all
+    }
+
+    /// The diagonal of `W' W`. `more` are further rows of W.
+    pub(super) fn squares(&self, more: &[Strip]) -> Vec<f64> {
+        let mut squares = vec![0.0; self.order.len()];
+        for strip in self.lines.iter().flatten().chain(more) {
+            for column in strip.values.chunks_exact(strip.rows) {
+                let sums = squares[strip.first..].iter_mut().zip(column);
+                sums.for_each(|(sum, value)| *sum += value * value);
+            }
+        }
+        for rows in &self.tiles {
+            let pixels = rows.values.len() / rows.positions.len().max(1);
+            let lists = rows.values.chunks_exact(pixels);
+            for (position, list) in rows.positions.clone().zip(lists) {
+                squares[position] += dot(list, list);
+            }
+        }
+        squares
     }
 
     /// Adds `W x` to values in the order of pixels.
@@ -303,6 +380,11 @@ impl Front {
 }
 
 impl Strip {
+    fn matrix(&self) -> MatRef<'_, f64> {
+        let columns = self.values.len() / self.rows;
+        MatRef::from_column_major_slice(&self.values, self.rows, columns)
+    }
+
     fn block(&self) -> Block<'_> {
         Block {
             values: &self.values,
@@ -376,13 +458,13 @@ fn tile_rows(
             .collect();
         let most = found.iter().map(|rows| rows.positions.len()).max();
         let columns = &factor.tiles[batch.factor..][..program.length];
-        let mut x: Vec<Eight> = vec![[0.0; 8]; pixels + program.ring.len()];
+        let mut x: Vec<Rows<1>> = vec![[[0.0]; 8]; pixels + program.ring.len()];
         for round in 0..most.unwrap_or(0) {
-            x.fill([0.0; 8]);
+            x.fill([[0.0]; 8]);
             for (lane, rows) in found.iter().enumerate() {
                 let own = on_tiles[rows.tile].iter();
                 let own = own.filter(|(position, ..)| *position == rows.positions.start + round);
-                own.for_each(|&(_, at, share)| x[at][lane] += share);
+                own.for_each(|&(_, at, share)| x[at][lane][0] += share);
             }
             factor.level.vectorised(
                 #[inline(always)]
@@ -391,9 +473,9 @@ fn tile_rows(
             for (lane, rows) in found.iter_mut().enumerate() {
                 if round < rows.positions.len() {
                     let (own, ring) = x.split_at(pixels);
-                    let at = |list: &[Eight], target: &mut [f64]| {
+                    let at = |list: &[Rows<1>], target: &mut [f64]| {
                         let target = target.iter_mut().zip(list);
-                        target.for_each(|(target, value)| *target = value[lane]);
+                        target.for_each(|(target, value)| [*target] = value[lane]);
                     };
                     at(own, &mut rows.values[round * pixels..][..pixels]);
                     let count = ring.len();
@@ -405,4 +487,8 @@ fn tile_rows(
         found
     });
     found.collect::<Vec<_>>().into_iter().flatten().collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -8,7 +8,8 @@
 
 use super::border::{Border, STRIP, Strip};
 use super::factor::Factor;
-use super::{Observations, Spread};
+use super::{FieldPrior, Observations};
+use crate::bilinear::Taps;
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
@@ -19,9 +20,9 @@ use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// A field with observations.
+/// A field with few observations: from the factor of the equations without them.
 #[derive(Debug)]
-pub(super) struct Kriged {
+pub struct Kriged {
     factor: Arc<Factor>,
     border: Border,
     /// The Cholesky factor of C at the positions of the border, padded, column by column.
@@ -40,12 +41,19 @@ pub(super) struct Kriged {
 const TOGETHER: usize = 33;
 
 impl Kriged {
-    /// The last columns but one are functions that are part of the field, as many as there are ridges.
-    pub(super) fn new(
-        factor: Arc<Factor>,
-        seen: &Observations<'_>,
-        ridges: &[f64],
-    ) -> Option<Self> {
+    /// Adds observations to a field. Columns before the last one may be functions that are part of the field,
+    /// with a penalty on the square of the weight of each: its ridge. `None` if values are not finite, a weight is
+    /// not above 0, or there is no observation.
+    ///
+    /// # Panics
+    /// If lengths do not match or a pixel is outside the grid.
+    pub fn new(prior: &FieldPrior, seen: &Observations<'_>, ridges: &[f64]) -> Option<Self> {
+        seen.check();
+        assert!(ridges.len() < seen.count, "columns");
+        if seen.taps.is_empty() {
+            return None;
+        }
+        let factor = prior.0.clone();
         let border = Border::new(&factor, seen.taps);
         let n = border.order.len();
         let free = seen.count - ridges.len() - 1;
@@ -54,8 +62,7 @@ impl Kriged {
         let columns = Mat::from_fn(n, free + 1, |i, j| {
             row(i)[if j < free { j } else { seen.count - 1 }]
         });
-        let scales: Vec<f64> = ridges.iter().map(|ridge| ridge.sqrt().recip()).collect();
-        let functions = strips_of(n, &scales, |i, j| row(i)[free + j]);
+        let functions = strips_of(n, &scales(ridges), |i, j| row(i)[free + j]);
         let mut lower = border.covariance(&factor, &functions);
         let weights: Vec<f64> = border.order.iter().map(|&i| seen.weights[i]).collect();
         let size = n.next_multiple_of(PAD);
@@ -82,12 +89,10 @@ impl Kriged {
         })
     }
 
-    pub(super) fn moments(&self) -> &Mat<f64> {
+    /// `columns^T C^-1 columns` (lower half) for the columns that are not part of the field, where C is the
+    /// covariance of the targets: for targets `columns x`, the minimum of the sum over y is `x^T moments x`.
+    pub fn moments(&self) -> &Mat<f64> {
         &self.moments
-    }
-
-    pub(super) fn functions(&self) -> usize {
-        self.ridges.len()
     }
 
     fn triangle(&self) -> MatRef<'_, f64> {
@@ -101,48 +106,87 @@ impl Kriged {
         solve_upper_triangular_in_place(lower.transpose(), targets, Par::Seq);
     }
 
-    /// Variances and responses at the observations. The field there is `t - A^-1 C^-1 t`, and its covariance
+    /// The variance of the field at each observation, given the targets: the diagonal of
     /// `A^-1 - A^-1 C^-1 A^-1`.
-    pub(super) fn spread(&self, combinations: MatRef<'_, f64>) -> Spread {
+    pub fn variances(&self) -> Vec<f64> {
         let n = self.weights.len();
         let lower = self.triangle();
         let mut inverse = Mat::<f64>::identity(n, n);
         let parts = column_chunks(inverse.as_mut()).into_par_iter();
         parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
-        let variance = |i: usize| {
+        let mut variances = vec![0.0; n];
+        for (i, &at) in self.border.order.iter().enumerate() {
             let own = self.weights[i].recip();
-            own * (1.0 - own * inverse.col(i).squared_norm_l2())
-        };
-        let variances = (0..n).map(variance).collect();
-        let mut responses = Mat::<f64>::zeros(n, combinations.ncols());
-        let parts = column_chunks(responses.as_mut()).into_par_iter();
+            variances[at] = own * (1.0 - own * inverse.col(i).squared_norm_l2());
+        }
+        variances
+    }
+
+    /// The field at each observation with each combination t of the columns as targets, which is
+    /// `t - A^-1 C^-1 t`: `[observations, combinations]` from `[columns, combinations]`.
+    pub fn responses(&self, combinations: MatRef<'_, f64>) -> Mat<f64> {
+        let n = self.weights.len();
+        let mut found = Mat::<f64>::zeros(n, combinations.ncols());
+        let parts = column_chunks(found.as_mut()).into_par_iter();
         parts.enumerate().for_each(|(k, mut part)| {
             let own = combinations.subcols(k * TOGETHER, part.ncols());
-            part.copy_from(&self.columns * own);
-            let targets = part.to_owned();
-            self.pull(part.as_mut());
+            let targets = &self.columns * own;
+            let mut pull = targets.clone();
+            self.pull(pull.as_mut());
             for j in 0..part.ncols() {
-                for i in 0..n {
-                    part[(i, j)] = targets[(i, j)] - part[(i, j)] / self.weights[i];
+                for (i, &at) in self.border.order.iter().enumerate() {
+                    part[(at, j)] = targets[(i, j)] - pull[(i, j)] / self.weights[i];
                 }
             }
         });
-        Spread {
-            places: self.border.order.iter().map(|&i| i as u32).collect(),
-            variances,
-            responses,
-        }
+        found
     }
 
-    /// The field without the functions that are part of it, and the weights of these.
-    pub(super) fn extend(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    /// The field and the functions that are part of it at other positions, given the targets: their variances, and
+    /// their values with each combination of the columns as targets, `[positions, combinations]` from
+    /// `[columns, combinations]`. `functions [positions, functions]` are the values of the functions, row by row.
+    ///
+    /// # Panics
+    /// If lengths do not match or a pixel is outside the grid.
+    pub fn at(
+        &self,
+        taps: &[Taps],
+        functions: &[f64],
+        combinations: MatRef<'_, f64>,
+    ) -> (Vec<f64>, Mat<f64>) {
+        let count = self.ridges.len();
+        assert_eq!(functions.len(), taps.len() * count, "functions");
+        let other = Border::new(&self.factor, taps);
+        let value = |i: usize, j: usize| functions[other.order[i] * count + j];
+        let more = strips_of(taps.len(), &scales(&self.ridges), value);
+        let mut across = self.border.across(&self.functions, &other, &more);
+        let squares = other.squares(&more);
+        let mut targets = &self.columns * combinations;
+        let lower = self.triangle();
+        for matrix in [&mut across, &mut targets] {
+            let parts = column_chunks(matrix.as_mut()).into_par_iter();
+            parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
+        }
+        let found = across.transpose() * targets;
+        let mut variances = vec![0.0; taps.len()];
+        let mut values = Mat::zeros(taps.len(), combinations.ncols());
+        for (i, &at) in other.order.iter().enumerate() {
+            // Rounding may leave less than nothing.
+            variances[at] = (squares[i] - across.col(i).squared_norm_l2()).max(0.0);
+            values.row_mut(at).copy_from(found.row(i));
+        }
+        (variances, values)
+    }
+
+    /// The field for targets `columns x`, less the functions that are part of it, and the weights of these.
+    pub fn extend(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let x = MatRef::from_column_major_slice(x, x.len(), 1);
         let mut pull = &self.columns * x;
         self.pull(pull.as_mut());
         let pull = pull.col_as_slice(0);
         let mut values = vec![0.0; self.factor.plan.len()];
         self.border.add_to(&self.factor, pull, &mut values);
-        self.factor.backward(&mut values);
+        self.factor.backward(values.as_chunks_mut::<1>().0);
         let mut weights = vec![0.0; self.ridges.len()];
         for strip in &self.functions {
             strip.add_products(pull, &mut weights);
@@ -152,17 +196,23 @@ impl Kriged {
         (values, weights)
     }
 
-    pub(super) fn solve(&self, right: &[f64]) -> Vec<f64> {
+    /// The solution of the equations for y, for a right-hand side at every pixel.
+    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let mut values = right.to_vec();
-        self.factor.forward(&mut values);
+        self.factor.forward(values.as_chunks_mut::<1>().0);
         let products = self.border.products(&self.factor, &values);
         let mut pull = Mat::from_fn(products.len(), 1, |i, _| -products[i]);
         self.pull(pull.as_mut());
         self.border
             .add_to(&self.factor, pull.col_as_slice(0), &mut values);
-        self.factor.backward(&mut values);
+        self.factor.backward(values.as_chunks_mut::<1>().0);
         values
     }
+}
+
+/// `R^-1/2`.
+fn scales(ridges: &[f64]) -> Vec<f64> {
+    ridges.iter().map(|ridge| ridge.sqrt().recip()).collect()
 }
 
 /// Scaled rows of functions, by strips of `n` observations.

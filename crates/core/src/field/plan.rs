@@ -1,12 +1,12 @@
 //! The order in which the pixels of a grid are eliminated, and where every number goes: all that depends on the
-//! size of the grid alone.
+//! size of the grid, and on which pixels are joined, alone.
 //!
 //! Lines one pixel wide cut the grid into tiles. The tiles are eliminated first, then the lines between them, in
 //! the order of nested dissection (George 1973): the line that separates two halves after both.
 
 use super::factor::Pool;
 use super::runs::{Run, runs};
-use super::stencil::{Entry, NEIGHBOURS, padded};
+use super::stencil::{Entry, Neighbours, padded};
 use super::tile::Program;
 use lsdc_kernels::cholesky::PAD;
 use std::collections::HashMap;
@@ -113,6 +113,7 @@ pub(super) struct Lengths {
 pub(crate) struct Plan {
     pub(super) height: usize,
     pub(super) width: usize,
+    neighbours: Neighbours,
     pub(super) programs: Vec<Program>,
     pub(super) tiles: Vec<Tile>,
     pub(super) batches: Vec<Batch>,
@@ -153,17 +154,18 @@ struct Cutter {
 
 impl Plan {
     /// The plan of a size, made once for the last few sizes.
-    pub(super) fn of(height: usize, width: usize) -> Arc<Self> {
+    pub(super) fn of(height: usize, width: usize, neighbours: Neighbours) -> Arc<Self> {
         /// How many plans are kept.
-        const KEPT: usize = 2;
+        const KEPT: usize = 4;
         static PLANS: Mutex<Vec<Arc<Plan>>> = Mutex::new(Vec::new());
-        let same = |plan: &Arc<Self>| (plan.height, plan.width) == (height, width);
+        let key = (height, width, neighbours);
+        let same = |plan: &Arc<Self>| (plan.height, plan.width, plan.neighbours) == key;
         let lock = || PLANS.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = {
             let mut plans = lock();
             plans.iter().position(same).map(|at| plans.remove(at))
         };
-        let plan = kept.unwrap_or_else(|| Arc::new(Self::new(height, width)));
+        let plan = kept.unwrap_or_else(|| Arc::new(Self::new(height, width, neighbours)));
         let mut plans = lock();
         if !plans.iter().any(same) {
             plans.insert(0, plan.clone());
@@ -172,7 +174,7 @@ impl Plan {
         plan
     }
 
-    pub(super) fn new(height: usize, width: usize) -> Self {
+    pub(super) fn new(height: usize, width: usize, neighbours: Neighbours) -> Self {
         let (across, down) = (spans(width), spans(height));
         let mut shapes = HashMap::new();
         let mut programs = Vec::new();
@@ -181,7 +183,7 @@ impl Plan {
         for &[top, height] in &down {
             for &[left, width] in &across {
                 let program = *shapes.entry((width, height)).or_insert_with(|| {
-                    programs.push(Program::new(width, height));
+                    programs.push(Program::new(width, height, neighbours));
                     members.push(Vec::new());
                     programs.len() - 1
                 });
@@ -225,6 +227,7 @@ impl Plan {
             plan: Self {
                 height,
                 width,
+                neighbours,
                 programs,
                 tiles,
                 batches,
@@ -331,7 +334,10 @@ impl Cutter {
         let ends = x.clone().flat_map(|u| [(u, y.start - 1), (u, y.end)]);
         let size = [width as i64, self.plan.height as i64];
         let inside = |&(u, v): &(i64, i64)| (0..size[0]).contains(&u) && (0..size[1]).contains(&v);
-        let around = sides.chain(ends).filter(inside);
+        let corners = [x.start - 1, x.end].map(|u| [y.start - 1, y.end].map(|v| (u, v)));
+        let eight = self.plan.neighbours == Neighbours::Eight;
+        let corners = corners.into_iter().flatten().filter(|_| eight);
+        let around = sides.chain(ends).chain(corners).filter(inside);
         self.plan.lines.push(Line {
             own,
             kept: around.map(|(u, v)| (v * size[0] + u) as u32).collect(),
@@ -364,11 +370,11 @@ impl Cutter {
             let (x, y) = (pixel as usize % width, pixel as usize / width);
             let mut add = |row: usize, entry, dx: i32, dy: i32| {
                 let (x, y) = (x as i64 + i64::from(dx), y as i64 + i64::from(dy));
-                let place = padded(width + 2, x as usize, y as usize);
+                let place = padded(width, x as usize, y as usize);
                 entries.push((row as u32, column as u32, entry, place as u32));
             };
             add(column, Entry::Own, 0, 0);
-            for ([dx, dy], entry, [ex, ey]) in NEIGHBOURS {
+            for &([dx, dy], entry, [ex, ey]) in plan.neighbours.list() {
                 let (u, v) = (x as i64 + i64::from(dx), y as i64 + i64::from(dy));
                 if !(0..width as i64).contains(&u) || !(0..plan.height as i64).contains(&v) {
                     continue;

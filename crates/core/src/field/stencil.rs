@@ -1,7 +1,17 @@
-//! The equations of a field as a matrix: each pixel with itself and its four neighbours.
+//! A symmetric matrix that joins the pixels of a grid to their neighbours: the equations of a field.
 
 use super::Grid;
+use crate::bilinear::Taps;
 use rayon::prelude::*;
+
+/// The neighbours that a pixel is joined to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Neighbours {
+    /// Those that share a side, as in the equations without observations.
+    Four,
+    /// Those that share a side or a corner, as observations between pixels join them.
+    Eight,
+}
 
 /// Which entry of the matrix: of a pixel with itself, or with a later neighbour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -9,23 +19,34 @@ pub(super) enum Entry {
     Own,
     Right,
     Down,
+    DownRight,
+    DownLeft,
 }
 
-/// A symmetric matrix over the pixels of a grid. Each kind of entry is a map with a border of zeros, so that
-/// what lies outside needs no test.
+/// The entries of a matrix. Those of each kind are a map with a border of zeros, so that what lies outside
+/// needs no test.
 #[derive(Clone, Debug)]
 pub(super) struct Stencil {
-    stride: usize,
-    entries: [Vec<f64>; 3],
+    width: usize,
+    entries: [Vec<f64>; 5],
 }
 
 impl Stencil {
+    /// A matrix of zeros.
+    pub(super) fn zeros(height: usize, width: usize) -> Self {
+        let length = (width + 2) * (height + 2);
+        Self {
+            width,
+            entries: std::array::from_fn(|_| vec![0.0; length]),
+        }
+    }
+
     /// The equations without observations.
     pub(super) fn new(grid: &Grid<'_>) -> Self {
         let (height, width) = (grid.height, grid.width);
+        let mut matrix = Self::zeros(height, width);
         let stride = width + 2;
-        let mut entries: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; stride * (height + 2)]);
-        let [own, right, down] = &mut entries;
+        let [own, right, down, ..] = &mut matrix.entries;
         // Affinities with the pixels after and before.
         let after = |map: &[f64], at: usize, inside: bool| if inside { map[at] } else { 0.0 };
         rows(right, stride, height).for_each(|(y, row)| {
@@ -46,21 +67,70 @@ impl Stencil {
                 *value = grid.level - up - low - beside[x] - beside[x + 1];
             }
         });
-        Self { stride, entries }
+        matrix
+    }
+
+    /// Adds `weight s s'` for a position that the taps s interpolate.
+    pub(super) fn observe(&mut self, taps: &Taps, weight: f64) {
+        for (one, share) in taps.iter() {
+            for (other, across) in taps.iter().filter(|(other, _)| *other >= one) {
+                let (entry, place) = self.pair(one, other);
+                self.entries[entry as usize][place] += weight * share * across;
+            }
+        }
+    }
+
+    /// `s' M s` for a position that the taps s interpolate.
+    pub(super) fn at(&self, taps: &Taps) -> f64 {
+        let mut sum = 0.0;
+        for (one, share) in taps.iter() {
+            for (other, across) in taps.iter() {
+                let (entry, place) = self.pair(one.min(other), one.max(other));
+                sum += share * across * self.entries[entry as usize][place];
+            }
+        }
+        sum
+    }
+
+    /// The entry of a pixel with itself or a later neighbour.
+    fn pair(&self, one: u32, other: u32) -> (Entry, usize) {
+        let place = |pixel: u32| (pixel as usize % self.width, pixel as usize / self.width);
+        let ((x, y), (u, v)) = (place(one), place(other));
+        let entry = match (u as i64 - x as i64, v - y) {
+            (0, 0) => Entry::Own,
+            (1, 0) => Entry::Right,
+            (0, _) => Entry::Down,
+            (1, _) => Entry::DownRight,
+            _ => Entry::DownLeft,
+        };
+        (entry, self.place(x, y))
+    }
+
+    /// The entries of the pixels with themselves, row by row.
+    pub(super) fn diagonal(&self) -> Vec<f64> {
+        let own = &self.entries[Entry::Own as usize];
+        let rows = own.chunks_exact(self.width + 2);
+        let inside = rows.clone().count().saturating_sub(2);
+        let rows = rows.skip(1).take(inside);
+        rows.flat_map(|row| &row[1..=self.width]).copied().collect()
     }
 
     /// Where a pixel is in each map.
     pub(super) fn place(&self, x: usize, y: usize) -> usize {
-        padded(self.stride, x, y)
+        padded(self.width, x, y)
     }
 
     /// From a pixel to another in each map.
     pub(super) fn offset(&self, x: i32, y: i32) -> isize {
-        y as isize * self.stride as isize + x as isize
+        y as isize * (self.width + 2) as isize + x as isize
     }
 
     pub(super) fn map(&self, entry: Entry) -> &[f64] {
         &self.entries[entry as usize]
+    }
+
+    pub(super) fn map_mut(&mut self, entry: Entry) -> &mut [f64] {
+        &mut self.entries[entry as usize]
     }
 
     pub(super) fn get(&self, entry: Entry, place: usize) -> f64 {
@@ -78,15 +148,30 @@ fn rows(
     rows.take(height).enumerate()
 }
 
-/// Where a pixel is in a map with a border.
-pub(super) fn padded(stride: usize, x: usize, y: usize) -> usize {
-    (y + 1) * stride + x + 1
+/// Where a pixel is in a map with a border of a grid of some width.
+pub(super) fn padded(width: usize, x: usize, y: usize) -> usize {
+    (y + 1) * (width + 2) + x + 1
 }
 
-/// The neighbours of a pixel: their offsets, which entry joins them, and the offset of the pixel that holds it.
-pub(super) const NEIGHBOURS: [([i32; 2], Entry, [i32; 2]); 4] = [
-    ([-1, 0], Entry::Right, [-1, 0]),
-    ([1, 0], Entry::Right, [0, 0]),
-    ([0, -1], Entry::Down, [0, -1]),
-    ([0, 1], Entry::Down, [0, 0]),
-];
+/// A neighbour of a pixel: its offset, which entry joins them, and the offset of the pixel that holds it.
+pub(super) type Neighbour = ([i32; 2], Entry, [i32; 2]);
+
+impl Neighbours {
+    /// The neighbours of a pixel.
+    pub(super) fn list(self) -> &'static [Neighbour] {
+        const ALL: [Neighbour; 8] = [
+            ([-1, 0], Entry::Right, [-1, 0]),
+            ([1, 0], Entry::Right, [0, 0]),
+            ([0, -1], Entry::Down, [0, -1]),
+            ([0, 1], Entry::Down, [0, 0]),
+            ([-1, -1], Entry::DownRight, [-1, -1]),
+            ([1, 1], Entry::DownRight, [0, 0]),
+            ([1, -1], Entry::DownLeft, [1, -1]),
+            ([-1, 1], Entry::DownLeft, [0, 0]),
+        ];
+        match self {
+            Self::Four => &ALL[..4],
+            Self::Eight => &ALL,
+        }
+    }
+}

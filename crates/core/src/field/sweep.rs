@@ -1,4 +1,4 @@
-//! Forward and backward substitution.
+//! Forward and backward substitution, for one column or a few side by side.
 
 use super::factor::{Factor, both};
 use super::plan::{FORK, Half, Line};
@@ -6,15 +6,21 @@ use super::tile::{Program, Step};
 use lsdc_kernels::cholesky::Eight;
 use rayon::prelude::*;
 
+/// Values of `B` columns.
+pub(super) type Row<const B: usize> = [f64; B];
+
+/// Rows of eight tiles.
+pub(super) type Rows<const B: usize> = [Row<B>; 8];
+
 impl Factor {
     /// `L^-1 values`, in place: each value of the result stands at the pixel that its column eliminates.
-    pub(super) fn forward(&self, values: &mut [f64]) {
+    pub(super) fn forward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
         let batches = plan.batches.par_iter();
-        let swept: Vec<Vec<Eight>> = batches
+        let swept: Vec<Vec<Rows<B>>> = batches
             .map(|batch| {
                 let program = &plan.programs[batch.program];
-                let mut x = self.gathered(batch.tiles.as_slice(), program, values);
+                let mut x = self.gathered(&batch.tiles, program, values);
                 let factor = &self.tiles[batch.factor..][..program.length];
                 self.level.vectorised(
                     #[inline(always)]
@@ -32,7 +38,7 @@ impl Factor {
     }
 
     /// `L'^-1 values`, in place.
-    pub(super) fn backward(&self, values: &mut [f64]) {
+    pub(super) fn backward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
         if let Half::Line(root) = plan.root {
             let mut packed = self.packed(values);
@@ -40,15 +46,15 @@ impl Factor {
             self.unpack(&packed, values);
         }
         let batches = plan.batches.par_iter();
-        let known: &[f64] = values;
-        let swept: Vec<Vec<Eight>> = batches
+        let known: &[Row<B>] = values;
+        let swept: Vec<Vec<Rows<B>>> = batches
             .map(|batch| {
                 let program = &plan.programs[batch.program];
                 let mut x = self.gathered(&batch.tiles, program, known);
                 for (lane, &tile) in batch.tiles.iter().enumerate() {
                     let ring = x[program.order.len()..].iter_mut().zip(plan.ring(tile));
                     ring.for_each(|(value, pixel)| {
-                        value[lane] = pixel.map_or(0.0, |pixel| known[pixel as usize]);
+                        value[lane] = pixel.map_or([0.0; B], |pixel| known[pixel as usize]);
                     });
                 }
                 let factor = &self.tiles[batch.factor..][..program.length];
@@ -63,9 +69,14 @@ impl Factor {
     }
 
     /// The values of the pixels of up to eight tiles, followed by zeros for their rings.
-    fn gathered(&self, tiles: &[usize], program: &Program, values: &[f64]) -> Vec<Eight> {
+    fn gathered<const B: usize>(
+        &self,
+        tiles: &[usize],
+        program: &Program,
+        values: &[Row<B>],
+    ) -> Vec<Rows<B>> {
         let width = self.plan.width;
-        let mut x = vec![[0.0; 8]; program.order.len() + program.ring.len()];
+        let mut x = vec![[[0.0; B]; 8]; program.order.len() + program.ring.len()];
         for (lane, &tile) in tiles.iter().enumerate() {
             let tile = &self.plan.tiles[tile];
             for (x, &(u, v)) in x.iter_mut().zip(&program.order) {
@@ -75,7 +86,7 @@ impl Factor {
         x
     }
 
-    fn scatter(&self, swept: &[Vec<Eight>], values: &mut [f64]) {
+    fn scatter<const B: usize>(&self, swept: &[Vec<Rows<B>>], values: &mut [Row<B>]) {
         let (plan, width) = (&*self.plan, self.plan.width);
         for (batch, x) in plan.batches.iter().zip(swept) {
             let program = &plan.programs[batch.program];
@@ -89,12 +100,12 @@ impl Factor {
     }
 
     /// The values of the pixels of lines, in the order of these.
-    fn packed(&self, values: &[f64]) -> Vec<f64> {
+    fn packed<const B: usize>(&self, values: &[Row<B>]) -> Vec<Row<B>> {
         let pixels = self.plan.lines.iter().flat_map(|line| &line.own);
         pixels.map(|&pixel| values[pixel as usize]).collect()
     }
 
-    fn unpack(&self, packed: &[f64], values: &mut [f64]) {
+    fn unpack<const B: usize>(&self, packed: &[Row<B>], values: &mut [Row<B>]) {
         let pixels = self.plan.lines.iter().flat_map(|line| &line.own);
         for (&pixel, value) in pixels.zip(packed) {
             values[pixel as usize] = *value;
@@ -103,11 +114,17 @@ impl Factor {
 
     /// Substitutes forward up to a line, and returns what that adds to the variables that it keeps. `packed`
     /// holds the values of its lines from `base` on.
-    fn climb(&self, at: usize, packed: &mut [f64], base: usize, swept: &[Vec<Eight>]) -> Vec<f64> {
+    fn climb<const B: usize>(
+        &self,
+        at: usize,
+        packed: &mut [Row<B>],
+        base: usize,
+        swept: &[Vec<Rows<B>>],
+    ) -> Vec<Row<B>> {
         let plan = &*self.plan;
         let line = &plan.lines[at];
         let (below, own) = packed.split_at_mut(line.first - base);
-        let mut values = vec![0.0; line.rows];
+        let mut values = vec![[0.0; B]; line.rows];
         values[..line.own.len()].copy_from_slice(&own[..line.own.len()]);
         let added = if let [Half::Line(one), Half::Line(two)] = line.halves {
             let split = plan.lines[one].first + plan.lines[one].own.len() - base;
@@ -132,7 +149,8 @@ impl Factor {
         for (added, places) in added.iter().zip(&line.places) {
             for (value, place) in added.iter().zip(places) {
                 if let Some(place) = place {
-                    values[*place as usize] += value;
+                    let sum = values[*place as usize].iter_mut().zip(value);
+                    sum.for_each(|(sum, value)| *sum += value);
                 }
             }
         }
@@ -141,10 +159,14 @@ impl Factor {
             #[inline(always)]
             || {
                 for (j, column) in columns.enumerate() {
-                    let value = values[j] / column[j];
+                    let value = values[j].map(|value| value / column[j]);
                     values[j] = value;
                     let later = values[j + 1..].iter_mut().zip(&column[j + 1..]);
-                    later.for_each(|(other, factor)| *other -= factor * value);
+                    later.for_each(|(other, factor)| {
+                        for b in 0..B {
+                            other[b] -= factor * value[b];
+                        }
+                    });
                 }
             },
         );
@@ -155,12 +177,18 @@ impl Factor {
     }
 
     /// Substitutes backward from a line down; `known` are the values that it keeps.
-    fn descend(&self, at: usize, packed: &mut [f64], base: usize, known: &[f64]) {
+    fn descend<const B: usize>(
+        &self,
+        at: usize,
+        packed: &mut [Row<B>],
+        base: usize,
+        known: &[Row<B>],
+    ) {
         let plan = &*self.plan;
         let line = &plan.lines[at];
         let (below, own) = packed.split_at_mut(line.first - base);
         let own = &mut own[..line.own.len()];
-        let mut values = vec![0.0; line.rows];
+        let mut values = vec![[0.0; B]; line.rows];
         values[..own.len()].copy_from_slice(own);
         values[own.len()..][..known.len()].copy_from_slice(known);
         let columns = self.columns(line);
@@ -169,8 +197,10 @@ impl Factor {
             || {
                 for j in (0..line.own.len()).rev() {
                     let column = &columns[j * line.rows..][..line.rows];
-                    let rest = dot(&column[j + 1..], &values[j + 1..]);
-                    values[j] = (values[j] - rest) / column[j];
+                    let rest = products(&column[j + 1..], &values[j + 1..]);
+                    for b in 0..B {
+                        values[j][b] = (values[j][b] - rest[b]) / column[j];
+                    }
                 }
             },
         );
@@ -196,22 +226,22 @@ impl Factor {
 }
 
 /// The values that a half of a line keeps, from those of its front.
-fn kept(line: &Line, half: usize, values: &[f64]) -> Vec<f64> {
+fn kept<const B: usize>(line: &Line, half: usize, values: &[Row<B>]) -> Vec<Row<B>> {
     let places = line.places[half].iter();
     places
-        .map(|place| place.map_or(0.0, |place| values[place as usize]))
+        .map(|place| place.map_or([0.0; B], |place| values[place as usize]))
         .collect()
 }
 
 impl Program {
     /// `x` are the values of the tile's pixels and what is added to its ring.
     #[inline(always)]
-    pub(super) fn forward(&self, factor: &[Eight], x: &mut [Eight]) {
+    pub(super) fn forward<const B: usize>(&self, factor: &[Eight], x: &mut [Rows<B>]) {
         for step in &self.steps {
             for j in 0..step.count {
                 let column = step.column(factor, j);
                 let mut value = x[step.first + j];
-                value.iter_mut().zip(&column[j]).for_each(|(v, c)| *v /= c);
+                divide(&mut value, &column[j]);
                 x[step.first + j] = value;
                 for (i, factor) in column.iter().enumerate().take(step.count).skip(j + 1) {
                     subtract(&mut x[step.first + i], factor, &value);
@@ -225,7 +255,7 @@ impl Program {
 
     /// `x` are the values of the tile's pixels and those of its ring.
     #[inline(always)]
-    fn backward(&self, factor: &[Eight], x: &mut [Eight]) {
+    fn backward<const B: usize>(&self, factor: &[Eight], x: &mut [Rows<B>]) {
         for step in self.steps.iter().rev() {
             for j in (0..step.count).rev() {
                 let column = step.column(factor, j);
@@ -236,7 +266,7 @@ impl Program {
                 for (&i, factor) in step.kept.iter().zip(&column[step.count..]) {
                     subtract(&mut value, factor, &x[i as usize]);
                 }
-                value.iter_mut().zip(&column[j]).for_each(|(v, c)| *v /= c);
+                divide(&mut value, &column[j]);
                 x[step.first + j] = value;
             }
         }
@@ -245,29 +275,51 @@ impl Program {
 
 impl Step {
     #[inline(always)]
-    fn column<'a>(&self, factor: &'a [Eight], j: usize) -> &'a [Eight] {
+    pub(super) fn column<'a>(&self, factor: &'a [Eight], j: usize) -> &'a [Eight] {
         &factor[self.start + j * self.rows..][..self.rows]
     }
 }
 
 #[inline(always)]
-fn subtract(value: &mut Eight, factor: &Eight, other: &Eight) {
-    for i in 0..8 {
-        value[i] -= factor[i] * other[i];
+fn divide<const B: usize>(values: &mut Rows<B>, divisor: &Eight) {
+    for lane in 0..8 {
+        for b in 0..B {
+            values[lane][b] /= divisor[lane];
+        }
     }
 }
 
-/// Summed in eight lanes, which vector units can do.
 #[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0.0; 8];
-    let (whole, rest) = (a.chunks_exact(8), b.chunks_exact(8));
-    let ends = whole.remainder().iter().zip(rest.remainder());
-    let end: f64 = ends.map(|(a, b)| a * b).sum();
-    for (a, b) in whole.zip(rest) {
-        for i in 0..8 {
-            lanes[i] += a[i] * b[i];
+fn subtract<const B: usize>(value: &mut Rows<B>, factor: &Eight, other: &Rows<B>) {
+    for lane in 0..8 {
+        for b in 0..B {
+            value[lane][b] -= factor[lane] * other[lane][b];
         }
     }
-    lanes.iter().sum::<f64>() + end
+}
+
+/// `factors' rows`, summed in lanes, which vector units can do.
+#[inline(always)]
+fn products<const B: usize>(factors: &[f64], rows: &[Row<B>]) -> Row<B> {
+    let mut lanes = [[0.0; B]; 8];
+    let (whole, rest) = (factors.chunks_exact(8), rows.chunks_exact(8));
+    let mut sum = [0.0; B];
+    for (factor, row) in whole.remainder().iter().zip(rest.remainder()) {
+        for b in 0..B {
+            sum[b] += factor * row[b];
+        }
+    }
+    for (factors, rows) in whole.zip(rest) {
+        for lane in 0..8 {
+            for b in 0..B {
+                lanes[lane][b] += factors[lane] * rows[lane][b];
+            }
+        }
+    }
+    for lane in lanes {
+        sum.iter_mut()
+            .zip(lane)
+            .for_each(|(sum, lane)| *sum += lane);
+    }
+    sum
 }

@@ -1,6 +1,6 @@
 use super::*;
-use faer::Side;
 use faer::linalg::solvers::Solve as _;
+use faer::{Mat, Side};
 use lsdc_rng::Rng;
 
 struct Example {
@@ -76,13 +76,20 @@ impl Example {
         }
     }
 
-    fn field(&self) -> Field {
-        Field::new(&self.grid(self.level), &self.observations()).unwrap()
+    fn observed(&self) -> Observed {
+        Observed::new(&self.grid(self.level), &self.taps, &self.weights).unwrap()
     }
 
-    fn kriged(&self, ridges: &[f64]) -> Field {
+    fn kriged(&self, ridges: &[f64]) -> Kriged {
         let prior = FieldPrior::new(&self.grid(self.level)).unwrap();
-        Field::with_prior(&prior, &self.observations(), ridges).unwrap()
+        Kriged::new(&prior, &self.observations(), ridges).unwrap()
+    }
+
+    /// The targets `columns x`.
+    fn targets(&self, x: &[f64]) -> Vec<f64> {
+        let rows = self.columns.chunks_exact(COLUMNS);
+        let target = |row: &[f64]| row.iter().zip(x).map(|(a, b)| a * b).sum();
+        rows.map(target).collect()
     }
 
     /// The equations of y as a dense matrix.
@@ -146,31 +153,13 @@ fn examples() -> [Example; 10] {
 }
 
 #[test]
-fn fields_are_those_of_the_dense_equations() {
-    for example in examples() {
-        let field = example.field();
-        let dense = example.dense().llt(Side::Lower).unwrap();
-        let x = [0.5, -1.0, 2.0, 0.25];
-        let expected = dense.solve(example.right_side(&x));
-        for (found, expected) in field.extend(&x).0.iter().zip(expected.col(0).iter()) {
-            assert!((found - expected).abs() < 1e-9, "{found} {expected}");
-        }
-        let right: Vec<f64> = (0..expected.nrows()).map(|i| (i as f64).sin()).collect();
-        let expected = dense.solve(Mat::from_fn(right.len(), 1, |i, _| right[i]));
-        let largest = expected.norm_max();
-        for (found, expected) in field.solve(&right).iter().zip(expected.col(0).iter()) {
-            assert!((found - expected).abs() < 1e-9 * largest);
-        }
-    }
-}
-
-#[test]
 fn moments_are_the_sum_at_its_minimum() {
     for example in examples() {
-        let field = example.field();
+        let field = example.observed();
         let x = [1.0, -0.5, 0.25, 3.0];
         // The sum at its minimum, by hand.
-        let (y, _) = field.extend(&x);
+        let targets = example.targets(&x);
+        let y = field.extend(&targets);
         let width = example.size[1];
         let mut sum = 0.0;
         for i in 0..y.len() {
@@ -182,95 +171,34 @@ fn moments_are_the_sum_at_its_minimum() {
                 sum += example.down[i] * (y[i] - y[i + width]).powi(2);
             }
         }
-        for (i, taps) in example.taps.iter().enumerate() {
-            let row = &example.columns[i * COLUMNS..][..COLUMNS];
-            let target: f64 = row.iter().zip(x).map(|(a, b)| a * b).sum();
-            sum += example.weights[i] * (taps.read(&y) - target).powi(2);
+        for ((taps, weight), target) in example.taps.iter().zip(&example.weights).zip(&targets) {
+            sum += weight * (taps.read(&y) - target).powi(2);
         }
-        let moments = field.moments();
-        let mut quadratic = 0.0;
-        for i in 0..COLUMNS {
-            for j in 0..COLUMNS {
-                quadratic += moments[(i.max(j), i.min(j))] * x[i] * x[j];
-            }
-        }
-        assert!(
-            (quadratic - sum).abs() < 1e-9 * sum.max(1.0),
-            "{quadratic} {sum}"
-        );
+        let pull = field.pull(&targets);
+        let products = targets
+            .iter()
+            .zip(&pull)
+            .map(|(target, pull)| target * pull);
+        let least = products.sum::<f64>();
+        assert!((least - sum).abs() < 1e-9 * sum.max(1.0), "{least} {sum}");
+        let moments = field.moments(&example.columns, COLUMNS);
+        let pairs = (0..COLUMNS).flat_map(|i| (0..COLUMNS).map(move |j| (i, j)));
+        let terms = pairs.map(|(i, j)| moments[(i, j)] * x[i] * x[j]);
+        let quadratic = terms.sum::<f64>();
+        assert!((quadratic - sum).abs() < 1e-9 * sum.max(1.0));
     }
 }
 
 #[test]
 fn what_cannot_be_solved_is_refused() {
     let mut example = Example::new(9, 9, 3);
+    assert!(Observed::new(&example.grid(0.0), &[], &[]).is_none());
+    let weights = vec![f64::NAN; 3];
+    assert!(Observed::new(&example.grid(0.0), &example.taps, &weights).is_none());
     example.right[4] = f64::NAN;
-    let grid = Grid {
-        height: 9,
-        width: 9,
-        right: &example.right,
-        down: &example.down,
-        level: 0.0,
-    };
-    let seen = Observations {
-        taps: &example.taps,
-        weights: &example.weights,
-        columns: &example.columns,
-        count: COLUMNS,
-    };
-    assert!(Field::new(&grid, &seen).is_none());
-    let nothing = Observations {
-        taps: &[],
-        weights: &[],
-        columns: &[],
-        count: COLUMNS,
-    };
-    let grid = Grid {
-        right: &example.down,
-        ..grid
-    };
-    assert!(Field::new(&grid, &nothing).is_none());
-}
-
-#[test]
-fn variances_and_responses_are_those_of_the_dense_inverse() {
-    for example in examples() {
-        let field = example.field();
-        let size = example.size[0] * example.size[1];
-        let dense = example.dense().llt(Side::Lower).unwrap();
-        let inverse = dense.solve(Mat::<f64>::identity(size, size));
-        let combinations = Mat::from_fn(COLUMNS, 2, |i, j| (1 + i) as f64 - 3.0 * j as f64);
-        let expected: Vec<Vec<f64>> = (0..2)
-            .map(|j| field.extend(combinations.col_as_slice(j)).0)
-            .collect();
-        for reach in [Reach::Observations, Reach::Pixels] {
-            let places: Vec<Taps> = match reach {
-                Reach::Pixels => (0..size as u32).map(Taps::pixel).collect(),
-                Reach::Observations => example.taps.clone(),
-            };
-            let mut seen = vec![0; places.len()];
-            for spread in field
-                .spreads(&example.columns, combinations.as_ref(), reach)
-                .unwrap()
-            {
-                for (i, &place) in spread.places.iter().enumerate() {
-                    seen[place as usize] += 1;
-                    let taps = &places[place as usize];
-                    let mut variance = 0.0;
-                    for (one, share) in taps.iter() {
-                        for (other, across) in taps.iter() {
-                            variance += share * across * inverse[(one as usize, other as usize)];
-                        }
-                    }
-                    assert!((spread.variances[i] - variance).abs() < 1e-9 * variance.max(1.0));
-                    for (j, expected) in expected.iter().enumerate() {
-                        assert!((spread.responses[(i, j)] - taps.read(expected)).abs() < 1e-9);
-                    }
-                }
-            }
-            assert!(seen.iter().all(|&count| count == 1));
-        }
-    }
+    let grid = example.grid(0.1);
+    assert!(Observed::new(&grid, &example.taps, &example.weights).is_none());
+    assert!(FieldPrior::new(&grid).is_none());
 }
 
 /// Larger grids than a few tiles, and smaller ones than one.
@@ -325,38 +253,21 @@ fn both_forms_of_a_field_agree() {
         ..Example::new(131, 150, 300).between(6)
     };
     for example in large_examples().into_iter().chain([large]) {
-        let (one, other) = (example.kriged(&[]), example.field());
-        let moments = |field: &Field, i, j| field.moments()[(i, j)];
+        let (one, other) = (example.kriged(&[]), example.observed());
+        let (own, moments) = (one.moments(), other.moments(&example.columns, COLUMNS));
         for (i, j) in (0..COLUMNS).flat_map(|i| (0..=i).map(move |j| (i, j))) {
-            let (a, b) = (moments(&one, i, j), moments(&other, i, j));
+            let (a, b) = (own[(i, j)], moments[(i, j)]);
             assert!((a - b).abs() < 1e-8 * b.abs().max(1.0), "{a} {b}");
         }
         let x = [1.0, -0.5, 0.25, 3.0];
-        let expected = other.extend(&x).0;
-        assert!(difference(&one.extend(&x).0, expected.into_iter()) < 1e-8);
-
-        let combinations = Mat::from_fn(COLUMNS, 2, |i, j| (1 + i) as f64 - 3.0 * j as f64);
-        let spreads = |field: &Field| {
-            let parts = field.spreads(&example.columns, combinations.as_ref(), Reach::Observations);
-            let mut rows = Vec::new();
-            for part in parts.unwrap() {
-                for (i, &place) in part.places.iter().enumerate() {
-                    let responses = [0, 1].map(|j| part.responses[(i, j)]);
-                    rows.push((place, part.variances[i], responses));
-                }
-            }
-            rows.sort_by_key(|row| row.0);
-            rows
+        let expected = other.extend(&example.targets(&x));
+        let read = |field: &[f64]| -> Vec<f64> {
+            example.taps.iter().map(|taps| taps.read(field)).collect()
         };
-        let (one, other) = (spreads(&one), spreads(&other));
-        assert_eq!(one.len(), other.len());
-        for (a, b) in one.into_iter().zip(other) {
-            assert_eq!(a.0, b.0);
-            assert!((a.1 - b.1).abs() < 1e-8 * b.1.max(1.0), "{} {}", a.1, b.1);
-            for (a, b) in a.2.into_iter().zip(b.2) {
-                assert!((a - b).abs() < 1e-8, "{a} {b}");
-            }
-        }
+        let responses = one.responses(Mat::from_fn(COLUMNS, 1, |i, _| x[i]).as_ref());
+        assert!(difference(responses.col_as_slice(0), read(&expected).into_iter()) < 1e-8);
+        assert!(difference(&one.extend(&x).0, expected.into_iter()) < 1e-8);
+        assert!(difference(&one.variances(), other.variances().into_iter()) < 1e-8);
     }
 }
 
@@ -398,7 +309,7 @@ fn functions_that_are_part_of_a_field_have_the_weights_of_the_dense_equations() 
         }
         let expected = all.llt(Side::Lower).unwrap().solve(right);
         let (values, weights) = field.extend(&x);
-        assert_eq!((weights.len(), field.functions()), (2, 2));
+        assert_eq!(weights.len(), 2);
         let found = [values, weights].concat();
         assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
     }
@@ -411,4 +322,40 @@ fn a_field_that_is_free_has_no_prior() {
         assert!(FieldPrior::new(&example.grid(level)).is_none());
     }
     assert!(FieldPrior::new(&example.grid(1e-9)).is_some());
+}
+
+#[test]
+fn an_observed_field_is_that_of_the_dense_equations() {
+    for example in large_examples().into_iter().chain(examples()) {
+        let field = example.observed();
+        let dense = example.dense().llt(Side::Lower).unwrap();
+        let x = [0.5, -1.0, 2.0, 0.25];
+        let targets = example.targets(&x);
+        let expected = dense.solve(example.right_side(&x));
+        let found = field.extend(&targets);
+        assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
+        let several: Vec<[f64; 3]> = targets.iter().map(|t| [*t, 0.0, -2.0 * t]).collect();
+        for (one, [first, nothing, twice]) in found.iter().zip(field.extend_all(&several)) {
+            assert!((one - first).abs() < 1e-12 && nothing == 0.0);
+            assert!((-2.0 * one - twice).abs() < 1e-11);
+        }
+
+        let right: Vec<f64> = (0..found.len()).map(|i| (i as f64).sin()).collect();
+        let expected = dense.solve(Mat::from_fn(right.len(), 1, |i, _| right[i]));
+        assert!(difference(&field.solve(&right), expected.col(0).iter().copied()) < 1e-9);
+
+        let inverse = dense.solve(Mat::<f64>::identity(found.len(), found.len()));
+        let variance = |taps: &Taps| {
+            let pairs = taps
+                .iter()
+                .flat_map(|one| taps.iter().map(move |other| (one, other)));
+            let pair =
+                |((i, share), (j, across))| share * across * inverse[(i as usize, j as usize)];
+            pairs.map(pair).sum::<f64>()
+        };
+        let expected = example.taps.iter().map(variance);
+        assert!(difference(&field.variances(), expected) < 1e-9);
+        let expected = (0..found.len()).map(|i| inverse[(i, i)]);
+        assert!(difference(&field.pixel_variances(), expected) < 1e-9);
+    }
 }

@@ -5,7 +5,7 @@
 //! elimination, and those around it, its ring, after them.
 
 use super::runs::{Run, runs};
-use super::stencil::{Entry, NEIGHBOURS};
+use super::stencil::{Entry, Neighbours};
 use lsdc_kernels::cholesky::{Eight, factorise_eight};
 use lsdc_kernels::simd::Level;
 
@@ -29,9 +29,9 @@ pub(super) struct Step {
     /// Where its columns begin in the factor of the tile.
     pub(super) start: usize,
     /// The steps of the halves, and where the variables go that they keep.
-    halves: Vec<(usize, Vec<Run>)>,
+    pub(super) halves: Vec<(usize, Vec<Run>)>,
     /// Row, column, and index among the sources.
-    entries: Vec<[u32; 3]>,
+    pub(super) entries: Vec<[u32; 3]>,
     /// Memory that the halves need.
     room: usize,
 }
@@ -106,10 +106,10 @@ impl Part {
 }
 
 impl Program {
-    pub(super) fn new(width: usize, height: usize) -> Self {
+    pub(super) fn new(width: usize, height: usize, neighbours: Neighbours) -> Self {
         let mut program = Self {
             order: Vec::with_capacity(width * height),
-            ring: ring(width as i32, height as i32),
+            ring: ring(width as i32, height as i32, neighbours),
             steps: Vec::new(),
             sources: Vec::new(),
             length: 0,
@@ -121,7 +121,7 @@ impl Program {
             height,
         };
         program.cut(whole);
-        program.link(width, height);
+        program.link(width, height, neighbours);
         program
     }
 
@@ -151,7 +151,7 @@ impl Program {
     }
 
     /// Finds what each step keeps, reads and takes from its halves.
-    fn link(&mut self, width: usize, height: usize) {
+    fn link(&mut self, width: usize, height: usize, neighbours: Neighbours) {
         let across = width as i32 + 2;
         let index = |x: i32, y: i32| ((y + 1) * across + x + 1) as usize;
         let mut numbers = vec![u32::MAX; across as usize * (height + 2)];
@@ -159,7 +159,7 @@ impl Program {
         for (number, (x, y)) in order.chain(self.ring.iter().copied()).enumerate() {
             numbers[index(x, y)] = number as u32;
         }
-        let mut sources = vec![[u32::MAX; 3]; numbers.len()];
+        let mut sources = vec![[u32::MAX; 5]; numbers.len()];
         for s in 0..self.steps.len() {
             let (done, rest) = self.steps.split_at_mut(s);
             let step = &mut rest[0];
@@ -175,7 +175,7 @@ impl Program {
             for (column, &(x, y)) in self.order[own].iter().enumerate() {
                 let (x, y) = (x as i32, y as i32);
                 joins.push((step.first as u32 + column as u32, column, x, y, Entry::Own));
-                for ([dx, dy], entry, [ex, ey]) in NEIGHBOURS {
+                for &([dx, dy], entry, [ex, ey]) in neighbours.list() {
                     let number = numbers[index(x + dx, y + dy)];
                     if number as usize > step.first + column {
                         joins.push((number, column, x + ex, y + ey, entry));
@@ -333,11 +333,15 @@ fn add(target: &mut [Eight], values: &[Eight]) {
     }
 }
 
-/// The pixels around a rectangle, side by side.
-fn ring(width: i32, height: i32) -> Vec<(i32, i32)> {
+/// The pixels around a rectangle, side by side, with the corners if they are neighbours.
+fn ring(width: i32, height: i32, neighbours: Neighbours) -> Vec<(i32, i32)> {
     let sides = [-1, width].into_iter();
     let ends = [-1, height].into_iter();
     let sides = sides.flat_map(|x| (0..height).map(move |y| (x, y)));
     let ends = ends.flat_map(|y| (0..width).map(move |x| (x, y)));
-    sides.chain(ends).collect()
+    let corners = [(-1, -1), (width, -1), (-1, height), (width, height)];
+    let corners = corners
+        .into_iter()
+        .filter(|_| neighbours == Neighbours::Eight);
+    sides.chain(ends).chain(corners).collect()
 }

@@ -18,11 +18,11 @@ mod tests;
 pub use affinities::{Affinities, Scene, Smooth};
 pub use config::{FitConfig, FitMethod, PriorKind};
 pub use cosines::CosineBasis;
-pub use joint::{Adjoint, Gradients, JointConfig, JointProblem};
+pub use joint::{Adjoint, Gradients, JointConfig};
 pub use lstsq::{Moments, Problem, Solution, Solver, dot};
 pub use noise::LocalNoise;
 pub use outcome::{Fit, RANGE, root_mean_square};
-pub use points::Points;
+pub use points::{Bases, Functions, Points};
 pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use robust::{Loss, Robust};
 pub use shrink::{COUNTS, Lambda};
@@ -57,9 +57,9 @@ struct Estimate {
 }
 
 impl Estimate {
-    fn leverages(&self, bases: &[f32], weights: &[f64]) -> Vec<f64> {
+    fn leverages(&self, rows: &Rows<'_>, weights: &[f64]) -> Vec<f64> {
         match &self.field {
-            None => self.solution.leverages(bases, weights),
+            None => self.solution.leverages(&rows.bases(), weights),
             Some(field) => field.leverages(&self.solution, weights),
         }
     }
@@ -67,7 +67,7 @@ impl Estimate {
 
 impl Estimator<'_> {
     fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
-        let problem = || Problem::new(rows.bases, &rows.values, weights);
+        let problem = || Problem::new(&rows.bases(), &rows.values, weights);
         match self {
             Self::Field(estimator) => estimator.solve(rows, weights),
             Self::Shrunk(prior, lambda) => {

@@ -185,8 +185,9 @@ impl Fit {
         let Some(field) = &self.field else {
             return Ok(None);
         };
-        let variances = field.variances(&self.solution, |places| bases(field.size, places))?;
-        let deviations: Vec<f64> = variances.iter().map(|v| f64::from(*v).sqrt()).collect();
+        let found = field.variances(&self.solution, |places| bases(field.size, places))?;
+        let variances = found.field.iter().zip(&found.weights).map(|(a, b)| a + b);
+        let deviations: Vec<f64> = variances.map(f64::sqrt).collect();
         Ok(Some(Smooth::new(field.size, &deviations)))
     }
 

@@ -1,14 +1,38 @@
 //! The points to be fitted.
 
+use super::lstsq::dot;
 use super::robust::median;
-use super::{Scene, Space, lstsq};
+use super::{Scene, Space};
 use crate::error::FitError;
+use std::borrow::Cow;
+use std::fmt::Debug;
+
+/// Basis functions of an image that can be evaluated anywhere.
+pub trait Functions: Debug + Sync {
+    /// The number of functions, including the constant and cosines.
+    fn count(&self) -> usize;
+
+    /// Their values `[places, count]`, row by row.
+    fn at(&self, places: &[[f64; 2]]) -> Vec<f32>;
+
+    /// Functions x weights at each place.
+    fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Vec<f64>;
+}
+
+/// The basis functions at some points.
+#[derive(Clone, Copy, Debug)]
+pub enum Bases<'a> {
+    /// Their values `[n, N + 1]`, row by row.
+    Rows(&'a [f32]),
+    /// Of so many points that fits with a field evaluate them at some of these only.
+    Functions(&'a dyn Functions),
+}
 
 /// Sparse depths with the basis functions at their positions.
 #[derive(Clone, Copy, Debug)]
 pub struct Points<'a> {
-    /// Basis functions `[n, N + 1]`, row by row.
-    pub bases: &'a [f32],
+    /// Basis functions.
+    pub bases: Bases<'a>,
     /// Depths in metres, above 0.
     pub depths: &'a [f32],
     /// The standard deviation of each depth in metres, above 0; only their ratios matter. If absent, all
@@ -23,7 +47,7 @@ pub struct Points<'a> {
 
 /// Points in the space of the fit.
 pub(super) struct Rows<'a> {
-    pub(super) bases: &'a [f32],
+    bases: Bases<'a>,
     pub(super) values: Vec<f64>,
     /// By the deviations; the median is 1.
     pub(super) weights: Vec<f64>,
@@ -35,7 +59,7 @@ impl<'a> Points<'a> {
     /// Points of equal weight at unknown positions.
     pub fn new(bases: &'a [f32], depths: &'a [f32]) -> Self {
         Self {
-            bases,
+            bases: Bases::Rows(bases),
             depths,
             deviations: None,
             places: None,
@@ -56,15 +80,17 @@ impl<'a> Points<'a> {
             self.deviations.map_or(count, <[_]>::len),
             self.places.map_or(count, <[_]>::len),
         ];
-        if !self.bases.len().is_multiple_of(count) || lengths != [count; 2] {
+        let (values, finite) = match self.bases {
+            Bases::Rows(rows) => (rows.len(), all_finite(rows)),
+            Bases::Functions(functions) => (functions.count() * count, true),
+        };
+        if !values.is_multiple_of(count) || lengths != [count; 2] {
             return Err(FitError::Shape(format!(
-                "{} values of basis functions, {} deviations and {} places for {count} points",
-                self.bases.len(),
-                lengths[0],
-                lengths[1]
+                "{values} values of basis functions, {} deviations and {} places for {count} points",
+                lengths[0], lengths[1]
             )));
         }
-        if !all_finite(self.bases) || !all_finite(self.depths) {
+        if !finite || !all_finite(self.depths) {
             return Err(FitError::NotFinite);
         }
         let values: Vec<f64> = self
@@ -105,7 +131,43 @@ fn precisions(depths: &[f32], deviations: &[f32], space: Space) -> Result<Vec<f6
 
 impl Rows<'_> {
     pub(super) fn columns(&self) -> usize {
-        self.bases.len() / self.values.len().max(1)
+        match self.bases {
+            Bases::Rows(rows) => rows.len() / self.values.len().max(1),
+            Bases::Functions(functions) => functions.count(),
+        }
+    }
+
+    /// The basis functions at all points.
+    pub(super) fn bases(&self) -> Cow<'_, [f32]> {
+        match self.bases {
+            Bases::Rows(rows) => Cow::Borrowed(rows),
+            Bases::Functions(functions) => {
+                Cow::Owned(functions.at(self.places.unwrap_or_default()))
+            }
+        }
+    }
+
+    /// The basis functions at some points.
+    ///
+    /// # Errors
+    /// Values that are not finite.
+    pub(super) fn bases_of(&self, points: &[usize]) -> Result<Vec<f32>, FitError> {
+        let rows: Vec<f32> = match self.bases {
+            Bases::Rows(rows) => {
+                let columns = self.columns();
+                let row = |&i: &usize| &rows[i * columns..][..columns];
+                points.iter().flat_map(row).copied().collect()
+            }
+            Bases::Functions(functions) => {
+                let places = self.places.unwrap_or_default();
+                functions.at(&points.iter().map(|&i| places[i]).collect::<Vec<_>>())
+            }
+        };
+        if all_finite(&rows) {
+            Ok(rows)
+        } else {
+            Err(FitError::NotFinite)
+        }
     }
 
     /// What a relative residual is relative to. Differences of logarithms are relative already.
@@ -117,7 +179,17 @@ impl Rows<'_> {
     }
 
     pub(super) fn residuals(&self, weights: &[f64]) -> Vec<f64> {
-        lstsq::residuals(self.bases, &self.values, weights)
+        let model = match self.bases {
+            Bases::Rows(rows) => {
+                let rows = rows.chunks_exact(weights.len().max(1));
+                rows.map(|row| dot(row, weights)).collect()
+            }
+            Bases::Functions(functions) => {
+                functions.combine(self.places.unwrap_or_default(), weights)
+            }
+        };
+        let pairs = self.values.iter().zip(model);
+        pairs.map(|(value, model)| value - model).collect()
     }
 }
 

@@ -35,6 +35,23 @@ pub struct NoisePrior {
     pub trust: f64,
 }
 
+impl NoisePrior {
+    /// What the amplitude of u adds to a sum of squares, for a scale s: `trust lambda s^2`.
+    pub(super) fn expected(self, lambda: f64, scale: f64) -> f64 {
+        self.trust * lambda * scale * scale
+    }
+
+    /// The variance of the noise from a sum of squares with its penalty and the degrees of freedom.
+    pub(super) fn variance(self, penalised: f64, lambda: f64, scale: f64, freedom: f64) -> f64 {
+        let count = freedom + self.trust;
+        if count > 0.0 {
+            (penalised + self.expected(lambda, scale)) / count
+        } else {
+            0.0
+        }
+    }
+}
+
 impl Prior {
     /// The prior without training: the constant is unpenalised, the other weights have equal variances.
     pub fn flat(columns: usize) -> Self {
@@ -198,7 +215,7 @@ impl ImageMoments {
         let rows = points.rows(Space::Depth)?;
         let mean = rows.values.iter().sum::<f64>() / rows.values.len() as f64;
         let depths: Vec<f64> = rows.values.iter().map(|d| d / mean).collect();
-        let problem = Problem::new(rows.bases, &depths, &rows.weights);
+        let problem = Problem::new(&rows.bases(), &depths, &rows.weights);
         Ok(Self(problem.moments()))
     }
 }

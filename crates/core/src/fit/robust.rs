@@ -179,7 +179,7 @@ pub(super) fn robust(
         let scale = if loss == Loss::Irls {
             settings.threshold * rows.unit()
         } else {
-            let leverages = estimate.leverages(rows.bases, &weights);
+            let leverages = estimate.leverages(rows, &weights);
             found = leave_one_out(&found, &leverages, estimate.field.is_some());
             if estimate.field.is_some() {
                 update_odds(&mut odds, &leverages, &weights, own);

@@ -37,6 +37,14 @@ impl Lambda {
             }
         }
     }
+
+    /// The same strength for a number of points, whose statistics may be those of fewer.
+    pub(super) fn at(self, count: usize) -> Self {
+        match self {
+            Self::Evidence | Self::Gcv | Self::Fixed(_) => self,
+            Self::ByCount(values) => Self::Fixed(by_count(&values, count)),
+        }
+    }
 }
 
 /// The number of pairs in [`Lambda::ByCount`].
@@ -89,6 +97,8 @@ pub(super) struct Shrunk {
     /// The variance of a row of weight 1.
     pub(super) noise: f64,
     pub(super) lambda: f64,
+    /// The scale of the prior, were u 0.
+    pub(super) scale: f64,
 }
 
 impl Moments {
@@ -108,6 +118,7 @@ impl Moments {
             solution: spectrum.solution(lambda),
             noise: spectrum.noise(lambda),
             lambda,
+            scale: spectrum.scale,
         })
     }
 }
@@ -189,17 +200,13 @@ impl<'a> Spectrum<'a> {
 
     /// What the prior of the amplitude of u adds, in units of the noise: `trust lambda s^2`.
     fn expected(&self, lambda: f64) -> f64 {
-        self.prior.noise.trust * lambda * self.scale * self.scale
+        self.prior.noise.expected(lambda, self.scale)
     }
 
     /// The variance of the noise, in square metres.
     fn noise(&self, lambda: f64) -> f64 {
-        let count = self.freedom + self.prior.noise.trust;
-        if count > 0.0 {
-            (self.penalised(lambda) + self.expected(lambda)) / count
-        } else {
-            0.0
-        }
+        let (penalised, noise) = (self.penalised(lambda), self.prior.noise);
+        noise.variance(penalised, lambda, self.scale, self.freedom)
     }
 
     /// -2 ln p(depths | lambda) - 2 ln p(lambda), up to a constant: scale and noise integrated out

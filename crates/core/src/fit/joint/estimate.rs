@@ -1,16 +1,18 @@
 //! The joint fit of basis functions and field to the points of one image.
 
 use super::JointConfig;
-use super::sites::Sites;
+use super::conjugate::Normal;
+use super::fitted::{FieldFit, Form};
+use super::sites::{Sample, Sites};
+use crate::bilinear::Taps;
 use crate::error::{FitError, Result};
-use crate::field::{Field, Reach, Spread};
-use crate::fit::affinities::{Affinities, Scene, Smooth};
-use crate::fit::lstsq::{Moments, Solution};
+use crate::field::{self, Kriged, Observed};
+use crate::fit::affinities::{Scene, Smooth};
+use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
 use crate::fit::{Estimate, Lambda};
 use faer::{Mat, MatRef};
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// How a field is fitted: with basis functions if there is a prior over their weights.
@@ -23,203 +25,204 @@ pub(in crate::fit) struct FieldEstimator<'a> {
     pub(in crate::fit) ridges: &'a [f64],
 }
 
-/// A field that was fitted.
-#[derive(Debug)]
-pub(in crate::fit) struct FieldFit {
-    field: Field,
-    affinities: Affinities,
-    level: f64,
-    sites: Sites,
-    pub(in crate::fit) smooth: Smooth,
-    pub(in crate::fit) size: (usize, usize),
-    pub(in crate::fit) data: f64,
-    /// The penalties on the last weights, those of the cosines.
-    pub(in crate::fit) ridges: Vec<f64>,
+/// What is found for some sites.
+struct Found {
+    solution: Solution,
+    noise: f64,
+    lambda: Option<f64>,
+    /// The field at every pixel.
+    values: Vec<f64>,
+    form: Form,
+    sample: Sample,
+}
+
+/// The weights are estimated from at most this many sites, the field from all.
+const MOST: usize = 5000;
+
+pub(super) fn unsolvable() -> FitError {
+    FitError::Unsolvable("the equations of the field are not positive definite")
 }
 
 impl FieldEstimator<'_> {
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
-        let columns = rows.columns();
-        let field = sites.field(self.scene.affinities, self.joint.level, self.ridges)?;
-        let freedom = sites.freedom(self.joint.level);
-        // Cosines that are not part of the field are marginalised out of the moments.
-        let apart = self.ridges.len() - field.functions();
-        let moments = moments(&field, columns - field.functions(), freedom);
-        let (mut solution, noise, lambda) = match self.prior {
-            None => {
-                // Rounding may leave less than nothing.
-                let noise = moments.square.max(0.0) / moments.count.max(1) as f64;
-                (nothing(columns - field.functions()), noise, None)
+        let found = match self.prior {
+            None => self.alone(&sites, rows)?,
+            Some((prior, lambda)) if sites.len() <= field::MOST => {
+                self.few(&sites, rows, prior, lambda)?
             }
-            Some((prior, lambda)) => {
-                let (moments, cosines) = moments.without_last(&self.ridges[..apart])?;
-                let found = moments.shrunk(prior, lambda)?;
-                let solution = cosines.beside(&found.solution);
-                (solution, found.noise, Some(found.lambda))
-            }
+            Some((prior, lambda)) => self.many(&sites, rows, prior, lambda)?,
         };
-        let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
-        rest.push(1.0);
-        let (values, cosines) = field.extend(&rest);
-        solution.weights.extend(cosines);
-        let rests = rows.residuals(&solution.weights);
+        let rests = rows.residuals(&found.solution.weights);
         let places = rows.places.unwrap_or_default().iter();
-        let rests = rests.iter().zip(places).map(|(rest, &place)| {
-            rest - self
-                .scene
-                .affinities
-                .taps(place, self.scene.size)
-                .read(&values)
-        });
+        let (affinities, size) = (self.scene.affinities, self.scene.size);
+        let field = |place: [f64; 2]| affinities.taps(place, size).read(&found.values);
+        let rests = rests
+            .iter()
+            .zip(places)
+            .map(|(rest, &place)| rest - field(place));
         Ok(Estimate {
             rests: rests.collect(),
-            solution,
-            noise,
-            lambda,
+            solution: found.solution,
+            noise: found.noise,
+            lambda: found.lambda,
             field: Some(Arc::new(FieldFit {
-                field,
-                affinities: self.scene.affinities.clone(),
+                form: found.form,
+                affinities: affinities.clone(),
                 level: self.joint.level,
                 sites,
-                smooth: Smooth::new(self.scene.affinities.size(), &values),
-                size: self.scene.affinities.size(),
+                sample: found.sample,
+                smooth: Smooth::new(affinities.size(), &found.values),
+                size: affinities.size(),
                 data: self.joint.data,
                 ridges: self.ridges.to_vec(),
             })),
         })
     }
-}
 
-/// The field alone.
-fn nothing(columns: usize) -> Solution {
-    Solution {
-        weights: vec![0.0; columns],
-        rank: 0,
-        factor: Mat::zeros(columns, 0),
+    /// The field without basis functions.
+    fn alone(self, sites: &Sites, rows: &Rows<'_>) -> Result<Found, FitError> {
+        let field = self.observed(&sites.taps, &sites.weights)?;
+        let values = field.extend(&sites.depths);
+        let square = dot(&sites.depths, &field.pull(&sites.depths));
+        let columns = rows.columns();
+        Ok(Found {
+            solution: Solution {
+                weights: vec![0.0; columns],
+                rank: 0,
+                factor: Mat::zeros(columns, 0),
+            },
+            // Rounding may leave less than nothing.
+            noise: square.max(0.0) / sites.len().saturating_sub(1).max(1) as f64,
+            lambda: None,
+            values,
+            form: Form::Many {
+                field,
+                share: 0.0,
+                start: None,
+            },
+            sample: sites.sample(0, rows)?,
+        })
+    }
+
+    /// From the moments of all columns, with the cosines as a part of the field.
+    fn few(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
+        let sample = sites.sample(sites.len(), rows)?;
+        let field = self.kriged(&sample, self.ridges)?;
+        let columns = sample.columns() - self.ridges.len();
+        let moments = moments(field.moments(), columns, sites.len());
+        let found = moments.shrunk(prior, lambda)?;
+        let mut solution = found.solution;
+        let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
+        rest.push(1.0);
+        let (values, cosines) = field.extend(&rest);
+        solution.weights.extend(cosines);
+        Ok(Found {
+            solution,
+            noise: found.noise,
+            lambda: Some(found.lambda),
+            values,
+            form: Form::Few(field),
+            sample,
+        })
+    }
+
+    /// By conjugate gradients, from the solution for some of the sites.
+    fn many(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
+        let sample = sites.sample(MOST, rows)?;
+        let (columns, stride) = (sample.columns(), sample.columns() + 1);
+        let some = self.kriged(&sample.some(field::MOST), &[])?;
+        let near = moments(some.moments(), columns, field::MOST);
+        let (others, cosines) = near.clone().without_last(self.ridges)?;
+        let found = others.shrunk(prior, lambda.at(sites.len()))?;
+        let start = cosines.beside(&found.solution);
+
+        let (map, penalties) = self.axes(prior, found.lambda);
+        let own = MatRef::from_row_major_slice(&sample.rows, sample.len(), stride);
+        let field = self.observed(&sample.taps, &sample.weights)?;
+        let like = map.transpose() * &near.normal * &map;
+        let normal = Normal::new(&field, own.subcols(0, columns) * &map, penalties, like)?;
+        let depths: Vec<f64> = own.col(columns).iter().copied().collect();
+        let right = Mat::from_fn(columns, 1, |i, _| near.right[i]);
+        let x = normal.minimum(&depths, (map.transpose() * right).col_as_slice(0))?;
+        let model = normal.times(&x);
+        let rest: Vec<f64> = depths.iter().zip(model).map(|(d, m)| d - m).collect();
+        let penalised = dot(&depths, &field.pull(&rest)).max(0.0);
+        let freedom = sample.len() as f64 - 1.0;
+        let noise = prior
+            .noise
+            .variance(penalised, found.lambda, found.scale, freedom);
+        let weights = map * Mat::from_fn(x.len(), 1, |i, _| x[i]);
+        let solution = Solution {
+            weights: weights.col_as_slice(0).to_vec(),
+            ..start
+        };
+        // The trace of the moments times the covariance of the weights.
+        let product = &near.normal * &solution.factor;
+        let pairs = product.col_iter().zip(solution.factor.col_iter());
+        let determined: f64 = pairs.map(|(a, b)| a.transpose() * b).sum();
+        let share = determined / sites.len() as f64;
+        let (field, values) = if sample.len() == sites.len() {
+            let values = field.extend(&rest);
+            (field, values)
+        } else {
+            // Its memory is used again.
+            drop(field);
+            let field = self.observed(&sites.taps, &sites.weights)?;
+            let values = field.extend(&sites.means(&rows.residuals(&solution.weights)));
+            (field, values)
+        };
+        Ok(Found {
+            solution,
+            noise,
+            lambda: Some(found.lambda),
+            values,
+            form: Form::Many {
+                field,
+                share,
+                start: Some(some),
+            },
+            sample,
+        })
+    }
+
+    /// The weights in the coordinates of the prior, which are its scale and its directions, and those of the
+    /// cosines: a map from these coordinates, and the penalties on their squares.
+    fn axes(self, prior: &Prior, lambda: f64) -> (Mat<f64>, Vec<f64>) {
+        let (functions, rank) = (prior.columns(), prior.factor.ncols());
+        let (rows, columns) = (functions + self.ridges.len(), 1 + rank + self.ridges.len());
+        let map = Mat::from_fn(rows, columns, |i, j| match j.checked_sub(1) {
+            None => prior.mean.get(i).copied().unwrap_or(0.0),
+            Some(j) if j < rank && i < functions => prior.factor[(i, j)],
+            Some(j) => f64::from(u8::from(
+                j >= rank && i >= functions && j - rank == i - functions,
+            )),
+        });
+        let mut penalties = vec![lambda; 1 + rank];
+        penalties[0] = 0.0;
+        penalties.extend(self.ridges);
+        (map, penalties)
+    }
+
+    fn kriged(self, sample: &Sample, ridges: &[f64]) -> Result<Kriged, FitError> {
+        let prior = self.scene.affinities.prior(self.joint.level);
+        let field = prior.and_then(|prior| Kriged::new(&prior, &sample.observations(), ridges));
+        field.ok_or_else(unsolvable)
+    }
+
+    fn observed(self, taps: &[Taps], weights: &[f64]) -> Result<Observed, FitError> {
+        let grid = self.scene.affinities.grid(self.joint.level);
+        Observed::new(&grid, taps, weights).ok_or_else(unsolvable)
     }
 }
 
 /// The field's precision takes the place of the identity in the normal equations (generalised least
 /// squares, Aitken 1935).
-fn moments(field: &Field, columns: usize, count: usize) -> Moments {
-    let all = field.moments();
+pub(super) fn moments(all: &Mat<f64>, columns: usize, count: usize) -> Moments {
     Moments {
         normal: Mat::from_fn(columns, columns, |i, j| all[(i.max(j), i.min(j))]),
         right: (0..columns).map(|i| all[(columns, i)]).collect(),
         square: all[(columns, columns)],
         count,
     }
-}
-
-impl FieldFit {
-    /// The leverage of each point: its weight times the variance of the fitted depth there.
-    pub(in crate::fit) fn leverages(&self, solution: &Solution, weights: &[f64]) -> Vec<f64> {
-        let stride = solution.weights.len() + 1;
-        let mut variances = vec![0.0; self.sites.taps.len()];
-        for spread in self.spreads(&self.field, &solution.factor, Reach::Observations) {
-            let bases = Mat::from_fn(spread.places.len(), solution.factor.nrows(), |i, j| {
-                self.sites.rows[spread.places[i] as usize * stride + j]
-            });
-            let responses = spread.responses.as_ref();
-            let squares = weight_variances(bases.as_ref(), responses, &solution.factor);
-            for ((&site, own), square) in spread.places.iter().zip(&spread.variances).zip(squares) {
-                variances[site as usize] = own + square;
-            }
-        }
-        let pairs = self.sites.of_points.iter().zip(weights);
-        let leverage = |(site, weight): (&Option<usize>, &f64)| {
-            site.map_or(0.0, |site| {
-                (self.data * weight * variances[site]).clamp(0.0, 1.0)
-            })
-        };
-        pairs.map(leverage).collect()
-    }
-
-    /// The variance of the fitted value at every pixel of the field, where the steps between neighbours with
-    /// affinity 1 have variance 1. `bases` returns the basis functions `[places, k]` at positions in an image
-    /// of the size of the field.
-    pub(in crate::fit) fn variances(
-        &self,
-        solution: &Solution,
-        bases: impl Fn(&[[f64; 2]]) -> Vec<f32> + Sync,
-    ) -> Result<Vec<f32>, FitError> {
-        let columns = solution.weights.len();
-        let (field, factor) = self.everywhere(solution)?;
-        let spreads = self.spreads(
-            field.as_ref().unwrap_or(&self.field),
-            &factor,
-            Reach::Pixels,
-        );
-        let parts: Vec<Vec<f64>> = spreads
-            .par_iter()
-            .map(|spread| {
-                let width = self.size.1;
-                let place = |&pixel: &u32| [pixel as usize % width, pixel as usize / width];
-                let places = spread.places.iter().map(place);
-                let places: Vec<_> = places.map(|place| place.map(|v| v as f64)).collect();
-                let rows = bases(&places);
-                let rows = Mat::from_fn(places.len(), columns, |i, j| {
-                    f64::from(rows[i * columns + j])
-                });
-                let responses = spread.responses.as_ref();
-                let squares = weight_variances(rows.as_ref(), responses, &factor);
-                let pairs = squares.into_iter().zip(&spread.variances);
-                pairs.map(|(square, variance)| square + variance).collect()
-            })
-            .collect();
-        let mut values = vec![0.0; self.size.0 * self.size.1];
-        for (spread, part) in spreads.iter().zip(parts) {
-            for (&pixel, value) in spread.places.iter().zip(part) {
-                values[pixel as usize] = value as f32;
-            }
-        }
-        Ok(values)
-    }
-
-    /// The field in a form in which every pixel can be asked for its variance, if that is another one, and the
-    /// factor of the covariance of all weights.
-    fn everywhere(&self, solution: &Solution) -> Result<(Option<Field>, Mat<f64>), FitError> {
-        if self.field.reaches(Reach::Pixels) {
-            return Ok((None, solution.factor.clone()));
-        }
-        let field = self.sites.direct(&self.affinities, self.level)?;
-        let moments = moments(&field, solution.weights.len(), self.sites.taps.len());
-        let inside = &self.ridges[self.ridges.len() - self.field.functions()..];
-        let (_, cosines) = moments.without_last(inside)?;
-        let others = Solution {
-            weights: solution.weights[..solution.factor.nrows()].to_vec(),
-            rank: solution.rank,
-            factor: solution.factor.clone(),
-        };
-        let factor = cosines.beside(&others).factor;
-        Ok((Some(field), factor))
-    }
-
-    /// Variances, and responses to the columns of a factor of the covariance of the weights.
-    fn spreads(&self, field: &Field, factor: &Mat<f64>, reach: Reach) -> Vec<Spread> {
-        // The last column is the depth, which does not vary.
-        let combinations = Mat::from_fn(factor.nrows() + 1, factor.ncols(), |i, j| {
-            if i < factor.nrows() {
-                factor[(i, j)]
-            } else {
-                0.0
-            }
-        });
-        let found = field.spreads(&self.sites.rows, combinations.as_ref(), reach);
-        found.unwrap_or_default()
-    }
-}
-
-/// The contribution of the weights to the variance at each pixel: that of the basis functions minus the
-/// field's response to them.
-fn weight_variances(
-    bases: MatRef<'_, f64>,
-    responses: MatRef<'_, f64>,
-    factor: &Mat<f64>,
-) -> Vec<f64> {
-    let along = bases * factor - responses;
-    (0..along.nrows())
-        .map(|i| along.row(i).squared_norm_l2())
-        .collect()
 }

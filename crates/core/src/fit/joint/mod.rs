@@ -11,17 +11,22 @@
 //! functions the fit is weighted least squares (Farbman et al. 2008); with an infinitely stiff field it is
 //! the paper's fit.
 
+mod coarse;
+mod conjugate;
 mod estimate;
+mod fitted;
 mod marginal;
 mod problem;
 mod sites;
 #[cfg(test)]
 mod tests;
 
-pub(super) use estimate::{FieldEstimator, FieldFit};
-pub use problem::{Adjoint, Gradients, JointProblem};
+pub(super) use estimate::FieldEstimator;
+pub(super) use fitted::FieldFit;
+pub use problem::{Adjoint, Gradients};
 
 use crate::error::SettingsError;
+use crate::field;
 use serde::{Deserialize, Serialize};
 
 /// Settings of the joint fit of basis functions and field.
@@ -80,14 +85,20 @@ impl JointConfig {
                 "`joint.cosines` must be from 0 to {MOST}"
             )));
         }
-        if [self.data, self.ridge, self.level, self.bending]
+        if !(self.level >= field::LEAST_LEVEL && self.level.is_finite()) {
+            return Err(SettingsError::new(format!(
+                "`joint.level` must be at least {:e}",
+                field::LEAST_LEVEL
+            )));
+        }
+        if [self.data, self.ridge, self.bending]
             .iter()
             .all(|v| *v > 0.0 && v.is_finite())
         {
             Ok(())
         } else {
             Err(SettingsError::new(
-                "`joint.data`, `joint.ridge`, `joint.level` and `joint.bending` must be above 0",
+                "`joint.data`, `joint.ridge` and `joint.bending` must be above 0",
             ))
         }
     }

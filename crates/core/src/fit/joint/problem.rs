@@ -2,23 +2,10 @@
 
 use super::JointConfig;
 use crate::bilinear::Taps;
-use crate::field::{self, Field, FieldPrior, Grid, Observations};
+use crate::field::{self, FieldPrior, Grid, Kriged, Observations, Observed};
 use crate::fit::lstsq::dot;
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
-
-/// The points and the field of one image.
-#[derive(Clone, Copy, Debug)]
-pub struct JointProblem<'a> {
-    /// The grid of pixels with their affinities.
-    pub grid: Grid<'a>,
-    /// The pixels that each point is interpolated from.
-    pub taps: &'a [Taps],
-    /// The weight of each point.
-    pub weights: &'a [f64],
-    /// Basis functions and depth of each point, `[points, k + 1]`.
-    pub rows: &'a [f64],
-}
 
 /// The data needed for the backward pass.
 #[derive(Debug)]
@@ -32,7 +19,7 @@ pub struct Adjoint {
     values: Vec<f64>,
     data: f64,
     normal: Llt<f64>,
-    field: Field,
+    field: Form,
     weights: Vec<f64>,
     smooth: Vec<f64>,
 }
@@ -45,41 +32,66 @@ pub struct Gradients {
     pub affinities: Vec<f64>,
 }
 
-impl JointProblem<'_> {
-    /// Factorises the field, with basis functions and depths as its columns.
-    pub fn field(&self) -> Option<Field> {
-        let seen = Observations {
-            taps: self.taps,
-            weights: self.weights,
-            columns: self.rows,
-            count: self.rows.len() / self.taps.len().max(1),
-        };
-        let few = self.taps.len() <= field::MOST;
-        let prior = few.then(|| FieldPrior::new(&self.grid)).flatten();
-        let found = prior.and_then(|prior| Field::with_prior(&prior, &seen, &[]));
-        found.or_else(|| Field::new(&self.grid, &seen))
+/// The field of a few or many points.
+#[derive(Debug)]
+enum Form {
+    Few(Kriged),
+    Many(Observed),
+}
+
+impl Form {
+    fn new(grid: &Grid<'_>, prior: Option<&FieldPrior>, seen: &Observations<'_>) -> Option<Self> {
+        if let Some(prior) = prior.filter(|_| seen.taps.len() <= field::MOST) {
+            return Kriged::new(prior, seen, &[]).map(Self::Few);
+        }
+        Observed::new(grid, seen.taps, seen.weights).map(Self::Many)
+    }
+
+    fn moments(&self, seen: &Observations<'_>) -> Mat<f64> {
+        match self {
+            Self::Few(field) => field.moments().clone(),
+            Self::Many(field) => field.moments(seen.columns, seen.count),
+        }
+    }
+
+    /// The field for targets `columns x`.
+    fn extend(&self, columns: &[f64], x: &[f64]) -> Vec<f64> {
+        match self {
+            Self::Few(field) => field.extend(x).0,
+            Self::Many(field) => {
+                let rows = columns.chunks_exact(x.len());
+                field.extend(&rows.map(|row| dot(row, x)).collect::<Vec<_>>())
+            }
+        }
+    }
+
+    fn solve(&self, right: &[f64]) -> Vec<f64> {
+        match self {
+            Self::Few(field) => field.solve(right),
+            Self::Many(field) => field.solve(right),
+        }
     }
 }
 
 impl Adjoint {
     /// Solves the problem for the points at `rows` of the candidates. `values` holds basis functions and
-    /// depth of each candidate.
+    /// depth of each of these points. `prior` is the field of the grid before any observation, if there is one.
     pub fn solve(
-        grid: Grid<'_>,
+        (grid, prior): (Grid<'_>, Option<&FieldPrior>),
         (rows, candidates): (Vec<usize>, usize),
         pixels: Vec<u32>,
         values: Vec<f64>,
         config: JointConfig,
     ) -> Option<Self> {
         let taps: Vec<Taps> = pixels.iter().map(|&pixel| Taps::pixel(pixel)).collect();
-        let problem = JointProblem {
-            grid,
+        let seen = Observations {
             taps: &taps,
             weights: &vec![config.data; pixels.len()],
-            rows: &values,
+            columns: &values,
+            count: values.len() / pixels.len().max(1),
         };
-        let field = problem.field()?;
-        let moments = field.moments();
+        let field = Form::new(&grid, prior, &seen)?;
+        let moments = field.moments(&seen);
         let k = moments.ncols() - 1;
         let mut normal = moments.get(..k, ..k).to_owned();
         for i in 0..k {
@@ -90,7 +102,7 @@ impl Adjoint {
         let weights = normal.solve(right).col_as_slice(0).to_vec();
         let mut rest: Vec<f64> = weights.iter().map(|w| -w).collect();
         rest.push(1.0);
-        let (smooth, _) = field.extend(&rest);
+        let smooth = field.extend(&values, &rest);
         Some(Self {
             rows,
             candidates,
@@ -126,7 +138,7 @@ impl Adjoint {
         let weights = self.normal.solve(right).col_as_slice(0).to_vec();
         let mut along = weights.clone();
         along.push(0.0);
-        let (response, _) = self.field.extend(&along);
+        let response = self.field.extend(&self.values, &along);
         smooth.iter_mut().zip(&response).for_each(|(s, r)| *s -= r);
 
         let mut bases = Vec::with_capacity(self.pixels.len() * k);

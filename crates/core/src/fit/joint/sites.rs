@@ -3,21 +3,33 @@
 use super::JointConfig;
 use crate::bilinear::Taps;
 use crate::error::FitError;
-use crate::field::{self, Field, Observations};
-use crate::fit::affinities::{Affinities, Scene};
+use crate::field::Observations;
+use crate::fit::affinities::Scene;
 use crate::fit::points::Rows;
-
-const UNSOLVABLE: &str = "the equations of the field are not positive definite";
+use lsdc_rng::Rng;
+use rayon::prelude::*;
 
 /// Observations of a field: each point at its exact position, but all points within one pixel of the field
-/// merged into one, with their mean position, basis functions and depth.
+/// merged into one, with their mean position and depth.
 #[derive(Debug)]
 pub(super) struct Sites {
     pub(super) taps: Vec<Taps>,
+    pub(super) weights: Vec<f64>,
+    pub(super) depths: Vec<f64>,
     /// The site of each point, unless the point has no weight.
     pub(super) of_points: Vec<Option<usize>>,
+    /// The points of all sites, one site after the other, with their shares of it.
+    members: Vec<(usize, f64)>,
+    /// Where the points of each site begin, and the end.
+    starts: Vec<usize>,
+}
+
+/// Some sites, with their basis functions.
+#[derive(Debug)]
+pub(super) struct Sample {
+    pub(super) taps: Vec<Taps>,
     pub(super) weights: Vec<f64>,
-    /// Basis functions and depth.
+    /// Basis functions, each the mean of the points, and depth.
     pub(super) rows: Vec<f64>,
 }
 
@@ -31,15 +43,13 @@ impl Sites {
         let places = rows.places.ok_or_else(|| {
             FitError::Shape("a field cannot be fitted to points whose places are unknown".into())
         })?;
-        let columns = rows.columns();
-        let width = columns + 1;
         let mut order: Vec<(u32, usize)> = (0..places.len())
             .filter(|&i| weights[i] > 0.0)
             .map(|i| (scene.affinities.pixel(places[i], scene.size), i))
             .collect();
         // Within a pixel by place and depth, so that the order of the points does not matter.
         let key = |i: usize| [places[i][1], places[i][0], rows.values[i]];
-        order.sort_unstable_by(|a, b| {
+        order.par_sort_unstable_by(|a, b| {
             let keys = key(a.1).into_iter().zip(key(b.1));
             let unlike = keys
                 .map(|(a, b)| a.total_cmp(&b))
@@ -48,67 +58,131 @@ impl Sites {
         });
         let mut sites = Self {
             taps: Vec::new(),
-            of_points: vec![None; places.len()],
             weights: Vec::new(),
-            rows: Vec::with_capacity(order.len() * width),
+            depths: Vec::new(),
+            of_points: vec![None; places.len()],
+            members: Vec::with_capacity(order.len()),
+            starts: vec![0],
         };
         for points in order.chunk_by(|a, b| a.0 == b.0) {
             let total: f64 = points.iter().map(|&(_, i)| weights[i]).sum();
-            let start = sites.rows.len();
-            sites.rows.resize(start + width, 0.0);
             // Off the first place: the mean of equal places is that place.
-            let (first, mut off) = (places[points[0].1], [0.0; 2]);
+            let (first, mut off, mut depth) = (places[points[0].1], [0.0; 2], 0.0);
             for &(_, i) in points {
                 sites.of_points[i] = Some(sites.taps.len());
                 let share = weights[i] / total;
-                let row = &rows.bases[i * columns..][..columns];
-                let sums = &mut sites.rows[start..];
-                for (sum, &value) in sums.iter_mut().zip(row) {
-                    *sum += share * f64::from(value);
-                }
-                sums[columns] += share * rows.values[i];
+                depth += share * rows.values[i];
                 for axis in 0..2 {
                     off[axis] += share * (places[i][axis] - first[axis]);
                 }
+                sites.members.push((i, share));
             }
             let place = [first[0] + off[0], first[1] + off[1]];
             sites.taps.push(scene.affinities.taps(place, scene.size));
             sites.weights.push(joint.data * total);
+            sites.depths.push(depth);
+            sites.starts.push(sites.members.len());
         }
         Ok(sites)
     }
 
-    /// The field with these observations; the last columns before the depth have ridges.
-    pub(super) fn field(
-        &self,
-        affinities: &Affinities,
-        level: f64,
-        ridges: &[f64],
-    ) -> Result<Field, FitError> {
-        let seen = self.observations();
-        let few = seen.taps.len() <= field::MOST;
-        let prior = few.then(|| affinities.prior(level)).flatten();
-        let found = prior.and_then(|prior| Field::with_prior(&prior, &seen, ridges));
-        found.map_or_else(|| self.direct(affinities, level), Ok)
+    /// The number of sites.
+    pub(super) fn len(&self) -> usize {
+        self.taps.len()
     }
 
-    /// The same, of which every pixel can be asked.
-    pub(super) fn direct(&self, affinities: &Affinities, level: f64) -> Result<Field, FitError> {
-        let found = Field::new(&affinities.grid(level), &self.observations());
-        found.ok_or(FitError::Unsolvable(UNSOLVABLE))
+    /// The mean at each site of values at the points.
+    pub(super) fn means(&self, values: &[f64]) -> Vec<f64> {
+        let mean =
+            |members: &[(usize, f64)]| members.iter().map(|&(i, share)| share * values[i]).sum();
+        (0..self.len())
+            .map(|site| mean(self.members(site)))
+            .collect()
     }
 
-    fn observations(&self) -> Observations<'_> {
+    fn members(&self, site: usize) -> &[(usize, f64)] {
+        &self.members[self.starts[site]..self.starts[site + 1]]
+    }
+
+    /// At most so many sites with their basis functions: a random choice, which is the same for the same sites.
+    ///
+    /// # Errors
+    /// Basis functions that are not finite.
+    pub(super) fn sample(&self, most: usize, rows: &Rows<'_>) -> Result<Sample, FitError> {
+        /// Sites whose points are evaluated at once.
+        const TOGETHER: usize = 128;
+        let chosen = choice(self.len(), most);
+        let columns = rows.columns();
+        let mut values = vec![0.0; chosen.len() * (columns + 1)];
+        let parts = values.par_chunks_mut(TOGETHER * (columns + 1));
+        let gather = |(values, sites): (&mut [f64], &[usize])| {
+            let members = || sites.iter().map(|&site| self.members(site));
+            let points: Vec<usize> = members().flatten().map(|&(i, _)| i).collect();
+            let bases = rows.bases_of(&points)?;
+            let mut own = bases.chunks_exact(columns.max(1));
+            let targets = values.chunks_exact_mut(columns + 1).zip(sites);
+            for ((row, &site), members) in targets.zip(members()) {
+                for ((_, share), base) in members.iter().zip(&mut own) {
+                    let pairs = row.iter_mut().zip(base);
+                    pairs.for_each(|(sum, value)| *sum += share * f64::from(*value));
+                }
+                row[columns] = self.depths[site];
+            }
+            Ok(())
+        };
+        parts
+            .zip(chosen.par_chunks(TOGETHER))
+            .try_for_each(gather)?;
+        Ok(Sample {
+            taps: chosen.iter().map(|&site| self.taps[site]).collect(),
+            weights: chosen.iter().map(|&site| self.weights[site]).collect(),
+            rows: values,
+        })
+    }
+}
+
+/// At most so many of the first numbers, in ascending order.
+fn choice(count: usize, most: usize) -> Vec<usize> {
+    let mut all: Vec<usize> = (0..count).collect();
+    if count > most {
+        Rng::stream(0, &["sites"]).choose(&mut all, most);
+        all.truncate(most);
+        all.sort_unstable();
+    }
+    all
+}
+
+impl Sample {
+    /// The number of sites.
+    pub(super) fn len(&self) -> usize {
+        self.taps.len()
+    }
+
+    /// The number of basis functions, including the cosines.
+    pub(super) fn columns(&self) -> usize {
+        (self.rows.len() / self.len().max(1)).saturating_sub(1)
+    }
+
+    pub(super) fn observations(&self) -> Observations<'_> {
         Observations {
             taps: &self.taps,
             weights: &self.weights,
             columns: &self.rows,
-            count: self.rows.len() / self.taps.len().max(1),
+            count: self.columns() + 1,
         }
     }
 
-    /// Observations, less the one that a level that is free takes.
-    pub(super) fn freedom(&self, level: f64) -> usize {
-        self.taps.len() - usize::from(level == 0.0 && !self.taps.is_empty())
+    /// At most so many of them.
+    pub(super) fn some(&self, most: usize) -> Self {
+        let chosen = choice(self.len(), most);
+        let stride = self.columns() + 1;
+        let rows = chosen
+            .iter()
+            .flat_map(|&i| &self.rows[i * stride..][..stride]);
+        Self {
+            taps: chosen.iter().map(|&i| self.taps[i]).collect(),
+            weights: chosen.iter().map(|&i| self.weights[i]).collect(),
+            rows: rows.copied().collect(),
+        }
     }
 }

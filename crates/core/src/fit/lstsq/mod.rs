@@ -428,12 +428,6 @@ fn subtract(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a - b).collect()
 }
 
-/// `depths - bases * x`.
-pub(super) fn residuals<T: Copy + Into<f64>>(bases: &[T], depths: &[f64], x: &[f64]) -> Vec<f64> {
-    let fitted = bases.chunks_exact(x.len().max(1)).map(|row| dot(row, x));
-    depths.iter().zip(fitted).map(|(d, f)| d - f).collect()
-}
-
 /// The dot product, summed in eight lanes so that it can be vectorised.
 pub fn dot<T: Copy + Into<f64>>(a: &[T], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];

@@ -1,6 +1,6 @@
 //! The solution against closed forms and plain elimination.
 
-use super::{Problem, Solver, divide, residuals, times, transposed_times};
+use super::{Problem, Solver, divide, dot, times, transposed_times};
 use lsdc_rng::Rng;
 
 const EXACT: Solver = Solver::Truncated(1e-9);
@@ -128,6 +128,12 @@ fn the_fast_path_is_taken_only_where_it_is_safe_and_agrees_with_the_decompositio
     assert!(squeezed(1e-2).full_rank(0.1).is_none(), "must be truncated");
     let few = Problem::new(&f[..5 * k], &d[..5], &w[..5]);
     assert!(few.full_rank(1e-9).is_none(), "fewer points than functions");
+}
+
+/// `depths - bases x`.
+fn residuals(bases: &[f64], depths: &[f64], x: &[f64]) -> Vec<f64> {
+    let fitted = bases.chunks_exact(x.len()).map(|row| dot(row, x));
+    depths.iter().zip(fitted).map(|(d, f)| d - f).collect()
 }
 
 #[test]

@@ -1,0 +1,148 @@
+//! A field with its observations in the equations, for any number of these.
+//!
+//! With K the equations without observations, S the interpolation at these, A their weights and t their targets,
+//! the minimum of `y' K y + (S y - t)' A (S y - t)` is `y = H^-1 S' A t` with `H = K + S' A S`. An observation
+//! joins only pixels that are neighbours already, so that H has a factor like that of K.
+
+use super::Grid;
+use super::factor::Factor;
+use super::plan::Plan;
+use super::stencil::{Neighbours, Stencil};
+use super::sweep::Row;
+use crate::bilinear::Taps;
+use faer::{Mat, MatRef};
+
+/// A field with any number of observations, which are part of its equations.
+#[derive(Debug)]
+pub struct Observed {
+    factor: Factor,
+    taps: Vec<Taps>,
+    weights: Vec<f64>,
+}
+
+impl Observed {
+    /// Factorises the equations with observations of these `weights`, each above 0, at positions that `taps`
+    /// interpolate. `None` if there is no observation, or if the equations are not positive definite in floating
+    /// point.
+    ///
+    /// # Panics
+    /// If lengths do not match or a pixel is outside the grid.
+    pub fn new(grid: &Grid<'_>, taps: &[Taps], weights: &[f64]) -> Option<Self> {
+        grid.check();
+        assert_eq!(taps.len(), weights.len(), "weights");
+        if taps.is_empty() {
+            return None;
+        }
+        let mut equations = Stencil::new(grid);
+        for (taps, &weight) in taps.iter().zip(weights) {
+            equations.observe(taps, weight);
+        }
+        let on_pixels = taps.iter().all(|taps| taps.single().is_some());
+        let neighbours = if on_pixels {
+            Neighbours::Four
+        } else {
+            Neighbours::Eight
+        };
+        let plan = Plan::of(grid.height, grid.width, neighbours);
+        Some(Self {
+            factor: Factor::new(plan, &equations)?,
+            taps: taps.to_vec(),
+            weights: weights.to_vec(),
+        })
+    }
+
+    /// The field `[pixels]` for targets: one for each observation.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn extend(&self, targets: &[f64]) -> Vec<f64> {
+        let targets = targets.as_chunks::<1>().0;
+        self.extend_all(targets).into_flattened()
+    }
+
+    /// The fields `[pixels, B]` for a few lists of targets `[observations, B]`.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn extend_all<const B: usize>(&self, targets: &[Row<B>]) -> Vec<Row<B>> {
+        assert_eq!(targets.len(), self.taps.len(), "targets");
+        let mut values = vec![[0.0; B]; self.factor.plan.len()];
+        for ((taps, weight), target) in self.taps.iter().zip(&self.weights).zip(targets) {
+            for (pixel, share) in taps.iter() {
+                let sums = values[pixel as usize].iter_mut().zip(target);
+                sums.for_each(|(sum, target)| *sum += weight * share * target);
+            }
+        }
+        self.factor.forward(&mut values);
+        self.factor.backward(&mut values);
+        values
+    }
+
+    /// `H^-1 right`, for a right-hand side at every pixel.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let mut values = right.to_vec();
+        let rows = values.as_chunks_mut::<1>().0;
+        self.factor.forward(rows);
+        self.factor.backward(rows);
+        values
+    }
+
+    /// `C^-1 targets`, where C is the covariance of the targets: for them, the minimum of the sum over y is
+    /// `targets' C^-1 targets`.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn pull(&self, targets: &[f64]) -> Vec<f64> {
+        let field = self.extend(targets);
+        let rest =
+            |((taps, weight), target): ((&Taps, &f64), &f64)| weight * (target - taps.read(&field));
+        let observations = self.taps.iter().zip(&self.weights);
+        observations.zip(targets).map(rest).collect()
+    }
+
+    /// `columns' C^-1 columns`, for columns `[observations, count]`, row by row.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn moments(&self, columns: &[f64], count: usize) -> Mat<f64> {
+        /// Columns side by side.
+        const B: usize = 4;
+        let n = self.taps.len();
+        let columns = MatRef::from_row_major_slice(columns, n, count);
+        let mut pulls = Mat::zeros(n, count);
+        for first in (0..count).step_by(B) {
+            let own = |i: usize, b: usize| {
+                if first + b < count {
+                    columns[(i, first + b)]
+                } else {
+                    0.0
+                }
+            };
+            let targets: Vec<Row<B>> = (0..n).map(|i| std::array::from_fn(|b| own(i, b))).collect();
+            let fields = self.extend_all(&targets);
+            for (i, (taps, weight)) in self.taps.iter().zip(&self.weights).enumerate() {
+                for b in 0..B.min(count - first) {
+                    let read = taps
+                        .iter()
+                        .map(|(pixel, share)| share * fields[pixel as usize][b]);
+                    pulls[(i, first + b)] = weight * (targets[i][b] - read.sum::<f64>());
+                }
+            }
+        }
+        columns.transpose() * pulls
+    }
+
+    /// The variance of the field at each observation, given the targets: `s' H^-1 s`.
+    pub fn variances(&self) -> Vec<f64> {
+        let inverse = self.factor.inverse();
+        self.taps.iter().map(|taps| inverse.at(taps)).collect()
+    }
+
+    /// The variance of the field at each pixel: the diagonal of `H^-1`.
+    pub fn pixel_variances(&self) -> Vec<f64> {
+        self.factor.inverse().diagonal()
+    }
+}

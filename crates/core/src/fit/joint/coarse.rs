@@ -1,0 +1,91 @@
+//! A coarse grid of pixels, for what varies slowly.
+
+/// Pixels between those of the grid.
+const STEP: usize = 8;
+
+/// Some pixels of a map, evenly spaced.
+#[derive(Debug)]
+pub(super) struct Coarse {
+    size: (usize, usize),
+    columns: Vec<usize>,
+    rows: Vec<usize>,
+}
+
+impl Coarse {
+    /// For a map of some height and width.
+    pub(super) fn new(size: (usize, usize)) -> Self {
+        let axis = |length: usize| (STEP / 2..length.max(STEP / 2 + 1)).step_by(STEP);
+        let inside = |length: usize| axis(length).map(move |v| v.min(length.saturating_sub(1)));
+        Self {
+            size,
+            columns: inside(size.1).collect(),
+            rows: inside(size.0).collect(),
+        }
+    }
+
+    /// The pixels (x, y), row by row.
+    pub(super) fn pixels(&self) -> impl Iterator<Item = (usize, usize)> {
+        let row = |&y: &usize| self.columns.iter().map(move |&x| (x, y));
+        self.rows.iter().flat_map(row)
+    }
+
+    /// A map of values at these pixels, none negative, whose logarithms are interpolated bilinearly.
+    pub(super) fn spread(&self, values: &[f64]) -> Vec<f64> {
+        // Where there is next to nothing, it counts for as much.
+        let least = 1e-12
+            * values
+                .iter()
+                .fold(f64::MIN_POSITIVE, |most: f64, v| most.max(*v));
+        let logs: Vec<f64> = values.iter().map(|value| value.max(least).ln()).collect();
+        let width = self.columns.len();
+        let mut map = Vec::with_capacity(self.size.0 * self.size.1);
+        for y in 0..self.size.0 {
+            let (top, bottom, down) = between(y, &self.rows);
+            for x in 0..self.size.1 {
+                let (left, right, across) = between(x, &self.columns);
+                let row = |row: usize| {
+                    let row = &logs[row * width..];
+                    row[left] + across * (row[right] - row[left])
+                };
+                map.push((row(top) + down * (row(bottom) - row(top))).exp());
+            }
+        }
+        map
+    }
+}
+
+/// The places on an axis that a position is between, and the share of the second.
+fn between(at: usize, axis: &[usize]) -> (usize, usize, f64) {
+    let last = axis.len() - 1;
+    let place = (at as f64 - axis[0] as f64) / STEP as f64;
+    let place = place.clamp(0.0, last as f64);
+    let low = (place as usize).min(last);
+    (low, (low + 1).min(last), place - low as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_that_grow_by_a_factor_are_met_between_the_pixels() {
+        let coarse = Coarse::new((21, 35));
+        let law = |x: usize, y: usize| (0.1 * x as f64 - 0.05 * y as f64).exp();
+        let values: Vec<f64> = coarse.pixels().map(|(x, y)| law(x, y)).collect();
+        let map = coarse.spread(&values);
+        for (x, y) in [(4, 4), (7, 9), (28, 20), (13, 12)] {
+            let found = map[y * 35 + x];
+            assert!((found / law(x, y) - 1.0).abs() < 1e-12, "{found}");
+        }
+        // Beyond the outermost pixels, these hold.
+        assert!((map[0] / law(4, 4) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn maps_of_a_few_pixels_have_one() {
+        let coarse = Coarse::new((1, 3));
+        assert_eq!(coarse.pixels().collect::<Vec<_>>(), [(2, 0)]);
+        assert_eq!(coarse.spread(&[2.0]).len(), 3);
+        assert!(coarse.spread(&[0.0]).iter().all(|value| *value < 1e-300));
+    }
+}

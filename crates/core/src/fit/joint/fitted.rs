@@ -1,0 +1,169 @@
+//! What follows from a joint fit: leverages and variances.
+
+use super::coarse::Coarse;
+use super::estimate::unsolvable;
+use super::sites::{Sample, Sites};
+use crate::bilinear::Taps;
+use crate::error::FitError;
+use crate::field::{Kriged, Observed};
+use crate::fit::affinities::{Affinities, Smooth};
+use crate::fit::lstsq::Solution;
+use faer::{Mat, MatRef};
+
+/// A field that was fitted.
+#[derive(Debug)]
+pub(in crate::fit) struct FieldFit {
+    pub(super) form: Form,
+    pub(super) affinities: Affinities,
+    pub(super) level: f64,
+    pub(super) sites: Sites,
+    /// The sites that the weights were estimated from.
+    pub(super) sample: Sample,
+    pub(in crate::fit) smooth: Smooth,
+    pub(in crate::fit) size: (usize, usize),
+    pub(in crate::fit) data: f64,
+    /// The penalties on the last weights, those of the cosines.
+    pub(in crate::fit) ridges: Vec<f64>,
+}
+
+/// The field of a few or many sites.
+#[derive(Debug)]
+pub(super) enum Form {
+    /// The cosines are part of it.
+    Few(Kriged),
+    Many {
+        field: Observed,
+        /// The share of a site in what the sites determine of the weights.
+        share: f64,
+        /// The field of some sites, from which the covariance of the weights was found, unless there are none.
+        start: Option<Kriged>,
+    },
+}
+
+impl FieldFit {
+    /// The leverage of each point: its weight times the variance of the fitted depth there.
+    pub(in crate::fit) fn leverages(&self, solution: &Solution, weights: &[f64]) -> Vec<f64> {
+        let variances = self.site_variances(solution);
+        let pairs = self.sites.of_points.iter().zip(weights);
+        let leverage = |(site, weight): (&Option<usize>, &f64)| {
+            site.map_or(0.0, |site| {
+                (self.data * weight * variances[site]).clamp(0.0, 1.0)
+            })
+        };
+        pairs.map(leverage).collect()
+    }
+
+    /// The variance of the fitted depth at each site.
+    fn site_variances(&self, solution: &Solution) -> Vec<f64> {
+        match &self.form {
+            Form::Few(field) => {
+                let factor = &solution.factor;
+                let stride = self.sample.columns() + 1;
+                let rows = &self.sample.rows;
+                let rows = MatRef::from_row_major_slice(rows, self.sample.len(), stride);
+                let along = rows.subcols(0, factor.nrows()) * factor
+                    - field.responses(with_depth(factor).as_ref());
+                let variances = field.variances().into_iter().enumerate();
+                variances
+                    .map(|(i, own)| own + along.row(i).squared_norm_l2())
+                    .collect()
+            }
+            // Each leverage h leaves 1 - h = (1 - h of the field) (1 - share of the weights); the share is the
+            // mean of all, as in generalised cross-validation (Golub, Heath and Wahba 1979).
+            Form::Many { field, share, .. } => {
+                let variances = field.variances().into_iter().zip(&self.sites.weights);
+                let both = |(own, weight): (f64, &f64)| own + share * (weight.recip() - own);
+                variances.map(both).collect()
+            }
+        }
+    }
+
+    /// Variances at every pixel of the field, where the steps between neighbours with affinity 1 have variance 1.
+    /// `bases` returns the basis functions and cosines `[places, k]` at positions in an image of the size of the
+    /// field.
+    ///
+    /// # Errors
+    /// Equations that are not positive definite.
+    pub(in crate::fit) fn variances(
+        &self,
+        solution: &Solution,
+        bases: impl FnOnce(&[[f64; 2]]) -> Vec<f32>,
+    ) -> Result<Variances, FitError> {
+        let observed;
+        let field = match &self.form {
+            Form::Many { field, .. } => field,
+            Form::Few(_) => {
+                let grid = self.affinities.grid(self.level);
+                let (taps, weights) = (&self.sites.taps, &self.sites.weights);
+                observed = Observed::new(&grid, taps, weights).ok_or_else(unsolvable)?;
+                &observed
+            }
+        };
+        let own = field.pixel_variances();
+        let coarse = Coarse::new(self.size);
+        let places: Vec<[f64; 2]> = coarse.pixels().map(|(x, y)| [x as f64, y as f64]).collect();
+        let pixels: Vec<usize> = coarse.pixels().map(|(x, y)| y * self.size.1 + x).collect();
+        let taps: Vec<Taps> = pixels
+            .iter()
+            .map(|&pixel| Taps::pixel(pixel as u32))
+            .collect();
+        let weights = match &self.form {
+            Form::Few(field) => {
+                let (all, squares) = along(field, &solution.factor, &taps, &bases(&places));
+                let own = pixels.iter().map(|&pixel| own[pixel]);
+                let cosines = all
+                    .into_iter()
+                    .zip(own)
+                    .map(|(all, own)| (all - own).max(0.0));
+                cosines
+                    .zip(squares)
+                    .map(|(cosines, square)| cosines + square)
+                    .collect()
+            }
+            Form::Many { start, .. } => match start {
+                None => vec![0.0; taps.len()],
+                Some(field) => along(field, &solution.factor, &taps, &bases(&places)).1,
+            },
+        };
+        Ok(Variances {
+            field: own,
+            weights: coarse.spread(&weights),
+        })
+    }
+}
+
+/// At some pixels, the variance of a field with the functions that are part of it, and that of what the weights
+/// with this factor of their covariance multiply, less the field's response to it.
+fn along(field: &Kriged, factor: &Mat<f64>, taps: &[Taps], bases: &[f32]) -> (Vec<f64>, Vec<f64>) {
+    let columns = bases.len() / taps.len().max(1);
+    let rows = bases.chunks_exact(columns.max(1));
+    let functions = rows.flat_map(|row| &row[factor.nrows()..]);
+    let functions: Vec<f64> = functions.map(|&value| f64::from(value)).collect();
+    let (variances, responses) = field.at(taps, &functions, with_depth(factor).as_ref());
+    let rows = Mat::from_fn(taps.len(), factor.nrows(), |i, j| {
+        f64::from(bases[i * columns + j])
+    });
+    let along = rows * factor - responses;
+    let squares = along.row_iter().map(|row| row.squared_norm_l2());
+    (variances, squares.collect())
+}
+
+/// The variance of the fitted value at every pixel of a field.
+#[derive(Clone, Debug)]
+pub(in crate::fit) struct Variances {
+    /// Of the field, were the weights known.
+    pub(in crate::fit) field: Vec<f64>,
+    /// What the weights of basis functions and cosines add.
+    pub(in crate::fit) weights: Vec<f64>,
+}
+
+/// The columns of a factor, with a last row for the depth, which does not vary.
+fn with_depth(factor: &Mat<f64>) -> Mat<f64> {
+    Mat::from_fn(factor.nrows() + 1, factor.ncols(), |i, j| {
+        if i < factor.nrows() {
+            factor[(i, j)]
+        } else {
+            0.0
+        }
+    })
+}
