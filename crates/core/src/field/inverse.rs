@@ -11,14 +11,18 @@
 use super::factor::{Factor, both};
 use super::plan::{Batch, FORK, Half};
 use super::stencil::Stencil;
-use super::tile::Program;
+use super::tile::{Program, Step};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::{Accum, Mat, MatRef, Par};
 use lsdc_kernels::cholesky::Eight;
+use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
+
+/// Sums of a column of a tile that are made at once.
+const SUMS: usize = 4;
 
 /// What is found for lines.
 struct Found {
@@ -99,16 +103,17 @@ impl Factor {
             rings: Vec::new(),
         };
         let half = |half: usize| {
-            let places: Vec<_> = line.places[half]
-                .iter()
-                .map(|place| place.map(|place| place as usize))
-                .collect();
-            let part = Mat::from_fn(places.len(), places.len(), |i, j| {
-                match (places[i], places[j]) {
-                    (Some(i), Some(j)) => front[(i, j)],
-                    _ => 0.0,
+            let length = line.places[half].len();
+            let mut part = Mat::zeros(length, length);
+            for columns in &line.runs[half] {
+                for (j, to) in columns.from.clone().zip(columns.to..) {
+                    let (target, source) = (part.col_as_slice_mut(j), front.col_as_slice(to));
+                    for rows in &line.runs[half] {
+                        let values = &source[rows.to..][..rows.from.len()];
+                        target[rows.from.clone()].copy_from_slice(values);
+                    }
                 }
-            });
+            }
             match line.halves[half] {
                 Half::Line(line) => self.invert(line, part.as_ref()),
                 Half::Tile(tile) => Found {
@@ -139,9 +144,12 @@ impl Factor {
             }
         }
         let mut found = vec![[0.0; 8]; program.sources.len()];
-        self.level.vectorised(
-            #[inline(always)]
-            || program.invert(program.steps.len() - 1, factor, &ring, &mut found),
+        program.invert(
+            program.steps.len() - 1,
+            self.level,
+            factor,
+            &ring,
+            &mut found,
         );
         found
     }
@@ -150,27 +158,59 @@ impl Factor {
 impl Program {
     /// Inverts a step and all below it, eight tiles at once; `kept` is the inverse at the variables that it
     /// keeps.
-    fn invert(&self, at: usize, factor: &[Eight], kept: &[Eight], found: &mut [Eight]) {
+    fn invert(
+        &self,
+        at: usize,
+        level: Level,
+        factor: &[Eight],
+        kept: &[Eight],
+        found: &mut [Eight],
+    ) {
         let step = &self.steps[at];
         let (count, rest) = (step.count, step.kept.len());
         let rows = count + rest;
-        let column = |j: usize| &step.column(factor, j)[..rows];
         let mut front = vec![[0.0; 8]; rows * rows];
         for j in 0..rest {
             front[(count + j) * rows + count..][..rest].copy_from_slice(&kept[j * rest..][..rest]);
         }
-        // Column j of the inverse from later ones: those of the rows that it depends on.
-        for j in (0..count).rev() {
-            let factors = column(j);
-            for i in (j + 1..rows).rev() {
-                let mut sum = [0.0; 8];
-                let known = &front[i * rows..][..rows];
+        level.vectorised(
+            #[inline(always)]
+            || step.invert(factor, rows, &mut front),
+        );
+        for &[row, column, source] in &step.entries {
+            found[source as usize] = front[column as usize * rows + row as usize];
+        }
+        for (half, runs) in &step.halves {
+            let places = runs.iter().flat_map(|run| run.to..run.to + run.from.len());
+            let places: Vec<usize> = places.collect();
+            let columns = places.iter().map(|&place| &front[place * rows..][..rows]);
+            let part = columns.flat_map(|column| places.iter().map(|&place| column[place]));
+            self.invert(*half, level, factor, &part.collect::<Vec<_>>(), found);
+        }
+    }
+}
+
+impl Step {
+    /// Fills in the columns of its own variables, of which each follows from the later ones.
+    #[inline(always)]
+    fn invert(&self, factor: &[Eight], rows: usize, front: &mut [Eight]) {
+        for j in (0..self.count).rev() {
+            let factors = &self.column(factor, j)[..rows];
+            // A few at a time, whose sums do not wait for each other.
+            for first in (j + 1..rows).step_by(SUMS) {
+                let each: [usize; SUMS] = std::array::from_fn(|i| (first + i).min(rows - 1));
+                let known = each.map(|i| &front[i * rows..][..rows]);
+                let mut sums = [[0.0; 8]; SUMS];
                 for k in j + 1..rows {
-                    subtract(&mut sum, &factors[k], &known[k]);
+                    for (sum, known) in sums.iter_mut().zip(known) {
+                        subtract(sum, &factors[k], &known[k]);
+                    }
                 }
-                divide(&mut sum, &factors[j]);
-                front[j * rows + i] = sum;
-                front[i * rows + j] = sum;
+                for (i, mut sum) in each.into_iter().zip(sums) {
+                    divide(&mut sum, &factors[j]);
+                    front[j * rows + i] = sum;
+                    front[i * rows + j] = sum;
+                }
             }
             let mut own = [1.0; 8];
             divide(&mut own, &factors[j]);
@@ -179,20 +219,6 @@ impl Program {
             }
             divide(&mut own, &factors[j]);
             front[j * rows + j] = own;
-        }
-        for &[row, column, source] in &step.entries {
-            found[source as usize] = front[column as usize * rows + row as usize];
-        }
-        for (half, runs) in &step.halves {
-            let places: Vec<usize> = runs
-                .iter()
-                .flat_map(|run| run.to..run.to + run.from.len())
-                .collect();
-            let columns = places.iter().map(|&place| &front[place * rows..][..rows]);
-            let part: Vec<Eight> = columns
-                .flat_map(|column| places.iter().map(|&place| column[place]))
-                .collect();
-            self.invert(*half, factor, &part, found);
         }
     }
 }

@@ -36,8 +36,9 @@ struct Found {
     sample: Sample,
 }
 
-/// The weights are estimated from at most this many sites, the field from all.
+/// The weights are estimated from all of at most this many sites, and from some of more; the field from all.
 const MOST: usize = 5000;
+const SOME: usize = 2000;
 
 pub(super) fn unsolvable() -> FitError {
     FitError::Unsolvable("the equations of the field are not positive definite")
@@ -129,7 +130,8 @@ impl FieldEstimator<'_> {
 
     /// By conjugate gradients, from the solution for some of the sites.
     fn many(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
-        let sample = sites.sample(MOST, rows)?;
+        let enough = if sites.len() > MOST { SOME } else { MOST };
+        let sample = sites.sample(enough, rows)?;
         let (columns, stride) = (sample.columns(), sample.columns() + 1);
         let some = self.kriged(&sample.some(field::MOST), &[])?;
         let near = moments(some.moments(), columns, field::MOST);
