@@ -65,13 +65,8 @@ impl FieldEstimator<'_> {
         solution.weights.extend(cosines);
         let rests = rows.residuals(&solution.weights);
         let places = rows.places.unwrap_or_default().iter();
-        let rests = rests.iter().zip(places).map(|(rest, &place)| {
-            rest - self
-                .scene
-                .affinities
-                .taps(place, self.scene.size)
-                .read(&values)
-        });
+        let rests = rests.iter().zip(places);
+        let rests = rests.map(|(rest, &place)| rest - self.scene.taps(place).read(&values));
         Ok(Estimate {
             rests: rests.collect(),
             solution,
@@ -118,13 +113,17 @@ impl FieldFit {
         let stride = solution.weights.len() + 1;
         let mut variances = vec![0.0; self.sites.taps.len()];
         for spread in self.spreads(&self.field, &solution.factor, Reach::Observations) {
+            // Ties have no basis functions, and are nobody's.
             let bases = Mat::from_fn(spread.places.len(), solution.factor.nrows(), |i, j| {
-                self.sites.rows[spread.places[i] as usize * stride + j]
+                let value = self.sites.rows.get(spread.places[i] as usize * stride + j);
+                value.copied().unwrap_or(0.0)
             });
             let responses = spread.responses.as_ref();
             let squares = weight_variances(bases.as_ref(), responses, &solution.factor);
             for ((&site, own), square) in spread.places.iter().zip(&spread.variances).zip(squares) {
-                variances[site as usize] = own + square;
+                if let Some(variance) = variances.get_mut(site as usize) {
+                    *variance = own + square;
+                }
             }
         }
         let pairs = self.sites.of_points.iter().zip(weights);
