@@ -10,8 +10,8 @@ pub fn neighbours(place: f64, from: usize, to: usize) -> (usize, usize, f64) {
     (low, (low + 1).min(last), position - low as f64)
 }
 
-/// The pixels of a grid that a position is interpolated from, and their weights, which add up to 1. A
-/// position at a pixel's centre uses that pixel alone.
+/// The pixels of a grid that a position is interpolated from, and their weights, which add up to 1 (but for those
+/// of a difference). A position at a pixel's centre uses that pixel alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Taps {
     /// Pixels `y * width + x`, the first `count` of them, none twice.
@@ -50,6 +50,30 @@ impl Taps {
             shares: [1.0, 0.0, 0.0, 0.0],
             count: 1,
         }
+    }
+
+    /// The value of one pixel less that of another.
+    pub fn difference(one: u32, other: u32) -> Self {
+        Self {
+            pixels: [one, other, 0, 0],
+            shares: [1.0, -1.0, 0.0, 0.0],
+            count: 2,
+        }
+    }
+
+    /// The same pixels, each weight multiplied by a factor above 0, and all divided by their sum.
+    #[must_use]
+    pub fn weighted(mut self, factor: impl Fn(u32) -> f64) -> Self {
+        if self.count < 2 {
+            return self;
+        }
+        let pairs = self.shares.iter_mut().zip(self.pixels);
+        for (share, pixel) in pairs.take(self.count) {
+            *share *= factor(pixel);
+        }
+        let total: f64 = self.shares[..self.count].iter().sum();
+        self.shares.iter_mut().for_each(|share| *share /= total);
+        self
     }
 
     /// The pixel, if there is only one.

@@ -1,7 +1,8 @@
 //! A fit and everything derived from it: depth at any position, standard deviations, residuals, outliers.
 
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, LocalNoise, RANGE};
+use crate::fit::{Fit, FitMethod, LocalNoise, RANGE, Smooth};
+use crate::guide::Guide;
 use crate::image::{check_rows, check_size};
 use crate::map::DepthMap;
 use crate::scene::Scene;
@@ -140,8 +141,9 @@ impl Completion {
         self.depth_at(width, height)
     }
 
-    /// The dense depth at another size: basis functions and field are evaluated at that resolution, rather
-    /// than a depth map being enlarged.
+    /// The dense depth at another size. In an image that is larger than what the network sees, the depth that was
+    /// solved is read at every pixel along the edges of the image (with the colours of the image at the same
+    /// position); otherwise basis functions and field are evaluated at that resolution.
     ///
     /// # Errors
     /// An implausible size.
@@ -193,11 +195,10 @@ impl Completion {
         let rows = scene.completer().run(|| scene.at((height, width), places));
         let columns = rows.len() / places.len().max(1);
         let (low, high) = self.limits();
+        let smooth_at = |smooth: &Smooth, place| smooth.read(&scene.taps(place, smooth.size()));
         let value = |(row, &place): (&[f32], &[f64; 2])| {
             let functions = row.iter().zip(&fit.weights).map(|(b, w)| f64::from(*b) * w);
-            let smooth = fit
-                .smooth()
-                .map_or(0.0, |smooth| smooth.at(place, (height, width)));
+            let smooth = fit.smooth().map_or(0.0, |smooth| smooth_at(smooth, place));
             let value = functions.sum::<f64>() + smooth;
             (fit.space.depth(value) as f32).clamp(low, high)
         };
@@ -218,9 +219,13 @@ impl Completion {
     fn dense(&self, size: (usize, usize)) -> Vec<f32> {
         let Inner { scene, fit, .. } = &*self.0;
         scene.completer().run(|| {
-            let mut values = scene.combine(size, &fit.weights);
+            let solved = scene.guide().map_or(size, Guide::grid);
+            let mut values = scene.combine(solved, &fit.weights);
             if let Some(smooth) = fit.smooth() {
-                smooth.add_to(size, &mut values);
+                smooth.add_to(solved, &mut values);
+            }
+            if let Some(guide) = scene.guide() {
+                values = guide.enlarge(&values, size);
             }
             let (low, high) = self.limits();
             values.par_iter_mut().for_each(|value| {

@@ -63,6 +63,8 @@ mod error;
 pub mod field;
 #[doc(hidden)]
 pub mod fit;
+#[doc(hidden)]
+pub mod guide;
 mod image;
 mod map;
 #[doc(hidden)]

@@ -7,9 +7,9 @@ use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
 
 /// The colours of an image of size `from` (height, width) at another size, as PIL's `BILINEAR` filter gives
 /// them, which averages all pixels when shrinking.
-pub(crate) fn resized(rgb: Vec<u8>, from: (usize, usize), to: (usize, usize)) -> Result<Vec<u8>> {
+pub(crate) fn resized(rgb: &[u8], from: (usize, usize), to: (usize, usize)) -> Result<Vec<u8>> {
     if from == to {
-        return Ok(rgb);
+        return Ok(rgb.to_vec());
     }
     let failed = || ImageError::Size {
         width: to.1,
@@ -20,7 +20,7 @@ pub(crate) fn resized(rgb: Vec<u8>, from: (usize, usize), to: (usize, usize)) ->
     else {
         return Err(failed().into());
     };
-    let source = TypedImageRef::<U8x3>::from_buffer(width, height, &rgb).map_err(|_| failed())?;
+    let source = TypedImageRef::<U8x3>::from_buffer(width, height, rgb).map_err(|_| failed())?;
     let mut colours = vec![0; 3 * to.0 * to.1];
     let mut target = TypedImage::<U8x3>::from_buffer(new_width, new_height, &mut colours)
         .map_err(|_| failed())?;

@@ -1,5 +1,6 @@
 //! The network's output for one image, ready for any set of points.
 
+use crate::bilinear::Taps;
 use crate::completer::Completer;
 use crate::completion::Completion;
 use crate::error::{FitError, Result};
@@ -7,6 +8,7 @@ use crate::fit::{
     Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Points, Prior, PriorKind,
     Scene as Placed, dot, fit,
 };
+use crate::guide::Guide;
 use crate::image::Image;
 use crate::network::Basis;
 use crate::observations::Observations;
@@ -39,6 +41,8 @@ struct Inner {
     cosines: CosineBasis,
     /// Height and width of the image.
     size: (usize, usize),
+    /// How depth is read from the grid that it is solved on, in a fit with a field to an image that is larger.
+    guide: Option<Guide>,
     network: Duration,
 }
 
@@ -62,16 +66,24 @@ impl Scene {
         let scale = ((rows * columns) as f64 / (width as f64 * height as f64)).sqrt();
         let side = |length: usize| ((length as f64 * scale).round() as usize).max(1);
         let working = (side(height), side(width));
-        let colours = resized(image.rgb()?, (height, width), working)?;
+        let rgb = image.rgb()?;
+        let colours = resized(&rgb, (height, width), working)?;
         let values = normalised(&colours, normalisation.mean, normalisation.deviation);
         let basis = completer.run(|| completer.network().basis(&values, working));
         let cosines = CosineBasis::up_to(completer.fit_config().cosines());
+        let guide = match completer.fit_config().method {
+            FitMethod::Lse => None,
+            FitMethod::Field | FitMethod::Joint => {
+                Guide::new((rgb, (height, width)), (colours, working))
+            }
+        };
         let mut inner = Inner {
             completer,
             basis,
             affinities: OnceLock::new(),
             cosines,
             size: (height, width),
+            guide,
             network: Duration::ZERO,
         };
         if inner.completer.fit_config().method != FitMethod::Lse {
@@ -232,6 +244,20 @@ impl Scene {
         self.0.at(size, places)
     }
 
+    /// How maps are read from the grid that depth is solved on, if not at every pixel.
+    pub(crate) fn guide(&self) -> Option<&Guide> {
+        self.0.guide.as_ref()
+    }
+
+    /// The pixels of the field, which has `grid` (height, width), that a position (u, v) of the image is read
+    /// from.
+    pub(crate) fn taps(&self, place: [f64; 2], grid: (usize, usize)) -> Taps {
+        match self.guide() {
+            Some(guide) => guide.taps(place, self.size()),
+            None => Taps::new(place, self.size(), grid),
+        }
+    }
+
     /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).
     pub(crate) fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
         self.0.combine(size, weights)
@@ -240,6 +266,41 @@ impl Scene {
 
 impl Inner {
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        match &self.guide {
+            Some(guide) => self.read(guide, size, places),
+            None => self.exactly_at(size, places),
+        }
+    }
+
+    /// The functions at the pixels of the grid around each position, weighted as a map there is read.
+    fn read(&self, guide: &Guide, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        let taps = places.iter().map(|&place| guide.taps(place, size));
+        let taps: Vec<Taps> = taps.collect();
+        let around = taps.iter().flat_map(Taps::iter);
+        let mut pixels: Vec<u32> = around.map(|(pixel, _)| pixel).collect();
+        pixels.sort_unstable();
+        pixels.dedup();
+        let width = guide.grid().1;
+        let centre = |&pixel: &u32| [pixel as usize % width, pixel as usize / width];
+        let centres: Vec<[f64; 2]> = pixels.iter().map(|p| centre(p).map(|v| v as f64)).collect();
+        let functions = self.exactly_at(guide.grid(), &centres);
+        let count = functions.len() / pixels.len().max(1);
+        let mut rows = vec![0.0; places.len() * count];
+        let pairs = rows.par_chunks_mut(count.max(1)).zip(&taps);
+        pairs.for_each(|(row, taps)| {
+            for (pixel, share) in taps.iter() {
+                let place = pixels.partition_point(|&other| other < pixel);
+                let functions = &functions[place * count..][..count];
+                let share = share as f32;
+                row.iter_mut()
+                    .zip(functions)
+                    .for_each(|(sum, function)| *sum += share * function);
+            }
+        });
+        rows
+    }
+
+    fn exactly_at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         let rows = self.basis.at(size, places);
         if self.cosines.is_empty() || places.is_empty() {
             return rows;
@@ -265,7 +326,7 @@ impl Inner {
     }
 
     fn points<'a>(
-        &self,
+        &'a self,
         bases: Bases<'a>,
         usable: &'a Usable,
         affinities: Option<&'a Affinities>,
@@ -276,7 +337,11 @@ impl Inner {
             depths: &usable.depths,
             deviations: usable.deviations.as_deref(),
             places: Some(&usable.places),
-            scene: affinities.map(|affinities| Placed { affinities, size }),
+            scene: affinities.map(|affinities| Placed {
+                affinities,
+                size,
+                guide: self.guide.as_ref(),
+            }),
         }
     }
 }
@@ -291,26 +356,18 @@ impl Functions for Inner {
     }
 
     fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Vec<f64> {
-        let (height, width) = self.size;
-        let pixel = |&[u, v]: &[f64; 2]| {
-            let inside = u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64;
-            (inside && u.fract() == 0.0 && v.fract() == 0.0)
-                .then(|| v as usize * width + u as usize)
-        };
-        // All at the centres of pixels, as those of depth cameras are: read from the map of all pixels.
-        if let Some(pixels) = places.iter().map(pixel).collect::<Option<Vec<_>>>() {
-            let map = self.combine(self.size, weights);
-            return pixels
-                .into_iter()
-                .map(|pixel| f64::from(map[pixel]))
+        if let Some(guide) = &self.guide {
+            let map = self.combine(guide.grid(), weights).into_iter();
+            let map: Vec<f64> = map.map(f64::from).collect();
+            let places = places.par_iter();
+            return places
+                .map(|&place| guide.taps(place, self.size).read(&map))
                 .collect();
         }
         let strips = places.par_chunks(HELD / 8).flat_map_iter(|places| {
             let rows = self.at(self.size, places);
-            let values = rows
-                .chunks_exact(weights.len().max(1))
-                .map(|row| dot(row, weights));
-            values.collect::<Vec<_>>()
+            let rows = rows.chunks_exact(weights.len().max(1));
+            rows.map(|row| dot(row, weights)).collect::<Vec<_>>()
         });
         strips.collect()
     }

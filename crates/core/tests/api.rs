@@ -127,6 +127,40 @@ fn places_between_pixels_are_read_as_maps_of_any_size_are() {
     assert!(completion.at(&[]).unwrap().is_empty());
 }
 
+/// An image with more pixels than the network sees is read along its edges.
+#[test]
+fn maps_of_larger_images_and_their_places_are_read_alike() {
+    let scene = scene_of(&COMPLETER, 500, 380);
+    let given = observations(500, 380, 150);
+    let completion = scene.complete(&given).unwrap();
+    for (width, height) in [(500, 380), (650, 410), (120, 90)] {
+        let map = completion.depth_at(width, height).unwrap();
+        let pixels: Vec<_> = (0..300)
+            .map(|i| (i * 37 % width, i * 53 % height))
+            .collect();
+        let within =
+            |x: usize, from: usize, to: usize| (x as f64 + 0.5) * to as f64 / from as f64 - 0.5;
+        let place = |&(x, y): &(usize, usize)| [within(x, width, 500), within(y, height, 380)];
+        let places: Vec<[f64; 2]> = pixels.iter().map(place).collect();
+        let values = completion.at(&places).unwrap();
+        for ((x, y), value) in pixels.into_iter().zip(values) {
+            assert!(
+                (value - map.at(x, y)).abs() < 2e-5 * value,
+                "{width}: {x} {y}"
+            );
+        }
+    }
+    let near = completion.depth().unwrap();
+    let far = given.iter().map(|p| Observation {
+        depth: 8.0 * p.depth,
+        ..*p
+    });
+    let far = scene.complete(&far.collect()).unwrap().depth().unwrap();
+    for (near, far) in near.values().iter().zip(far.values()) {
+        assert!((8.0 * near - far).abs() <= 2e-4 * far.abs(), "{near} {far}");
+    }
+}
+
 /// Every point at its own place: a shift by half a pixel shows as a shift of the map.
 #[test]
 fn points_are_observed_where_they_are() {
@@ -422,14 +456,22 @@ fn a_fit_that_meets_every_point_knows_nothing_of_its_errors() {
 
 #[test]
 fn the_number_of_threads_changes_no_bit() {
-    let given = observations(160, 120, 400);
+    for (width, height) in [(160, 120), (500, 380)] {
+        the_number_of_threads_changes_no_bit_of(width, height);
+    }
+}
+
+fn the_number_of_threads_changes_no_bit_of(width: usize, height: usize) {
+    let given = observations(width, height, 400);
     let on = |threads: usize| {
         let weights = Weights::builtin_small();
         let completer = Completer::builder(&weights)
             .threads(threads)
             .build()
             .unwrap();
-        let completion = scene_of(&completer, 160, 120).complete(&given).unwrap();
+        let completion = scene_of(&completer, width, height)
+            .complete(&given)
+            .unwrap();
         (
             completion.depth().unwrap(),
             completion.standard_deviation().unwrap(),

@@ -103,7 +103,7 @@ pub(in crate::cli) struct Complete {
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) outliers: bool,
     /// Run the network on the image at full resolution, instead of resizing it to the number of pixels of
-    /// the training images.
+    /// the training images. Rarely more accurate, and slower by far.
     #[arg(long, help_heading = "Network", hide_short_help = true)]
     pub(in crate::cli) full: bool,
     /// Treat the images as a video: the weights of the basis functions are pulled towards those of the

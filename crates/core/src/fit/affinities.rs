@@ -3,6 +3,7 @@
 use crate::bilinear::{Taps, neighbours};
 use crate::error::FitError;
 use crate::field::{self, FieldPrior, Grid};
+use crate::guide::Guide;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
@@ -96,11 +97,6 @@ impl Affinities {
         );
         (row * self.0.width + column) as u32
     }
-
-    /// The pixels that a position (u, v) of an image of `size` (height, width) is interpolated from.
-    pub(super) fn taps(&self, place: [f64; 2], size: (usize, usize)) -> Taps {
-        Taps::new(place, size, self.size())
-    }
 }
 
 /// The affinities of the image that the points lie in, and the height and width in whose pixels their
@@ -111,6 +107,18 @@ pub struct Scene<'a> {
     pub affinities: &'a Affinities,
     /// Height and width of the image that the points lie in.
     pub size: (usize, usize),
+    /// How positions are read, if not bilinearly.
+    pub guide: Option<&'a Guide>,
+}
+
+impl Scene<'_> {
+    /// The pixels of the field that a position (u, v) of the image is read from.
+    pub(super) fn taps(&self, place: [f64; 2]) -> Taps {
+        match self.guide {
+            Some(guide) => guide.taps(place, self.size),
+            None => Taps::new(place, self.size, self.affinities.size()),
+        }
+    }
 }
 
 /// A smooth field, which can be evaluated at any resolution.
@@ -131,9 +139,13 @@ impl Smooth {
         }
     }
 
-    /// The value of the field at a position (u, v) of an image of `size` (height, width).
-    pub fn at(&self, place: [f64; 2], size: (usize, usize)) -> f64 {
-        let taps = Taps::new(place, size, (self.height, self.width));
+    /// Height and width.
+    pub fn size(&self) -> (usize, usize) {
+        (self.height, self.width)
+    }
+
+    /// The value of the field where it is read from these pixels.
+    pub fn read(&self, taps: &Taps) -> f64 {
         let value = |(pixel, share): (u32, f64)| share * f64::from(self.values[pixel as usize]);
         taps.iter().map(value).sum()
     }

@@ -14,6 +14,8 @@ pub struct CosineBasis {
 /// Half-waves across and down at frequency 1.
 const ACROSS: f64 = 4.0;
 const DOWN: f64 = 3.0;
+/// Positions that a task evaluates at least.
+const TOGETHER: usize = 64;
 
 impl CosineBasis {
     /// The functions up to a frequency: none for 0; frequency 1 has up to 4 half-waves across and 3 down.
@@ -63,18 +65,19 @@ impl CosineBasis {
         (height, width): (usize, usize),
         places: &[[f64; 2]],
     ) -> Vec<f32> {
-        let most = [self.most(0), self.most(1)];
-        let (mut across, mut down) = (vec![0.0; most[0] + 1], vec![0.0; most[1] + 1]);
+        let waves = || [0, 1].map(|axis| vec![0.0; self.most(axis) + 1]);
         let all = before + self.len();
         let mut values = vec![0.0; places.len() * all];
-        for (i, (row, &[u, v])) in values.chunks_mut(all).zip(places).enumerate() {
-            cosines(u, width, &mut across);
-            cosines(v, height, &mut down);
+        let pairs = values.par_chunks_mut(all.max(1)).zip(places);
+        let pairs = pairs.enumerate().with_min_len(TOGETHER);
+        pairs.for_each_init(waves, |[across, down], (i, (row, &[u, v]))| {
+            cosines(u, width, across);
+            cosines(v, height, down);
             row[..before].copy_from_slice(&rows[i * before..][..before]);
             for (value, &(p, q)) in row[before..].iter_mut().zip(&self.pairs) {
                 *value = across[p] * down[q];
             }
-        }
+        });
         values
     }
 

@@ -4,9 +4,9 @@ use super::JointConfig;
 use super::conjugate::Normal;
 use super::fitted::{FieldFit, Form};
 use super::sites::{Sample, Sites};
-use crate::bilinear::Taps;
+use super::smoothness::Smoothness;
 use crate::error::{FitError, Result};
-use crate::field::{self, Kriged, Observed};
+use crate::field;
 use crate::fit::affinities::{Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
@@ -40,10 +40,6 @@ struct Found {
 const MOST: usize = 5000;
 const SOME: usize = 2000;
 
-pub(super) fn unsolvable() -> FitError {
-    FitError::Unsolvable("the equations of the field are not positive definite")
-}
-
 impl FieldEstimator<'_> {
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
@@ -56,12 +52,10 @@ impl FieldEstimator<'_> {
         };
         let rests = rows.residuals(&found.solution.weights);
         let places = rows.places.unwrap_or_default().iter();
-        let (affinities, size) = (self.scene.affinities, self.scene.size);
-        let field = |place: [f64; 2]| affinities.taps(place, size).read(&found.values);
-        let rests = rests
-            .iter()
-            .zip(places)
-            .map(|(rest, &place)| rest - field(place));
+        let pairs = rests.iter().zip(places);
+        let rests = pairs.map(|(rest, &place)| rest - self.scene.taps(place).read(&found.values));
+        let smoothness = self.smoothness();
+        let size = smoothness.affinities.size();
         Ok(Estimate {
             rests: rests.collect(),
             solution: found.solution,
@@ -69,12 +63,11 @@ impl FieldEstimator<'_> {
             lambda: found.lambda,
             field: Some(Arc::new(FieldFit {
                 form: found.form,
-                affinities: affinities.clone(),
-                level: self.joint.level,
+                smoothness,
                 sites,
                 sample: found.sample,
-                smooth: Smooth::new(affinities.size(), &found.values),
-                size: affinities.size(),
+                smooth: Smooth::new(size, &found.values),
+                size,
                 data: self.joint.data,
                 ridges: self.ridges.to_vec(),
             })),
@@ -83,7 +76,7 @@ impl FieldEstimator<'_> {
 
     /// The field without basis functions.
     fn alone(self, sites: &Sites, rows: &Rows<'_>) -> Result<Found, FitError> {
-        let field = self.observed(&sites.taps, &sites.weights)?;
+        let field = self.smoothness().observed(&sites.taps, &sites.weights)?;
         let values = field.extend(&sites.depths);
         let square = dot(&sites.depths, &field.pull(&sites.depths));
         let columns = rows.columns();
@@ -109,7 +102,7 @@ impl FieldEstimator<'_> {
     /// From the moments of all columns, with the cosines as a part of the field.
     fn few(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
         let sample = sites.sample(sites.len(), rows)?;
-        let field = self.kriged(&sample, self.ridges)?;
+        let field = self.smoothness().kriged(&sample, self.ridges)?;
         let columns = sample.columns() - self.ridges.len();
         let moments = moments(field.moments(), columns, sites.len());
         let found = moments.shrunk(prior, lambda)?;
@@ -133,7 +126,7 @@ impl FieldEstimator<'_> {
         let enough = if sites.len() > MOST { SOME } else { MOST };
         let sample = sites.sample(enough, rows)?;
         let (columns, stride) = (sample.columns(), sample.columns() + 1);
-        let some = self.kriged(&sample.some(field::MOST), &[])?;
+        let some = self.smoothness().kriged(&sample.some(field::MOST), &[])?;
         let near = moments(some.moments(), columns, field::MOST);
         let (others, cosines) = near.clone().without_last(self.ridges)?;
         let found = others.shrunk(prior, lambda.at(sites.len()))?;
@@ -141,7 +134,7 @@ impl FieldEstimator<'_> {
 
         let (map, penalties) = self.axes(prior, found.lambda);
         let own = MatRef::from_row_major_slice(&sample.rows, sample.len(), stride);
-        let field = self.observed(&sample.taps, &sample.weights)?;
+        let field = self.smoothness().observed(&sample.taps, &sample.weights)?;
         let like = map.transpose() * &near.normal * &map;
         let normal = Normal::new(&field, own.subcols(0, columns) * &map, penalties, like)?;
         let depths: Vec<f64> = own.col(columns).iter().copied().collect();
@@ -170,7 +163,7 @@ impl FieldEstimator<'_> {
         } else {
             // Its memory is used again.
             drop(field);
-            let field = self.observed(&sites.taps, &sites.weights)?;
+            let field = self.smoothness().observed(&sites.taps, &sites.weights)?;
             let values = field.extend(&sites.means(&rows.residuals(&solution.weights)));
             (field, values)
         };
@@ -206,15 +199,12 @@ impl FieldEstimator<'_> {
         (map, penalties)
     }
 
-    fn kriged(self, sample: &Sample, ridges: &[f64]) -> Result<Kriged, FitError> {
-        let prior = self.scene.affinities.prior(self.joint.level);
-        let field = prior.and_then(|prior| Kriged::new(&prior, &sample.observations(), ridges));
-        field.ok_or_else(unsolvable)
-    }
-
-    fn observed(self, taps: &[Taps], weights: &[f64]) -> Result<Observed, FitError> {
-        let grid = self.scene.affinities.grid(self.joint.level);
-        Observed::new(&grid, taps, weights).ok_or_else(unsolvable)
+    fn smoothness(self) -> Smoothness {
+        Smoothness {
+            affinities: self.scene.affinities.clone(),
+            level: self.joint.level,
+            tied: self.scene.guide.is_some(),
+        }
     }
 }
 

@@ -1,12 +1,12 @@
 //! What follows from a joint fit: leverages and variances.
 
 use super::coarse::Coarse;
-use super::estimate::unsolvable;
 use super::sites::{Sample, Sites};
+use super::smoothness::Smoothness;
 use crate::bilinear::Taps;
 use crate::error::FitError;
 use crate::field::{Kriged, Observed};
-use crate::fit::affinities::{Affinities, Smooth};
+use crate::fit::affinities::Smooth;
 use crate::fit::lstsq::Solution;
 use faer::{Mat, MatRef};
 
@@ -14,8 +14,7 @@ use faer::{Mat, MatRef};
 #[derive(Debug)]
 pub(in crate::fit) struct FieldFit {
     pub(super) form: Form,
-    pub(super) affinities: Affinities,
-    pub(super) level: f64,
+    pub(super) smoothness: Smoothness,
     pub(super) sites: Sites,
     /// The sites that the weights were estimated from.
     pub(super) sample: Sample,
@@ -61,9 +60,15 @@ impl FieldFit {
                 let stride = self.sample.columns() + 1;
                 let rows = &self.sample.rows;
                 let rows = MatRef::from_row_major_slice(rows, self.sample.len(), stride);
-                let along = rows.subcols(0, factor.nrows()) * factor
-                    - field.responses(with_depth(factor).as_ref());
-                let variances = field.variances().into_iter().enumerate();
+                // Those of the sites come before those of ties.
+                let responses = field.responses(with_depth(factor).as_ref());
+                let responses = responses.get(..self.sample.len(), ..);
+                let along = rows.subcols(0, factor.nrows()) * factor - responses;
+                let variances = field
+                    .variances()
+                    .into_iter()
+                    .take(self.sample.len())
+                    .enumerate();
                 variances
                     .map(|(i, own)| own + along.row(i).squared_norm_l2())
                     .collect()
@@ -93,9 +98,8 @@ impl FieldFit {
         let field = match &self.form {
             Form::Many { field, .. } => field,
             Form::Few(_) => {
-                let grid = self.affinities.grid(self.level);
                 let (taps, weights) = (&self.sites.taps, &self.sites.weights);
-                observed = Observed::new(&grid, taps, weights).ok_or_else(unsolvable)?;
+                observed = self.smoothness.observed(taps, weights)?;
                 &observed
             }
         };

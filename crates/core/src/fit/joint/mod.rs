@@ -18,6 +18,7 @@ mod fitted;
 mod marginal;
 mod problem;
 mod sites;
+mod smoothness;
 #[cfg(test)]
 mod tests;
 

@@ -3,7 +3,6 @@
 use super::JointConfig;
 use crate::bilinear::Taps;
 use crate::error::FitError;
-use crate::field::Observations;
 use crate::fit::affinities::Scene;
 use crate::fit::points::Rows;
 use lsdc_rng::Rng;
@@ -78,7 +77,7 @@ impl Sites {
                 sites.members.push((i, share));
             }
             let place = [first[0] + off[0], first[1] + off[1]];
-            sites.taps.push(scene.affinities.taps(place, scene.size));
+            sites.taps.push(scene.taps(place));
             sites.weights.push(joint.data * total);
             sites.depths.push(depth);
             sites.starts.push(sites.members.len());
@@ -161,15 +160,6 @@ impl Sample {
     /// The number of basis functions, including the cosines.
     pub(super) fn columns(&self) -> usize {
         (self.rows.len() / self.len().max(1)).saturating_sub(1)
-    }
-
-    pub(super) fn observations(&self) -> Observations<'_> {
-        Observations {
-            taps: &self.taps,
-            weights: &self.weights,
-            columns: &self.rows,
-            count: self.columns() + 1,
-        }
     }
 
     /// At most so many of them.

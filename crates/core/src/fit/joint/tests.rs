@@ -1,9 +1,12 @@
 //! The fit against dense equations, and fits without a point.
 
+use super::sites::Sites;
+use super::smoothness::Smoothness;
 use crate::fit::{
     Affinities, Bases, CosineBasis, Fit, FitConfig, FitMethod, JointConfig, Lambda, Loss,
-    NoisePrior, Points, Prior, PriorKind, Robust, Scene, fit,
+    NoisePrior, Points, Prior, PriorKind, Robust, Scene, Space, fit,
 };
+use crate::guide::Guide;
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use lsdc_rng::Rng;
@@ -61,6 +64,7 @@ impl Example {
         Scene {
             affinities: &self.affinities,
             size: (HEIGHT, WIDTH),
+            guide: None,
         }
     }
 
@@ -336,6 +340,7 @@ fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
         scene: Some(Scene {
             affinities: &affinities,
             size: (height, width),
+            guide: None,
         }),
     };
     let fit = fit(&points, &config, Some(&prior)).unwrap();
@@ -545,6 +550,7 @@ impl Many {
             scene: Some(Scene {
                 affinities: &self.affinities,
                 size: (MANY, MANY),
+                guide: None,
             }),
         };
         fit(&points, &self.config, None).unwrap()
@@ -646,4 +652,130 @@ fn leverages_of_many_points_have_the_sum_of_the_exact_ones() {
     let leverages = fit.leverages(&many.rows);
     let found: f64 = leverages.iter().map(|h| 1.0 - h).sum();
     assert!((found / expected - 1.0).abs() < 0.02, "{found} {expected}");
+}
+
+/// Colours of an image three times as large as the field.
+fn guide() -> Guide {
+    let colours = |count: usize, name: &str| {
+        let values = random(3 * count, name);
+        values.iter().map(|v| (128.0 + 10.0 * v) as u8).collect()
+    };
+    let (size, grid) = ((3 * HEIGHT, 3 * WIDTH), (HEIGHT, WIDTH));
+    let image = (colours(size.0 * size.1, "image"), size);
+    Guide::new(image, (colours(grid.0 * grid.1, "grid"), grid)).unwrap()
+}
+
+/// The pixels around a point are tied by a hundredth of its weight times their shares, where they hardly hold
+/// together: both forms of the field against dense equations.
+#[test]
+fn points_of_a_larger_image_tie_their_pixels() {
+    let guide = guide();
+    let edges = random(2 * HEIGHT * WIDTH, "weak edges");
+    let edges: Vec<f32> = edges.iter().map(|v| (2.0 * v - 3.0).exp() as f32).collect();
+    let example = Example {
+        affinities: Affinities::new((HEIGHT, WIDTH), &edges).unwrap(),
+        ..Example::at(places_between())
+    };
+    let scene = Scene {
+        affinities: &example.affinities,
+        size: (3 * HEIGHT, 3 * WIDTH),
+        guide: Some(&guide),
+    };
+    let points = Points {
+        places: Some(&example.places),
+        ..Points::new(&example.bases, &example.depths)
+    };
+    let rows = points.rows(Space::Depth).unwrap();
+    let joint = JointConfig {
+        level: 1e-2,
+        ..JointConfig::default()
+    };
+    let sites = Sites::new(&rows, &rows.weights, scene, &joint).unwrap();
+
+    let pixels = HEIGHT * WIDTH;
+    let mut equations = precision(&example.affinities, joint.level, pixels);
+    let seen = Mat::from_fn(sites.taps.len(), pixels, |i, pixel| {
+        let own = sites.taps[i].iter().filter(|tap| tap.0 as usize == pixel);
+        own.map(|tap| tap.1).sum::<f64>()
+    });
+    let grid = example.affinities.grid(joint.level);
+    let (mut tied, mut apart) = (0, 0);
+    for (i, weight) in sites.weights.iter().enumerate() {
+        for one in 0..pixels {
+            for (other, along) in [(one + 1, grid.right), (one + WIDTH, grid.down)] {
+                let inside = other < pixels && (other != one + 1 || other % WIDTH > 0);
+                if !inside || seen[(i, one)] * seen[(i, other)] == 0.0 {
+                    continue;
+                }
+                let strength = 0.01 * weight * seen[(i, one)] * seen[(i, other)];
+                if strength <= 4.0 * along[one] {
+                    apart += 1;
+                    continue;
+                }
+                tied += 1;
+                equations[(one, one)] += strength;
+                equations[(other, other)] += strength;
+                equations[(one, other)] -= strength;
+                equations[(other, one)] -= strength;
+            }
+        }
+    }
+    assert!(tied > 5 && apart > 5, "{tied} {apart}");
+    let covariance = &seen * equations.partial_piv_lu().solve(seen.transpose());
+    let noisy = Mat::from_fn(seen.nrows(), seen.nrows(), |i, j| {
+        let noise = if i == j {
+            sites.weights[i].recip()
+        } else {
+            0.0
+        };
+        covariance[(i, j)] + noise
+    });
+    let sample = sites.sample(sites.len(), &rows).unwrap();
+    let columns = sample.columns() + 1;
+    let targets = Mat::from_fn(seen.nrows(), columns, |i, j| sample.rows[i * columns + j]);
+    let expected = targets.transpose() * noisy.partial_piv_lu().solve(&targets);
+    let smoothness = Smoothness {
+        affinities: example.affinities.clone(),
+        level: joint.level,
+        tied: true,
+    };
+    let few = smoothness.kriged(&sample, &[]).unwrap();
+    let many = smoothness.observed(&sites.taps, &sites.weights).unwrap();
+    for moments in [few.moments().clone(), many.moments(&sample.rows, columns)] {
+        for j in 0..columns {
+            for i in j..columns {
+                let (found, expected) = (moments[(i, j)], expected[(i, j)]);
+                assert!(
+                    (found - expected).abs() < 1e-9 * expected.abs().max(1.0),
+                    "{found} {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_larger_image_is_observed_as_it_is_read() {
+    let guide = guide();
+    let example = Example::at(places_between());
+    let size = (3 * HEIGHT, 3 * WIDTH);
+    let points = Points {
+        places: Some(&example.places),
+        scene: Some(Scene {
+            size,
+            guide: Some(&guide),
+            ..example.scene()
+        }),
+        ..Points::new(&example.bases, &example.depths)
+    };
+    let fit = fit(&points, &settings(FitMethod::Joint), None).unwrap();
+    let leverages = fit.leverages(&example.bases);
+    for (i, &place) in example.places.iter().enumerate() {
+        let row = example.bases[3 * i..][..3].iter().zip(&fit.weights);
+        let functions: f64 = row.map(|(b, w)| f64::from(*b) * w).sum();
+        let smooth = fit.smooth().unwrap().read(&guide.taps(place, size));
+        let expected = f64::from(example.depths[i]) - functions - smooth;
+        assert!((fit.residuals[i] - expected).abs() < 1e-6);
+        assert!((0.0..=1.0).contains(&leverages[i]));
+    }
 }
