@@ -9,7 +9,7 @@ use crate::fit::lstsq::{Moments, Solution};
 use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
 use crate::fit::{Estimate, Lambda};
-use faer::{Mat, MatRef};
+use faer::{Mat, MatRef, Side};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -35,6 +35,18 @@ pub(in crate::fit) struct FieldFit {
     pub(in crate::fit) data: f64,
     /// The penalties on the last weights, those of the cosines.
     pub(in crate::fit) ridges: Vec<f64>,
+}
+
+/// The posterior variances at the pixels of a field, row by row, in the unit of the variance of the step between
+/// two neighbours with affinity 1.
+#[derive(Clone, Debug)]
+pub struct Variances {
+    /// Height and width.
+    pub size: (usize, usize),
+    /// Of the field, were the weights known.
+    pub field: Vec<f64>,
+    /// What basis functions and cosines add.
+    pub weights: Vec<f64>,
 }
 
 impl FieldEstimator<'_> {
@@ -136,16 +148,17 @@ impl FieldFit {
         pairs.map(leverage).collect()
     }
 
-    /// The variance of the fitted value at every pixel of the field, where the steps between neighbours with
-    /// affinity 1 have variance 1. `bases` returns the basis functions `[places, k]` at positions in an image
+    /// The variances of the fitted value at every pixel of the field: that of the field alone, and that which the
+    /// weights add, where the steps between neighbours with affinity 1 have variance 1. `bases` returns the basis functions `[places, k]` at positions in an image
     /// of the size of the field.
     pub(in crate::fit) fn variances(
         &self,
         solution: &Solution,
         bases: impl Fn(&[[f64; 2]]) -> Vec<f32> + Sync,
-    ) -> Result<Vec<f32>, FitError> {
+    ) -> Result<Variances, FitError> {
         let columns = solution.weights.len();
         let (field, factor) = self.everywhere(solution)?;
+        let factor = self.leading(factor, &bases)?;
         let spreads = self.spreads(
             field.as_ref().unwrap_or(&self.field),
             &factor,
@@ -163,18 +176,59 @@ impl FieldFit {
                     f64::from(rows[i * columns + j])
                 });
                 let responses = spread.responses.as_ref();
-                let squares = weight_variances(rows.as_ref(), responses, &factor);
-                let pairs = squares.into_iter().zip(&spread.variances);
-                pairs.map(|(square, variance)| square + variance).collect()
+                weight_variances(rows.as_ref(), responses, &factor)
             })
             .collect();
-        let mut values = vec![0.0; self.size.0 * self.size.1];
+        let count = self.size.0 * self.size.1;
+        let mut found = Variances {
+            size: self.size,
+            field: vec![0.0; count],
+            weights: vec![0.0; count],
+        };
         for (spread, part) in spreads.iter().zip(parts) {
-            for (&pixel, value) in spread.places.iter().zip(part) {
-                values[pixel as usize] = value as f32;
+            let pairs = spread.variances.iter().zip(part);
+            for (&pixel, (&field, weights)) in spread.places.iter().zip(pairs) {
+                found.field[pixel as usize] = field;
+                found.weights[pixel as usize] = weights;
             }
         }
-        Ok(values)
+        Ok(found)
+    }
+
+    /// The directions of a factor of the covariance of the weights that change the depth most, by its basis
+    /// functions at the pixels of a coarse grid. What the others add is small, and smaller still once the field
+    /// responds.
+    fn leading(
+        &self,
+        factor: Mat<f64>,
+        bases: impl Fn(&[[f64; 2]]) -> Vec<f32>,
+    ) -> Result<Mat<f64>, FitError> {
+        /// Standard deviations are then within 4 % at 5 points and 11 % at 50 and at 500 (root mean square).
+        const DIRECTIONS: usize = 48;
+        /// Pixels between those of the coarse grid.
+        const STEP: usize = 8;
+        let (columns, all) = (factor.nrows(), factor.ncols());
+        if all <= DIRECTIONS {
+            return Ok(factor);
+        }
+        let centres = |length: usize| (STEP / 2..length.max(STEP / 2 + 1)).step_by(STEP);
+        let rows = centres(self.size.0).map(|y| y.min(self.size.0 - 1) as f64);
+        let places = rows.flat_map(|y| {
+            let row = centres(self.size.1).map(|x| x.min(self.size.1 - 1) as f64);
+            row.map(move |x| [x, y])
+        });
+        let places: Vec<_> = places.collect();
+        let functions = bases(&places);
+        let functions = Mat::from_fn(places.len(), columns, |i, j| {
+            f64::from(functions[i * columns + j])
+        });
+        let along = functions * &factor;
+        let square = along.transpose() * &along;
+        let spectrum = square
+            .self_adjoint_eigen(Side::Lower)
+            .map_err(|_| FitError::Unsolvable("its eigenvalues did not converge"))?;
+        // Ascending.
+        Ok(factor * spectrum.U().get(.., all - DIRECTIONS..))
     }
 
     /// The field in a form in which every pixel can be asked for its variance, if that is another one, and the

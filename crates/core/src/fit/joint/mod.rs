@@ -18,6 +18,7 @@ mod sites;
 #[cfg(test)]
 mod tests;
 
+pub use estimate::Variances;
 pub(super) use estimate::{FieldEstimator, FieldFit};
 pub use problem::{Adjoint, Gradients, JointProblem};
 
