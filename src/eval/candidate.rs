@@ -2,6 +2,7 @@
 
 use crate::data::{DepthMap, Frame, Unit, read_depth, stored_unit};
 use crate::error::{Cause, Error, Result};
+use crate::metrics::Foretold;
 use crate::predict::{Method, complete_classic, scene};
 use crate::provenance;
 use crate::sample::{Interpolation, Size, move_points, resize_depth, resize_rgb};
@@ -93,23 +94,28 @@ impl<'a> Prepared<'a> {
         })
     }
 
-    /// The depth map of a candidate for a frame and its points, and the standard deviations if they
-    /// are asked for and the candidate has them.
+    /// The depth map of a candidate for a frame and its points, and the predicted distribution of its errors
+    /// if that is asked for and the candidate has one.
     pub(super) fn predict(
         &self,
         candidate: &Candidate,
         frame: &Frame,
         sparse: &DepthMap,
         seed: u64,
-    ) -> Result<(DepthMap, Option<DepthMap>)> {
+    ) -> Result<(DepthMap, Option<Foretold>)> {
         match (candidate, &self.network) {
             (Candidate::Method(Method::Classic(method)), _) => {
                 Ok((complete_classic(*method, &frame.rgb, sparse)?, None))
             }
             (Candidate::Method(Method::Lsdc), Some((_, scene))) => {
                 let completion = scene.complete(&Observations::from_map(sparse))?;
-                let deviations = self.uncertainty.then(|| completion.standard_deviation());
-                Ok((completion.depth()?, deviations.transpose()?))
+                let foretold = self.uncertainty.then(|| {
+                    Ok::<_, Error>(Foretold {
+                        deviations: completion.standard_deviation()?,
+                        freedom: completion.freedom(),
+                    })
+                });
+                Ok((completion.depth()?, foretold.transpose()?))
             }
             (Candidate::Method(Method::Lsdc), None) => {
                 Err(Error::weights("method `lsdc` needs a network"))

@@ -218,13 +218,13 @@ impl Evaluation<'_> {
                     .candidates
                     .iter()
                     .map(|(_, candidate)| {
-                        let (depth, deviations) =
+                        let (depth, foretold) =
                             prepared.predict(candidate, &frame, &sparse, seed)?;
                         let truth = &frame.depth;
                         Ok(Outcome {
                             scores: Scores::of(&depth, truth, &self.rules)?,
                             profile: Profile::of(&depth, truth, &far),
-                            certainty: deviations.map(|d| Certainty::of(&depth, truth, &d)),
+                            certainty: foretold.map(|f| Certainty::of(&depth, truth, &f)),
                         })
                     })
                     .collect::<Result<_>>()?;

@@ -2,22 +2,45 @@
 //! shards is the whole, to the last bit.
 
 use crate::data::DepthMap;
+use lsdc_core::fit::student;
 use serde::{Deserialize, Serialize};
 
-/// Slices that the pixels of a frame are cut into, from the most certain on.
+/// Slices that the pixels of a frame are cut into, from the most certain on, and that the levels of
+/// intervals are.
 pub const SLICES: usize = 20;
 
-/// The multiple of the standard deviation that 95 % of normal errors are below.
-const TWO: f64 = 1.959_964;
+/// The shares of normal errors that one and two standard deviations hold.
+pub const LEVELS: [f64; 2] = [0.6827, 0.9545];
+
+/// Degrees of freedom with which Student's t is normal.
+const NORMAL: f64 = 1e6;
+/// Parts of a unit that surprise is counted in.
+const PARTS: f64 = 1e6;
+/// A standard deviation of less, in metres, is taken to be this in logarithms.
+const LEAST: f64 = 1e-6;
+
+/// The distribution of errors that was predicted: Student's t.
+#[derive(Clone, Debug)]
+pub struct Foretold {
+    /// Half the width of the intervals that hold 68.27 % of errors, at every pixel.
+    pub deviations: DepthMap,
+    /// Degrees of freedom; `None`: normal.
+    pub freedom: Option<f64>,
+}
 
 /// Errors of a method against the standard deviations that it predicted.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct Certainty {
-    /// Pixels whose error is below the standard deviation: 68.3 % if errors are normal.
+    /// Pixels whose error is within the interval of 68.27 %.
     pub within_one: u64,
-    /// Pixels whose error is below 1.96 standard deviations: 95 % if errors are normal.
+    /// Pixels whose error is within the interval of 95.45 %.
     pub within_two: u64,
+    /// Pixels by the smallest interval that holds their error: up to 5 %, up to 10 %, ...
+    pub levels: [u64; SLICES],
+    /// Minus the logarithm of the density, per metre, that was predicted for each error, summed, in
+    /// millionths.
+    pub surprise: i64,
     /// Pixels of each frame by the standard deviation, the most certain slice first.
     pub predicted: [Slice; SLICES],
     /// Pixels of each frame by the error itself: the best that could be predicted.
@@ -48,13 +71,19 @@ impl From<Slice> for (u64, u64) {
 
 impl Certainty {
     /// Of a frame: pixels with a true depth. A standard deviation of 0 holds no error.
-    pub fn of(depth: &DepthMap, truth: &DepthMap, deviations: &DepthMap) -> Self {
+    pub fn of(depth: &DepthMap, truth: &DepthMap, foretold: &Foretold) -> Self {
         let mut certainty = Self::default();
+        let freedom = foretold.freedom.unwrap_or(NORMAL);
+        let unit = student::bound(student::ONE_DEVIATION, freedom);
+        let [one, two] = LEVELS.map(|level| student::bound(level, freedom));
+        let bounds: Vec<f64> = (1..SLICES)
+            .map(|i| student::bound(i as f64 / SLICES as f64, freedom))
+            .collect();
         let pixels = depth
             .values()
             .iter()
             .zip(truth.values())
-            .zip(deviations.values());
+            .zip(foretold.deviations.values());
         let mut pairs: Vec<(f64, f64)> = pixels
             .filter(|((_, truth), _)| **truth > 0.0)
             .map(|((depth, truth), deviation)| {
@@ -62,8 +91,16 @@ impl Certainty {
             })
             .collect();
         for (deviation, error) in &pairs {
-            certainty.within_one += u64::from(error < deviation);
-            certainty.within_two += u64::from(*error < TWO * deviation);
+            let scale = deviation / unit;
+            certainty.within_one += u64::from(*error < one * scale);
+            certainty.within_two += u64::from(*error < two * scale);
+            let level = bounds.partition_point(|bound| bound * scale <= *error);
+            certainty.levels[level] += 1;
+            let scale = scale.max(LEAST);
+            let surprise = student::surprise((error / scale).powi(2), freedom) + scale.ln();
+            certainty.surprise = certainty
+                .surprise
+                .saturating_add((PARTS * surprise).round() as i64);
         }
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
         slice(&mut certainty.predicted, &pairs);
@@ -76,6 +113,10 @@ impl Certainty {
     pub fn add(&mut self, other: &Self) {
         self.within_one = self.within_one.saturating_add(other.within_one);
         self.within_two = self.within_two.saturating_add(other.within_two);
+        for (own, other) in self.levels.iter_mut().zip(&other.levels) {
+            *own = own.saturating_add(*other);
+        }
+        self.surprise = self.surprise.saturating_add(other.surprise);
         for (own, others) in [
             (&mut self.predicted, &other.predicted),
             (&mut self.ideal, &other.ideal),
@@ -87,11 +128,33 @@ impl Certainty {
         }
     }
 
-    /// The shares of errors below one and 1.96 standard deviations.
+    fn pixels(&self) -> u64 {
+        self.predicted.iter().map(|s| s.pixels).sum()
+    }
+
+    /// The shares of errors within the intervals of 68.27 and 95.45 %.
     pub fn coverage(&self) -> (f64, f64) {
-        let pixels: u64 = self.predicted.iter().map(|s| s.pixels).sum();
-        let share = |count: u64| count as f64 / pixels.max(1) as f64;
+        let share = |count: u64| count as f64 / self.pixels().max(1) as f64;
         (share(self.within_one), share(self.within_two))
+    }
+
+    /// Pairs of a level and the share of errors that intervals of this level hold, from 0 to 1.
+    pub fn calibration(&self) -> Vec<(f64, f64)> {
+        let all = self.levels.iter().sum::<u64>().max(1) as f64;
+        let held = self.levels.iter().scan(0, |sum, count| {
+            *sum += count;
+            Some(*sum as f64 / all)
+        });
+        let levels = (1..=SLICES).map(|i| i as f64 / SLICES as f64);
+        std::iter::once((0.0, 0.0))
+            .chain(levels.zip(held))
+            .collect()
+    }
+
+    /// The mean of minus the logarithm of the predicted density of the errors, per metre: the lower,
+    /// the better.
+    pub fn surprise(&self) -> f64 {
+        self.surprise as f64 / PARTS / self.pixels().max(1) as f64
     }
 
     /// The RMSE in metres of what is left of each frame when the given share of its most uncertain
@@ -114,9 +177,17 @@ impl Certainty {
     /// Ilg et al. 2018): 0 if errors are ranked as they are.
     pub fn ause(&self) -> f64 {
         let curve = self.sparsification();
+        let area: f64 = curve.iter().map(|(_, found, best)| found - best).sum();
+        area / (SLICES as f64 * curve[0].1.max(f64::MIN_POSITIVE))
+    }
+
+    /// The same area, over that of pixels removed at random: 1 if standard deviations tell nothing.
+    pub fn ause_of_random(&self) -> f64 {
+        let curve = self.sparsification();
         let all = curve[0].1;
         let area: f64 = curve.iter().map(|(_, found, best)| found - best).sum();
-        area / (SLICES as f64 * all.max(f64::MIN_POSITIVE))
+        let random: f64 = curve.iter().map(|(_, _, best)| all - best).sum();
+        area / random.max(f64::MIN_POSITIVE)
     }
 }
 
@@ -143,6 +214,13 @@ mod tests {
     use super::*;
     use lsdc_rng::Rng;
 
+    fn normal(deviations: DepthMap) -> Foretold {
+        Foretold {
+            deviations,
+            freedom: None,
+        }
+    }
+
     /// Errors drawn from the standard deviations that are predicted, times `factor`.
     fn drawn(factor: f32, known: bool) -> Certainty {
         let mut rng = Rng::stream(2, &["certainty"]);
@@ -154,19 +232,59 @@ mod tests {
             deviations.push(if known { deviation } else { 0.2 });
         }
         let map = |values: Vec<f32>| DepthMap::new(200, 200, values).unwrap();
-        Certainty::of(&map(depth), &map(vec![10.0; size]), &map(deviations))
+        Certainty::of(
+            &map(depth),
+            &map(vec![10.0; size]),
+            &normal(map(deviations)),
+        )
     }
 
     #[test]
     fn normal_errors_are_covered_as_normal_errors_are() {
         let (one, two) = drawn(1.0, true).coverage();
         assert!(
-            (one - 0.6827).abs() < 0.007 && (two - 0.95).abs() < 0.004,
+            (one - 0.6827).abs() < 0.007 && (two - 0.9545).abs() < 0.004,
             "{one} {two}"
         );
-        // Half as large: P(|z| < 2) and P(|z| < 3.92).
+        // Half as large: P(|z| < 2) and P(|z| < 4).
         let (one, two) = drawn(0.5, true).coverage();
         assert!((one - 0.9545).abs() < 0.004 && two > 0.9998, "{one} {two}");
+        for (level, held) in drawn(1.0, true).calibration() {
+            assert!((level - held).abs() < 0.01, "{level} {held}");
+        }
+        // The entropy of a normal distribution, ln(sd) + ln(2 pi e) / 2, over both halves.
+        let entropy = 0.5 * (0.05_f64.ln() + 0.3_f64.ln()) + 1.418_938_5;
+        let found = drawn(1.0, true).surprise();
+        assert!((found - entropy).abs() < 0.015, "{found} {entropy}");
+    }
+
+    /// With one degree of freedom, Student's t is Cauchy's distribution, drawn as tan(pi (u - 1/2)): half of
+    /// all are below 1, and 68.27 % below tan(0.34135 pi).
+    #[test]
+    fn intervals_of_heavy_tails_are_wider() {
+        let size = 100 * 100;
+        let unit = (0.341_345 * std::f64::consts::PI).tan() as f32;
+        let drawn = (0..size).map(|i| {
+            let u = (i as f32 + 0.5) / size as f32;
+            1000.0 + (std::f32::consts::PI * (u - 0.5)).tan()
+        });
+        let map = |values: Vec<f32>| DepthMap::new(100, 100, values).unwrap();
+        let foretold = Foretold {
+            deviations: map(vec![unit; size]),
+            freedom: Some(1.0),
+        };
+        let found = Certainty::of(&map(drawn.collect()), &map(vec![1000.0; size]), &foretold);
+        let (one, two) = found.coverage();
+        assert!(
+            (one - 0.6827).abs() < 1e-3 && (two - 0.9545).abs() < 1e-3,
+            "{one} {two}"
+        );
+        assert!(
+            found
+                .calibration()
+                .iter()
+                .all(|(level, held)| (level - held).abs() < 1e-3)
+        );
     }
 
     #[test]
@@ -190,7 +308,7 @@ mod tests {
         let certainty = Certainty::of(
             &map([1.1, 2.0, 3.0]),
             &map([1.0, 2.5, 0.0]),
-            &map([0.0, 1.0, 1.0]),
+            &normal(map([0.0, 1.0, 1.0])),
         );
         assert_eq!(certainty.coverage(), (0.5, 0.5));
     }

@@ -7,7 +7,7 @@ mod profile;
 mod scores;
 mod tally;
 
-pub use certainty::{Certainty, SLICES, Slice};
+pub use certainty::{Certainty, Foretold, LEVELS, SLICES, Slice};
 pub use paired::Difference;
 pub use profile::{Axis, Bin, Profile};
 pub use scores::{Metric, Rules, Scores};

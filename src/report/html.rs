@@ -139,7 +139,31 @@ impl Report {
                 });
             }
         }
+        let mut held = vec![Line {
+            colour: 0,
+            dashed: true,
+            points: vec![(0.0, 0.0), (100.0, 100.0)],
+            ..Line::default()
+        }];
+        for (colour, certainty) in self.certainties.iter().enumerate() {
+            let pairs = certainty.iter().flat_map(Certainty::calibration);
+            held.push(Line {
+                colour,
+                points: pairs.map(|(a, b)| (100.0 * a, 100.0 * b)).collect(),
+                ..Line::default()
+            });
+        }
+        if self.certainties.iter().all(Option::is_none) {
+            held.clear();
+        }
         let charts = [
+            Chart {
+                title: "Errors that intervals hold (dashed: as many as they should)",
+                across: "level of the interval, %",
+                up: "errors within, %",
+                logarithmic: false,
+                lines: held,
+            },
             Chart {
                 title: "RMSE of the pixels that are left (dashed: at best)",
                 across: "most uncertain pixels removed, %",

@@ -76,15 +76,17 @@ impl Report {
                 let (one, two) = certainty.coverage();
                 let curve = certainty.sparsification();
                 Some(format!(
-                    "{method}: {:.1} % of errors below the standard deviation (68.3 % if normal), {:.1} % below 1.96 \
-                     times it (95 %); RMSE over all pixels {:.4} m, without the most uncertain quarter {:.4} m, half \
-                     {:.4} m; AUSE {:.3}",
+                    "{method}: intervals of 68.3 % hold {:.1} % of errors, those of 95.4 % {:.1} %; negative \
+                     log-likelihood {:.3}; RMSE over all pixels {:.4} m, without the most uncertain quarter {:.4} m, \
+                     half {:.4} m; AUSE {:.3} of the RMSE, {:.3} of that of a random order",
                     100.0 * one,
                     100.0 * two,
+                    certainty.surprise(),
                     curve[0].1,
                     curve[SLICES / 4].1,
                     curve[SLICES / 2].1,
-                    certainty.ause()
+                    certainty.ause(),
+                    certainty.ause_of_random()
                 ))
             })
             .collect()

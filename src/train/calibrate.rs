@@ -2,6 +2,7 @@
 //! far predictions are off.
 
 use super::TrainConfig;
+use super::foresight::{Foresight, foresight};
 use crate::data::{Dataset, Frame};
 use crate::error::{Error, Result};
 use crate::metrics::{Metric, Rules, Scores};
@@ -9,7 +10,7 @@ use crate::predict::{self, scene};
 use crate::sample::{Pattern, Protocol};
 use burn::tensor::Device;
 use lsdc_core::fit::{
-    COUNTS, FitConfig, FitMethod, ImageMoments, Lambda, NoisePrior, Prior, PriorKind,
+    COUNTS, FitConfig, FitMethod, ImageMoments, KNOTS, Lambda, NoisePrior, Prior, PriorKind,
 };
 use lsdc_core::{Completer, Observations, Weights};
 use lsdc_rng as rng;
@@ -41,11 +42,15 @@ const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 /// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.
 const NUMBERS: [(usize, u64); COUNTS] = [(5, 8), (50, 2), (500, 1)];
 
+/// The shares of errors within intervals of 68.27 and 95.45 %, on scenes left out, for each of
+/// [`NUMBERS`](super::foresight::NUMBERS).
+pub type Held = [(f64, f64); KNOTS];
+
 /// Learns the prior over weights from the frames that `config` trained on, the strength of the
 /// noise and the scale of standard deviations from those that it held out (from all, if it held out
 /// none), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
-/// frames best takes the place of the strength of the noise, for few and for many points. Calls
-/// `progress` with the number of frames seen and of all.
+/// frames best takes the place of the strength of the noise, for few and for many points, and the
+/// distribution of errors is learned from them too. Returns how well that holds. Calls `progress` with the number of frames seen and of all.
 ///
 /// # Errors
 /// Frames that cannot be read, or fewer than two.
@@ -55,7 +60,7 @@ pub fn calibrate(
     config: &TrainConfig,
     device: &Device,
     progress: impl Fn(usize, usize) + Sync,
-) -> Result<()> {
+) -> Result<Option<Held>> {
     let (mut training, mut held_out) = divide(frames, config.held_out);
     if held_out.is_empty() {
         held_out.clone_from(&training);
@@ -98,7 +103,7 @@ pub fn calibrate(
     };
 
     // With 500 points there is no need to know the noise beforehand.
-    let completer = completer.with_prior(prior.clone().with_noise(unknown), 1.0);
+    let completer = completer.with_prior(prior.clone().with_noise(unknown));
     let (fit, measured) = if fit.method == FitMethod::Joint {
         let scale = prior.noise().mean.exp();
         let joint = |lambda: Lambda| FitConfig { lambda, ..fit };
@@ -152,9 +157,55 @@ pub fn calibrate(
         mean: mean(&lambdas),
         trust: TRUST,
     };
-    weights.record_prior(&prior.with_noise(noise), quantile(ratios, ONE_DEVIATION));
+    weights.record_prior(
+        &prior.with_noise(noise),
+        quantile(ratios, ONE_DEVIATION),
+        None,
+    );
     weights.record_fit(&fit);
-    Ok(())
+    if fit.method == FitMethod::Joint {
+        let foresight = learn_errors(weights, frames, &held_out, config, device, |_, _| {})?;
+        return Ok(foresight.held);
+    }
+    Ok(None)
+}
+
+/// Learns the distribution of the errors of the joint fit from the frames at `which`, which neither the
+/// network nor its prior should have seen, and keeps it in `weights`; all else stays as it is.
+///
+/// # Errors
+/// Weights without a prior, for another fit, or frames that cannot be read.
+pub fn learn_errors(
+    weights: &mut Weights,
+    frames: &dyn Dataset,
+    which: &[usize],
+    config: &TrainConfig,
+    device: &Device,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Foresight> {
+    let completer = predict::completer(weights, device)?;
+    let fit = FitConfig {
+        robust: None,
+        ..*completer.fit_config()
+    };
+    let Some((prior, calibration)) = weights.prior()?.filter(|_| fit.method == FitMethod::Joint)
+    else {
+        return Err(Error::weights(
+            "the distribution of errors is that of a joint fit with a prior",
+        )
+        .hint("calibrate all, with `--fit joint`"));
+    };
+    let completer = completer.with_fit(fit);
+    let found = foresight(
+        &completer,
+        frames,
+        which,
+        &config.protocol,
+        config.seed,
+        progress,
+    )?;
+    weights.record_prior(&prior, calibration.deviation, Some(found.model));
+    Ok(found)
 }
 
 /// The mean of the logarithms of errors over frames and draws, for each number of points: of the

@@ -4,6 +4,7 @@ mod average;
 mod calibrate;
 mod checkpoint;
 mod config;
+mod foresight;
 mod learner;
 mod log;
 mod loss;
@@ -13,8 +14,9 @@ mod run;
 mod schedule;
 mod step;
 
-pub use calibrate::{calibrate, divide};
+pub use calibrate::{Held, calibrate, divide, learn_errors};
 pub use config::{OptimiserKind, Part, TrainConfig};
+pub use foresight::{Foresight, NUMBERS};
 pub use learner::Learner;
 pub use loss::{LossConfig, Losses, losses};
 pub use run::{Event, Outcome, SCORES_NOTE, TRAINING_NOTE, Trainer};

@@ -1,11 +1,11 @@
 //! A trained network with the settings of the fit, ready to complete images.
 
 use crate::error::{Result, SettingsError};
-use crate::fit::{FitConfig, Prior};
+use crate::fit::{ErrorModel, FitConfig, Prior};
 use crate::image::Image;
 use crate::network::{Network, Prepared};
 use crate::scene::Scene;
-use crate::weights::{Normalisation, Weights};
+use crate::weights::{Calibration, Normalisation, Weights};
 use lsdc_kernels::simd::Level;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
@@ -44,8 +44,11 @@ pub struct Completer {
     normalisation: Normalisation,
     fit: FitConfig,
     prior: Option<Arc<Prior>>,
-    /// The calibration factor from the standard deviations of the fit to those of the errors.
+    /// The calibration factor from the standard deviations of the fit to those of the errors, where there is no
+    /// distribution of errors.
     deviation: f64,
+    /// The distribution of the errors of the joint fit.
+    errors: Option<ErrorModel>,
     pool: Option<Arc<ThreadPool>>,
 }
 
@@ -158,9 +161,14 @@ impl<'a> CompleterBuilder<'a> {
             (None, Some(pool)) => Arc::new(pool.install(prepare)?),
             (None, None) => Arc::new(prepare()?),
         };
-        let (prior, deviation) = match weights.prior()? {
-            None => (None, 1.0),
-            Some((prior, calibration)) => (Some(Arc::new(prior)), calibration.deviation),
+        let (prior, deviation, errors) = match weights.prior()? {
+            None => (None, 1.0, None),
+            Some((prior, calibration)) => {
+                let Calibration {
+                    deviation, errors, ..
+                } = calibration;
+                (Some(Arc::new(prior)), deviation, errors)
+            }
         };
         let mut normalisation = weights.normalisation;
         if let Some((height, width)) = self.working_size {
@@ -178,6 +186,7 @@ impl<'a> CompleterBuilder<'a> {
             fit,
             prior,
             deviation,
+            errors,
             pool,
         })
     }
@@ -253,14 +262,14 @@ impl Completer {
         })
     }
 
-    /// The same completer with another prior over the weights and another calibration factor for standard
-    /// deviations.
+    /// The same completer with another prior over the weights and uncalibrated standard deviations.
     #[doc(hidden)]
     #[must_use]
-    pub fn with_prior(&self, prior: Prior, deviation: f64) -> Self {
+    pub fn with_prior(&self, prior: Prior) -> Self {
         Self {
             prior: Some(Arc::new(prior)),
-            deviation,
+            deviation: 1.0,
+            errors: None,
             ..self.clone()
         }
     }
@@ -279,6 +288,11 @@ impl Completer {
 
     pub(crate) fn deviation(&self) -> f64 {
         self.deviation
+    }
+
+    /// The distribution of the errors of the joint fit, if it is known.
+    pub(crate) fn errors(&self) -> Option<&ErrorModel> {
+        self.errors.as_ref()
     }
 
     /// Runs `work` on the pool of this completer.

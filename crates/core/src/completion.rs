@@ -1,7 +1,8 @@
-//! A fit and everything derived from it: depth at any position, standard deviations, residuals, outliers.
+//! A fit and what is derived from it: depth at any position, residuals, outliers. Its standard deviations are in
+//! `uncertainty`.
 
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, LocalNoise, RANGE, Smooth};
+use crate::fit::{Fit, FitMethod, RANGE, Smooth};
 use crate::guide::Guide;
 use crate::image::{check_rows, check_size};
 use crate::map::DepthMap;
@@ -13,9 +14,6 @@ use std::time::Duration;
 
 /// The score above which an observation is called an outlier (Iglewicz and Hoaglin 1993).
 pub const OUTLYING: f64 = 3.5;
-
-/// Number of pixels whose basis functions are held in memory at once.
-const STRIP: usize = 1 << 13;
 
 /// A scene fitted to observations.
 ///
@@ -46,9 +44,9 @@ pub struct Report {
     pub invalid: usize,
     /// Number of observations outside the image.
     pub outside: usize,
-    /// Number of used observations without a standard deviation where others had one: they were given the
-    /// median of these.
-    pub assumed_deviations: usize,
+    /// Number of used observations without a standard deviation where others had one: they were taken to be
+    /// exact but for what the model of depth leaves unexplained, as all are if none has one.
+    pub without_deviation: usize,
     /// The model of depth.
     pub method: FitMethod,
     /// Root mean square of the residuals, in the unit of the observations.
@@ -107,7 +105,7 @@ impl Completion {
             used: usable.which.len(),
             invalid: usable.invalid,
             outside: usable.outside,
-            assumed_deviations: usable.assumed,
+            without_deviation: usable.without,
             method,
             residual: fit.rms(),
             rank: fit.rank,
@@ -216,7 +214,7 @@ impl Completion {
         (low / RANGE, high * RANGE)
     }
 
-    fn dense(&self, size: (usize, usize)) -> Vec<f32> {
+    pub(crate) fn dense(&self, size: (usize, usize)) -> Vec<f32> {
         let Inner { scene, fit, .. } = &*self.0;
         scene.completer().run(|| {
             let solved = scene.guide().map_or(size, Guide::grid);
@@ -233,80 +231,6 @@ impl Completion {
             });
             values
         })
-    }
-
-    /// The standard deviation of the depth error at every pixel of the image. It is calibrated for the fit
-    /// settings that the weights record, and approximate with others.
-    ///
-    /// # Errors
-    /// Too few observations for an estimate.
-    pub fn standard_deviation(&self) -> Result<DepthMap> {
-        let (height, width) = self.0.scene.size();
-        self.standard_deviation_at(width, height)
-    }
-
-    /// The standard deviation of the depth error at every pixel of a map of another size. It combines the
-    /// local noise with the uncertainty of the weights, which grows away from what the observations
-    /// determine.
-    ///
-    /// # Errors
-    /// An implausible size, or too few observations for an estimate.
-    pub fn standard_deviation_at(&self, width: usize, height: usize) -> Result<DepthMap> {
-        check_size(width, height)?;
-        let values = self
-            .0
-            .scene
-            .completer()
-            .run(|| self.deviations((height, width)))?;
-        DepthMap::new(width, height, values)
-    }
-
-    fn deviations(&self, (height, width): (usize, usize)) -> Result<Vec<f32>> {
-        let Inner {
-            scene, fit, usable, ..
-        } = &*self.0;
-        let from = scene.size();
-        let factor = scene.completer().deviation();
-        if fit.is_saturated() {
-            let what = "as many observations as basis functions, or fewer, are met whatever they are, and \
-                        say nothing of the errors between them";
-            return Err(FitError::TooFewPoints(what).into());
-        }
-        let noise = LocalNoise::new(fit, self.leverages(), &usable.places, from);
-        let (right, down) = (from.1 as f64 / width as f64, from.0 as f64 / height as f64);
-        let noise_at = |pixel: usize| {
-            let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
-            noise.at(x * right, y * down)
-        };
-        let mut values = vec![0.0; height * width];
-        if noise.is_silent() {
-            let what = "the points say nothing of how far the depth is off between them";
-            return Err(FitError::TooFewPoints(what).into());
-        }
-        if let Some(deviations) = fit.field_deviations(|size, places| scene.at(size, places))? {
-            deviations.add_to((height, width), &mut values);
-            values
-                .par_iter_mut()
-                .enumerate()
-                .for_each(|(pixel, value)| {
-                    *value = (factor * noise_at(pixel).sqrt() * f64::from(*value)) as f32;
-                });
-            return Ok(values);
-        }
-        let depth = self.dense((height, width));
-        let strips = values.par_chunks_mut(STRIP).enumerate();
-        strips.for_each(|(strip, values)| {
-            let pixels = strip * STRIP..strip * STRIP + values.len();
-            let place = |pixel: usize| [(pixel % width) as f64, (pixel / width) as f64];
-            let places: Vec<_> = pixels.clone().map(place).collect();
-            let spreads = fit.spreads(&scene.at((height, width), &places));
-            for ((value, spread), pixel) in values.iter_mut().zip(spreads).zip(pixels) {
-                let variance = noise_at(pixel) * (1.0 + f64::from(spread));
-                let slope = fit.space.slope(f64::from(depth[pixel]));
-                *value = (factor * variance.sqrt() * slope) as f32;
-            }
-        });
-        Ok(values)
     }
 
     /// For every given observation, its depth minus the fitted depth, before clamping (after it if a logarithm
@@ -332,8 +256,8 @@ impl Completion {
         self.0.fit.leave_one_out_error(self.leverages())
     }
 
-    /// The final weight of every given observation, which is 1 in a plain fit without standard deviations;
-    /// NaN for those that were not used.
+    /// The final weight of every given observation, which is 1 in a plain fit without standard deviations, and
+    /// less the larger its own standard deviation is; NaN for those that were not used.
     pub fn point_weights(&self) -> Vec<f64> {
         self.0.usable.spread(&self.0.fit.point_weights)
     }
@@ -365,12 +289,20 @@ impl Completion {
         &self.0.fit.weights
     }
 
+    pub(crate) fn fit(&self) -> &Fit {
+        &self.0.fit
+    }
+
+    pub(crate) fn usable(&self) -> &Usable {
+        &self.0.usable
+    }
+
     /// The scene that was fitted.
     pub fn scene(&self) -> &Scene {
         &self.0.scene
     }
 
-    fn leverages(&self) -> &[f64] {
+    pub(crate) fn leverages(&self) -> &[f64] {
         let Inner {
             scene,
             fit,

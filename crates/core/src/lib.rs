@@ -74,6 +74,7 @@ pub mod network;
 mod observations;
 mod resize;
 mod scene;
+mod uncertainty;
 mod usable;
 #[doc(hidden)]
 pub mod weights;

@@ -14,8 +14,9 @@ pub struct Observation {
     pub v: f64,
     /// Depth along the optical axis in metres, or in any other unit, which is then that of the result.
     pub depth: f32,
-    /// Standard deviation of the depth, in the same unit, if it is known. Only the ratios between those of
-    /// the observations count: how far depths are off is estimated from the observations themselves.
+    /// Standard deviation of the measurement, in the same unit, if it is known: how far this depth may be off the
+    /// true depth at its position. It is in addition to how far true depths lie off the model between the
+    /// observations, which is estimated from these.
     pub sigma: Option<f32>,
 }
 

@@ -231,6 +231,11 @@ impl Scene {
         ))?)
     }
 
+    /// The affinities of the image, if they were computed.
+    pub(crate) fn known_affinities(&self) -> Option<&Affinities> {
+        self.0.affinities.get()
+    }
+
     pub(crate) fn size(&self) -> (usize, usize) {
         self.0.size
     }

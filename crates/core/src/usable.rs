@@ -18,12 +18,12 @@ pub(crate) struct Usable {
     pub(crate) places: Vec<[f64; 2]>,
     pub(crate) depths: Vec<f32>,
     /// Standard deviations, if any is known.
-    pub(crate) deviations: Option<Vec<f32>>,
+    pub(crate) deviations: Option<Vec<Option<f32>>>,
     /// Number of observations whose depth, position or standard deviation cannot be used.
     pub(crate) invalid: usize,
     pub(crate) outside: usize,
-    /// Number of observations whose standard deviation was set to the median of the others.
-    pub(crate) assumed: usize,
+    /// Number of observations without a standard deviation, if others have one.
+    pub(crate) without: usize,
 }
 
 impl Usable {
@@ -40,7 +40,7 @@ impl Usable {
             deviations: None,
             invalid: 0,
             outside: 0,
-            assumed: 0,
+            without: 0,
         };
         let sound = |v: f32| (LEAST..=MOST).contains(&v);
         let mut deviations = Vec::new();
@@ -60,13 +60,10 @@ impl Usable {
         if usable.which.is_empty() {
             return Err(usable.none());
         }
-        let mut known: Vec<f32> = deviations.iter().copied().flatten().collect();
-        if !known.is_empty() {
-            usable.assumed = deviations.len() - known.len();
-            known.sort_unstable_by(f32::total_cmp);
-            let middle = known[known.len() / 2];
-            let all = deviations.into_iter().map(|sigma| sigma.unwrap_or(middle));
-            usable.deviations = Some(all.collect());
+        let without = deviations.iter().filter(|sigma| sigma.is_none()).count();
+        if without < deviations.len() {
+            usable.without = without;
+            usable.deviations = Some(deviations);
         }
         Ok(usable)
     }

@@ -1,7 +1,7 @@
 //! Weights files: safetensors with metadata on what the weights belong to.
 
 use crate::error::{Result, SettingsError, WeightsError};
-use crate::fit::{FitConfig, NoisePrior, Prior};
+use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
 use crate::network::NetworkConfig;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -91,8 +91,12 @@ impl Tensor {
 pub struct Calibration {
     /// The prior over the noise.
     pub noise: NoisePrior,
-    /// The calibration factor from the standard deviations of the fit to those of the errors.
+    /// The calibration factor from the standard deviations of the fit to those of the errors, for fits that
+    /// `errors` is not for.
     pub deviation: f64,
+    /// The distribution of the errors of the joint fit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub errors: Option<ErrorModel>,
 }
 
 /// A trained network with everything that belongs to it: preprocessing, settings of the fit, and the prior
@@ -287,6 +291,10 @@ impl Weights {
             let what = "the factor of standard deviations is not above 0";
             return Err(WeightsError::record(CALIBRATION, what).into());
         }
+        calibration
+            .errors
+            .as_ref()
+            .map_or(Ok(()), ErrorModel::check)?;
         let prior = Prior::new(&mean.values, &factor.values, calibration.noise)?;
         if prior.columns() != self.network.bases + 1 {
             let (found, bases) = (prior.columns(), self.network.bases);
@@ -302,9 +310,9 @@ impl Weights {
         self.keep(FIT, fit);
     }
 
-    /// Stores a prior and a calibration with the weights.
+    /// Stores a prior and a calibration of standard deviations with the weights.
     #[doc(hidden)]
-    pub fn record_prior(&mut self, prior: &Prior, deviation: f64) {
+    pub fn record_prior(&mut self, prior: &Prior, deviation: f64, errors: Option<ErrorModel>) {
         let (mean, factor) = prior.numbers();
         let columns = mean.len();
         let rank = factor.len() / columns.max(1);
@@ -316,7 +324,12 @@ impl Weights {
                 .insert(name.to_owned(), Tensor { shape, values });
         }
         let noise = prior.noise();
-        self.keep(CALIBRATION, &Calibration { noise, deviation });
+        let calibration = Calibration {
+            noise,
+            deviation,
+            errors,
+        };
+        self.keep(CALIBRATION, &calibration);
     }
 
     fn note<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>, WeightsError> {

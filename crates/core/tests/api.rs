@@ -246,7 +246,7 @@ fn what_is_left_out_is_counted() {
         (report.given, report.used, report.invalid, report.outside),
         (30, 20, 7, 3)
     );
-    assert_eq!(report.assumed_deviations, 0);
+    assert_eq!(report.without_deviation, 0);
     let used = |values: Vec<f64>| values.iter().filter(|v| v.is_finite()).count();
     assert_eq!(used(completion.residuals()), 20);
     assert_eq!(used(completion.leave_one_out()), 20);
@@ -267,35 +267,97 @@ fn what_is_left_out_is_counted() {
     assert!(scene.complete(&Observations::new()).is_err());
 }
 
-#[test]
-fn deviations_that_are_not_given_are_assumed_and_counted() {
-    let scene = scene_of(&COMPLETER, 64, 48);
-    let mut given = observations(64, 48, 20);
-    given.push(Observation {
-        u: 3.0,
-        v: 3.0,
-        depth: 2.0,
-        sigma: Some(0.1),
+fn with_sigma(given: &Observations, sigma: impl Fn(usize) -> Option<f32>) -> Observations {
+    let points = given.iter().enumerate();
+    let points = points.map(|(i, p)| Observation {
+        sigma: sigma(i),
+        ..*p
     });
+    points.collect()
+}
+
+#[test]
+fn points_without_a_deviation_among_others_are_counted() {
+    let scene = scene_of(&COMPLETER, 64, 48);
+    let given = with_sigma(&observations(64, 48, 21), |i| (i == 20).then_some(0.1));
     assert_eq!(
-        scene.complete(&given).unwrap().report().assumed_deviations,
+        scene.complete(&given).unwrap().report().without_deviation,
         20
     );
-    // All alike is what none are.
-    let alike = given
+}
+
+/// Standard deviations are in the unit of the depths: precise measurements are followed, rough ones are smoothed,
+/// and the result is then less sure. Depths and deviations times ten give ten times the result.
+#[test]
+fn deviations_of_points_are_absolute() {
+    let scene = scene_of(&COMPLETER, 96, 72);
+    let mut given: Vec<Observation> = observations(96, 72, 150).iter().copied().collect();
+    for (i, point) in given.iter_mut().enumerate() {
+        point.depth += if i % 2 == 0 { 0.2 } else { -0.2 };
+    }
+    let given: Observations = given.into_iter().collect();
+    let none = scene.complete(&with_sigma(&given, |_| None)).unwrap();
+    let of = |sigma: f32| {
+        scene
+            .complete(&with_sigma(&given, |_| Some(sigma)))
+            .unwrap()
+    };
+    let [tiny, precise, rough, useless] = [1e-9, 1e-3, 0.3, 1e6].map(of);
+    let rms = |c: &lsdc_core::Completion| c.report().residual;
+    assert!((rms(&tiny) / rms(&none) - 1.0).abs() < 1e-3);
+    assert!(
+        rms(&precise) < 0.1 && rms(&rough) > 0.15,
+        "{} {}",
+        rms(&precise),
+        rms(&rough)
+    );
+    assert!(
+        useless
+            .depth()
+            .unwrap()
+            .values()
+            .iter()
+            .all(|d| d.is_finite() && *d > 0.0)
+    );
+    let scaled: Observations = with_sigma(&given, |_| Some(3.0))
         .iter()
         .map(|p| Observation {
-            sigma: Some(0.7),
+            depth: 10.0 * p.depth,
             ..*p
         })
         .collect();
-    let none = given
+    let scaled = scene.complete(&scaled).unwrap().depth().unwrap();
+    let pairs = scaled
+        .values()
         .iter()
-        .map(|p| Observation { sigma: None, ..*p })
-        .collect();
-    let [alike, none]: [Observations; 2] = [alike, none];
-    let map = |given: &Observations| scene.complete(given).unwrap().depth().unwrap();
-    assert_eq!(map(&alike), map(&none));
+        .zip(rough.depth().unwrap().values().to_vec());
+    for (scaled, depth) in pairs {
+        assert!((scaled / depth - 10.0).abs() < 1e-3);
+    }
+    // One precise point takes nothing from the others.
+    let one = scene.complete(&with_sigma(&given, |i| {
+        Some(if i == 7 { 1e-6 } else { 0.3 })
+    }));
+    let weights = one.unwrap().point_weights();
+    assert!(
+        (weights[7] - 1.0).abs() < 1e-3 && weights[8] > 1e-6,
+        "{weights:?}"
+    );
+}
+
+/// Student's t with these degrees of freedom: the bound of 95.45 % over that of 68.27 %.
+#[test]
+fn intervals_grow_with_their_level() {
+    let scene = scene_of(&COMPLETER, 96, 72);
+    let completion = scene.complete(&observations(96, 72, 150)).unwrap();
+    assert!((completion.interval(0.682_689_5).unwrap() - 1.0).abs() < 1e-6);
+    let two = completion.interval(0.954_499_7).unwrap();
+    match completion.freedom() {
+        None => assert!((two - 2.0).abs() < 1e-4),
+        Some(freedom) => assert!(freedom >= 1.0 && two > 2.0, "{two}"),
+    }
+    assert!(completion.interval(0.99).unwrap() > two);
+    assert!(completion.interval(1.0).is_err() && completion.interval(f64::NAN).is_err());
 }
 
 /// A point that is known to be unsure is no outlier for being off.
@@ -321,27 +383,6 @@ fn outliers_are_judged_by_their_own_deviations() {
     assert_eq!(listed(&given).first(), Some(&40), "the worst comes first");
     given[40].sigma = Some(2.0);
     assert!(!listed(&given).contains(&40));
-}
-
-/// Standard deviations count relative to their median: one precise point takes nothing from all others, and
-/// their unit does not matter.
-#[test]
-fn deviations_are_relative_to_their_median() {
-    let scene = scene_of(&COMPLETER, 96, 72);
-    let weights = |unit: f32| {
-        let points = observations(96, 72, 30);
-        let given = points.iter().enumerate().map(|(i, p)| Observation {
-            sigma: Some(unit * if i == 7 { 0.001 } else { 0.02 }),
-            ..*p
-        });
-        scene.complete(&given.collect()).unwrap().point_weights()
-    };
-    for unit in [1.0, 50.0] {
-        for (i, weight) in weights(unit).into_iter().enumerate() {
-            let expected = if i == 7 { 400.0 } else { 1.0 };
-            assert!((weight / expected - 1.0).abs() < 1e-5, "{i}: {weight}");
-        }
-    }
 }
 
 #[test]

@@ -87,8 +87,9 @@ pub(in crate::cli) struct Complete {
     )]
     pub(in crate::cli) preserve_input: Preserve,
     /// The standard deviation of each sparse depth, as a map in the unit of the depths [default: the sigma
-    /// column of a table]. Points are weighted by the inverse square of their standard deviation, relative
-    /// to the median, at which a point has the same weight as one without a standard deviation.
+    /// column of a table]. It is absolute: how far the measurement may be off the true depth there. The less
+    /// precise points are, compared with how depth varies between them, the smoother the result, and the larger
+    /// its own standard deviations. Points without one are taken to be exact.
     #[arg(
         long,
         value_name = "FILE",
@@ -96,7 +97,8 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) sigma: Option<PathBuf>,
-    /// Also write the standard deviation of every pixel of the result, in metres.
+    /// Also write the standard deviation of every pixel of the result, in metres: half the width of the
+    /// interval that holds 68.3 % of errors. The summary says how many of them hold 95 %.
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) uncertainty: bool,
     /// Also write a list of the points that disagree with the others.

@@ -45,9 +45,13 @@ pub(in crate::cli) struct Train {
 
 #[derive(Debug, ClapArgs)]
 pub(in crate::cli) struct Calibrate {
-    /// The frames that the weights were trained on.
+    /// The frames that the weights were trained on; with --only-errors, frames that they were not.
     #[command(flatten)]
     pub(in crate::cli) source: Source,
+    /// Keep the prior and the fit, and learn only how errors are distributed, from frames of any cameras that
+    /// the weights have not seen.
+    #[arg(long, conflicts_with_all = ["fit_method", "cosines"])]
+    pub(in crate::cli) only_errors: bool,
     /// Calibrate for this fit instead of the one stored with the weights: lse, field, joint.
     #[arg(long = "fit", value_parser = typed::<NamedFit>, value_name = "METHOD")]
     pub(in crate::cli) fit_method: Option<NamedFit>,

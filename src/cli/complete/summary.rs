@@ -83,6 +83,9 @@ struct Fit {
     leave_one_out: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     outliers: Option<usize>,
+    /// The number of standard deviations that hold 95 % of errors, if standard deviations are asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    deviations_of_95: Option<f64>,
     rank: usize,
     /// Basis functions, of which that many directions at most are determined.
     functions: usize,
@@ -110,10 +113,10 @@ impl Summary {
         let report = fit.map(|fit| fit.completion.report());
         let seconds = |stage: Duration| stage.as_secs_f64();
         let mut remarks = points.remarks.clone();
-        let assumed = report.map_or(0, |report| report.assumed_deviations);
-        if assumed > 0 {
+        let without = report.map_or(0, |report| report.without_deviation);
+        if without > 0 {
             remarks.push(format!(
-                "{assumed} points have no standard deviation; that of the others' median was taken"
+                "{without} points have no standard deviation; they were taken to be exact"
             ));
         }
         Self {
@@ -151,6 +154,10 @@ impl Summary {
                 residual: report.residual,
                 leave_one_out: fit.leave_one_out,
                 outliers: fit.outliers.as_ref().map(Vec::len),
+                deviations_of_95: fit
+                    .deviations
+                    .as_ref()
+                    .and_then(|_| fit.completion.interval(0.95).ok()),
                 rank: report.rank,
                 functions: report.functions,
             }),
@@ -264,6 +271,11 @@ impl Summary {
                 "residual  {:.4} {m} rms at the points{left_out}, rank {} of {}",
                 fit.residual, fit.rank, fit.functions
             ));
+            if let Some(deviations) = fit.deviations_of_95 {
+                lines.push(format!(
+                    "sigma     68.3 % of errors are expected within 1 standard deviation, 95 % within {deviations:.1}"
+                ));
+            }
         }
         let stages = [
             ("reading", Some(self.seconds.reading)),

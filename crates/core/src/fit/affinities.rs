@@ -85,6 +85,16 @@ impl Affinities {
         }
     }
 
+    /// The mean logarithm of the affinities of each pixel with its right and its lower neighbour.
+    pub(crate) fn logarithms(&self) -> Vec<f64> {
+        /// Affinities of 0 cut neighbours apart.
+        const LEAST: f64 = 1e-9;
+        let pairs = self.0.right.iter().zip(&self.0.down);
+        pairs
+            .map(|(right, down)| 0.5 * ((right + LEAST).ln() + (down + LEAST).ln()))
+            .collect()
+    }
+
     /// The pixel that contains a position (u, v) of an image of `size` (height, width).
     pub(super) fn pixel(&self, [u, v]: [f64; 2], size: (usize, usize)) -> u32 {
         let within = |place: f64, from: usize, to: usize| {
@@ -130,7 +140,7 @@ pub struct Smooth {
 }
 
 impl Smooth {
-    pub(super) fn new((height, width): (usize, usize), values: &[f64]) -> Self {
+    pub(crate) fn new((height, width): (usize, usize), values: &[f64]) -> Self {
         let values = values.iter().map(|&v| v as f32).collect();
         Self {
             height,

@@ -3,8 +3,10 @@
 mod affinities;
 mod config;
 mod cosines;
+mod errors;
 mod joint;
 mod lstsq;
+mod measured;
 mod noise;
 mod outcome;
 mod points;
@@ -12,15 +14,18 @@ mod prior;
 mod robust;
 mod shrink;
 mod space;
+pub mod student;
 #[cfg(test)]
 mod tests;
 
 pub use affinities::{Affinities, Scene, Smooth};
 pub use config::{FitConfig, FitMethod, PriorKind};
 pub use cosines::CosineBasis;
-pub use joint::{Adjoint, Gradients, JointConfig};
+pub use errors::{CLUES, Clues, ErrorModel, KNOTS, Knot, Sample};
+pub use joint::{Adjoint, Gradients, JointConfig, Variances};
 pub use lstsq::{Moments, Problem, Solution, Solver, dot};
 pub use noise::LocalNoise;
+pub(crate) use noise::smoothed;
 pub use outcome::{Fit, RANGE, root_mean_square};
 pub use points::{Bases, Functions, Points};
 pub use prior::{ImageMoments, NoisePrior, Prior};
@@ -105,7 +110,7 @@ impl Estimator<'_> {
 /// not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
     config.check()?;
-    let rows = points.rows(config.space)?;
+    let mut rows = points.rows(config.space)?;
     let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
     if !ridges.is_empty() && rows.columns() <= ridges.len() {
         return Err(FitError::Shape(format!(
@@ -138,6 +143,13 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
         }),
     };
     let plain = estimator.solve(&rows, &rows.weights)?;
+    let data = match config.method {
+        FitMethod::Lse => 1.0,
+        FitMethod::Field | FitMethod::Joint => config.joint.data,
+    };
+    let solve = |weights: &[f64]| estimator.solve(&rows, weights);
+    let (plain, weights) = measured::weighed(plain, &rows.variances, data, solve)?;
+    rows.weights = weights;
     let (estimate, point_weights) = match config.robust {
         None => (plain, rows.weights.clone()),
         Some(settings) => robust::robust(&rows, estimator, plain, settings)?,

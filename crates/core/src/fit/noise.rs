@@ -98,6 +98,20 @@ impl LocalNoise {
     }
 }
 
+/// The mean around each pixel of rows of `width` values, under a Gaussian window with this standard deviation in
+/// pixels, which ends at the border.
+pub(crate) fn smoothed(values: &[f64], width: usize, deviation: f64) -> Vec<f64> {
+    let height = values.len() / width.max(1);
+    let kernel = gaussian(deviation);
+    let around = |values: &[f64]| blurred(&blurred(values, width, &kernel), height, &kernel);
+    let sums = around(values);
+    let shares = around(&vec![1.0; values.len()]);
+    sums.iter()
+        .zip(shares)
+        .map(|(sum, share)| sum / share)
+        .collect()
+}
+
 /// exp(-x^2 / 2 sd^2) for x = 0, 1, ... up to four standard deviations.
 fn gaussian(deviation: f64) -> Vec<f64> {
     let reach = (4.0 * deviation).ceil() as usize;

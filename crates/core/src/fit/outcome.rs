@@ -1,6 +1,6 @@
 //! The outcome of a fit, and what follows from it in closed form.
 
-use super::joint::FieldFit;
+use super::joint::{FieldFit, Variances};
 use super::lstsq::Solution;
 use super::points::Rows;
 use super::robust::deviation;
@@ -172,23 +172,24 @@ impl Fit {
         columns.map(|column| column.squared_norm_l2()).collect()
     }
 
-    /// The standard deviation at every pixel of the field of a fit, where the steps between neighbours with
-    /// affinity 1 have variance 1; `None` for a fit without a field. `bases` returns the basis functions
-    /// `[places, N + 1]` at positions in an image of the given height and width.
+    /// The posterior variances at every pixel of the field of a fit; `None` for a fit without a field. `bases`
+    /// returns the basis functions `[places, N + 1]` at positions in an image of the given height and width.
     ///
     /// # Errors
     /// Equations that are not positive definite.
-    pub fn field_deviations(
+    pub fn variances(
         &self,
         bases: impl Fn((usize, usize), &[[f64; 2]]) -> Vec<f32> + Sync,
-    ) -> Result<Option<Smooth>, FitError> {
-        let Some(field) = &self.field else {
-            return Ok(None);
+    ) -> Result<Option<Variances>, FitError> {
+        let of = |field: &Arc<FieldFit>| {
+            field.variances(&self.solution, |places| bases(field.size, places))
         };
-        let found = field.variances(&self.solution, |places| bases(field.size, places))?;
-        let variances = found.field.iter().zip(&found.weights).map(|(a, b)| a + b);
-        let deviations: Vec<f64> = variances.map(f64::sqrt).collect();
-        Ok(Some(Smooth::new(field.size, &deviations)))
+        self.field.as_ref().map(of).transpose()
+    }
+
+    /// The noise variance of a point of weight 1, in the squared unit of the space.
+    pub fn noise(&self) -> f64 {
+        self.noise
     }
 
     /// The weight of a point of weight 1 in the objective: 1, or `data` in a fit with a field.

@@ -35,9 +35,9 @@ pub struct Points<'a> {
     pub bases: Bases<'a>,
     /// Depths in metres, above 0.
     pub depths: &'a [f32],
-    /// The standard deviation of each depth in metres, above 0; only their ratios matter. If absent, all
-    /// points have the same weight.
-    pub deviations: Option<&'a [f32]>,
+    /// The standard deviation of each depth in metres, above 0, where it is known: that of the measurement, in
+    /// addition to what the model of depth leaves unexplained.
+    pub deviations: Option<&'a [Option<f32>]>,
     /// The position (u, v) of each point, which fits with a field need, and which robust fits use to find
     /// neighbours.
     pub places: Option<&'a [[f64; 2]]>,
@@ -49,8 +49,9 @@ pub struct Points<'a> {
 pub(super) struct Rows<'a> {
     bases: Bases<'a>,
     pub(super) values: Vec<f64>,
-    /// By the deviations; the median is 1.
     pub(super) weights: Vec<f64>,
+    /// The variance of each measurement, 0 where it is unknown.
+    pub(super) variances: Vec<f64>,
     pub(super) places: Option<&'a [[f64; 2]]>,
     space: Space,
 }
@@ -101,32 +102,39 @@ impl<'a> Points<'a> {
         if !values.iter().all(|v| v.is_finite()) {
             return Err(FitError::NotFinite);
         }
-        let weights = match self.deviations {
-            None => vec![1.0; count],
-            Some(deviations) => precisions(self.depths, deviations, space)?,
+        let variances = match self.deviations {
+            None => vec![0.0; count],
+            Some(deviations) => variances(self.depths, deviations, space)?,
         };
         Ok(Rows {
             bases: self.bases,
             values,
-            weights,
+            weights: vec![1.0; count],
+            variances,
             places: self.places,
             space,
         })
     }
 }
 
-/// Inverse variances in the space of the fit, divided by their median, so that a few very precise points do
-/// not change the balance between the other points and the prior.
-fn precisions(depths: &[f32], deviations: &[f32], space: Space) -> Result<Vec<f64>, FitError> {
-    let precision = |(&depth, &deviation): (&f32, &f32)| {
-        (f64::from(deviation) / space.slope(f64::from(depth))).powi(-2)
+/// Variances in the space of the fit, 0 where the deviation is unknown.
+fn variances(
+    depths: &[f32],
+    deviations: &[Option<f32>],
+    space: Space,
+) -> Result<Vec<f64>, FitError> {
+    let variance = |(&depth, &deviation): (&f32, &Option<f32>)| {
+        let Some(deviation) = deviation else {
+            return Ok(0.0);
+        };
+        let variance = (f64::from(deviation) / space.slope(f64::from(depth))).powi(2);
+        if deviation > 0.0 && variance > 0.0 && variance.is_finite() {
+            Ok(variance)
+        } else {
+            Err(FitError::StandardDeviation)
+        }
     };
-    let all: Vec<f64> = depths.iter().zip(deviations).map(precision).collect();
-    if !all.iter().all(|w| *w > 0.0 && w.is_finite()) {
-        return Err(FitError::StandardDeviation);
-    }
-    let middle = median(all.iter().copied());
-    Ok(all.into_iter().map(|w| w / middle).collect())
+    depths.iter().zip(deviations).map(variance).collect()
 }
 
 impl Rows<'_> {

@@ -398,27 +398,45 @@ fn a_constant_is_fitted_in_every_space_by_its_mean() {
     }
 }
 
+/// The mean of 1 +- 0.5 and 1.1 +- 1, which agree as closely as their deviations say: (4 + 1.1) / 5.
 #[test]
-fn deviations_of_points_are_inverse_weights() {
-    // The precision-weighted mean of 1 +- 0.1 and 2 +- 0.2: (100 + 50) / (100 + 25).
+fn points_that_agree_within_their_deviations_are_weighted_by_them() {
     let points = Points {
-        deviations: Some(&[0.1, 0.2]),
-        ..Points::new(&[1.0, 1.0], &[1.0, 2.0])
+        deviations: Some(&[Some(0.5), Some(1.0)]),
+        ..Points::new(&[1.0, 1.0], &[1.0, 1.1])
     };
     let found = fit(&points, &FitConfig::default(), None).unwrap();
-    assert!((found.weights[0] - 1.2).abs() < 1e-6);
-    // In logarithms they are relative: 0.1 and 0.1.
-    let log = FitConfig {
-        space: Space::Log,
-        ..FitConfig::default()
-    };
-    let found = fit(&points, &log, None).unwrap();
-    assert!((found.weights[0].exp() - 2.0_f64.sqrt()).abs() < 1e-6);
+    assert!(
+        (found.weights[0] - 1.02).abs() < 1e-6,
+        "{}",
+        found.weights[0]
+    );
     let wrong = Points {
-        deviations: Some(&[0.1, 0.0]),
+        deviations: Some(&[Some(0.1), Some(0.0)]),
         ..points
     };
     assert!(fit(&wrong, &FitConfig::default(), None).is_err());
+}
+
+/// With the variance s2 that a constant leaves unexplained, the squares of residuals over s2 + sigma^2 have the
+/// mean 1, taking one for the constant (Paule and Mandel 1982).
+#[test]
+fn what_deviations_do_not_explain_is_left_to_the_model() {
+    let depths = [1.0, 3.0, 2.0, 5.0, 4.0];
+    let sigmas = [0.1, 1.0, 0.5, 2.0, 0.2];
+    let points = Points {
+        deviations: Some(&sigmas.map(Some)),
+        ..Points::new(&[1.0; 5], &depths)
+    };
+    let found = fit(&points, &FitConfig::default(), None).unwrap();
+    let square = found.noise();
+    let weights = sigmas.map(|s| 1.0 / (square + f64::from(s).powi(2)));
+    let pairs = depths.iter().zip(weights);
+    let mean =
+        pairs.clone().map(|(d, w)| w * f64::from(*d)).sum::<f64>() / weights.iter().sum::<f64>();
+    assert!((found.weights[0] - mean).abs() < 1e-6);
+    let squares: f64 = pairs.map(|(d, w)| w * (f64::from(*d) - mean).powi(2)).sum();
+    assert!((squares - 4.0).abs() < 1e-4, "{squares}");
 }
 
 /// Problems with conditions from 1 to 1e12, 1 to 5000 points, repeated points, constant and

@@ -1,12 +1,14 @@
 //! A coarse grid of pixels, for what varies slowly.
 
-/// Pixels between those of the grid.
-const STEP: usize = 8;
+/// About how many pixels the grid has at most.
+const MOST: f64 = 1100.0;
 
-/// Some pixels of a map, evenly spaced.
+/// Some pixels of a map, evenly spaced; all of a small one.
 #[derive(Debug)]
 pub(super) struct Coarse {
     size: (usize, usize),
+    /// From one to the next.
+    step: usize,
     columns: Vec<usize>,
     rows: Vec<usize>,
 }
@@ -14,10 +16,12 @@ pub(super) struct Coarse {
 impl Coarse {
     /// For a map of some height and width.
     pub(super) fn new(size: (usize, usize)) -> Self {
-        let axis = |length: usize| (STEP / 2..length.max(STEP / 2 + 1)).step_by(STEP);
+        let step = ((size.0 * size.1) as f64 / MOST).sqrt().ceil().max(1.0) as usize;
+        let axis = |length: usize| (step / 2..length.max(step / 2 + 1)).step_by(step);
         let inside = |length: usize| axis(length).map(move |v| v.min(length.saturating_sub(1)));
         Self {
             size,
+            step,
             columns: inside(size.1).collect(),
             rows: inside(size.0).collect(),
         }
@@ -40,9 +44,9 @@ impl Coarse {
         let width = self.columns.len();
         let mut map = Vec::with_capacity(self.size.0 * self.size.1);
         for y in 0..self.size.0 {
-            let (top, bottom, down) = between(y, &self.rows);
+            let (top, bottom, down) = self.between(y, &self.rows);
             for x in 0..self.size.1 {
-                let (left, right, across) = between(x, &self.columns);
+                let (left, right, across) = self.between(x, &self.columns);
                 let row = |row: usize| {
                     let row = &logs[row * width..];
                     row[left] + across * (row[right] - row[left])
@@ -52,15 +56,15 @@ impl Coarse {
         }
         map
     }
-}
 
-/// The places on an axis that a position is between, and the share of the second.
-fn between(at: usize, axis: &[usize]) -> (usize, usize, f64) {
-    let last = axis.len() - 1;
-    let place = (at as f64 - axis[0] as f64) / STEP as f64;
-    let place = place.clamp(0.0, last as f64);
-    let low = (place as usize).min(last);
-    (low, (low + 1).min(last), place - low as f64)
+    /// The places on an axis that a position is between, and the share of the second.
+    fn between(&self, at: usize, axis: &[usize]) -> (usize, usize, f64) {
+        let last = axis.len() - 1;
+        let place = (at as f64 - axis[0] as f64) / self.step as f64;
+        let place = place.clamp(0.0, last as f64);
+        let low = (place as usize).min(last);
+        (low, (low + 1).min(last), place - low as f64)
+    }
 }
 
 #[cfg(test)]
@@ -69,23 +73,30 @@ mod tests {
 
     #[test]
     fn values_that_grow_by_a_factor_are_met_between_the_pixels() {
-        let coarse = Coarse::new((21, 35));
-        let law = |x: usize, y: usize| (0.1 * x as f64 - 0.05 * y as f64).exp();
+        let (height, width) = (100, 176);
+        let coarse = Coarse::new((height, width));
+        assert_eq!(coarse.pixels().count(), 25 * 44);
+        let law = |x: usize, y: usize| (0.02 * x as f64 - 0.05 * y as f64).exp();
         let values: Vec<f64> = coarse.pixels().map(|(x, y)| law(x, y)).collect();
         let map = coarse.spread(&values);
-        for (x, y) in [(4, 4), (7, 9), (28, 20), (13, 12)] {
-            let found = map[y * 35 + x];
+        for (x, y) in [(2, 2), (7, 9), (28, 20), (13, 12)] {
+            let found = map[y * width + x];
             assert!((found / law(x, y) - 1.0).abs() < 1e-12, "{found}");
         }
         // Beyond the outermost pixels, these hold.
-        assert!((map[0] / law(4, 4) - 1.0).abs() < 1e-12);
+        assert!((map[0] / law(2, 2) - 1.0).abs() < 1e-12);
     }
 
     #[test]
-    fn maps_of_a_few_pixels_have_one() {
+    fn small_maps_have_all_pixels() {
         let coarse = Coarse::new((1, 3));
-        assert_eq!(coarse.pixels().collect::<Vec<_>>(), [(2, 0)]);
-        assert_eq!(coarse.spread(&[2.0]).len(), 3);
-        assert!(coarse.spread(&[0.0]).iter().all(|value| *value < 1e-300));
+        assert_eq!(
+            coarse.pixels().collect::<Vec<_>>(),
+            [(0, 0), (1, 0), (2, 0)]
+        );
+        let map = coarse.spread(&[2.0, 3.0, 0.5]);
+        let pairs = map.iter().zip([2.0, 3.0, 0.5]);
+        assert!(pairs.into_iter().all(|(a, b)| (a / b - 1.0).abs() < 1e-12));
+        assert!(coarse.spread(&[0.0; 3]).iter().all(|value| *value < 1e-300));
     }
 }

@@ -130,6 +130,7 @@ impl FieldFit {
             },
         };
         Ok(Variances {
+            size: self.size,
             field: own,
             weights: coarse.spread(&weights),
         })
@@ -152,13 +153,16 @@ fn along(field: &Kriged, factor: &Mat<f64>, taps: &[Taps], bases: &[f32]) -> (Ve
     (variances, squares.collect())
 }
 
-/// The variance of the fitted value at every pixel of a field.
+/// The posterior variances at the pixels of a field, row by row, in the unit of the variance of the step between
+/// two neighbours with affinity 1.
 #[derive(Clone, Debug)]
-pub(in crate::fit) struct Variances {
+pub struct Variances {
+    /// Height and width.
+    pub size: (usize, usize),
     /// Of the field, were the weights known.
-    pub(in crate::fit) field: Vec<f64>,
-    /// What the weights of basis functions and cosines add.
-    pub(in crate::fit) weights: Vec<f64>,
+    pub field: Vec<f64>,
+    /// What basis functions and cosines add.
+    pub weights: Vec<f64>,
 }
 
 /// The columns of a factor, with a last row for the depth, which does not vary.

@@ -24,6 +24,7 @@ mod tests;
 
 pub(super) use estimate::FieldEstimator;
 pub(super) use fitted::FieldFit;
+pub use fitted::Variances;
 pub use problem::{Adjoint, Gradients};
 
 use crate::error::SettingsError;

@@ -1,0 +1,266 @@
+//! How the errors of completed depth are distributed, given what is known of each pixel.
+//!
+//! The error of a pixel divided by its scale follows Student's t distribution: errors are small at most pixels and
+//! large at a few, where an edge was missed. The logarithm of the scale is a sum of [clues](Clues) of the pixel,
+//! each multiplied by an exponent. The posterior variance of the fit, which supposes that depth steps are normal
+//! and affinities right, is a clue, not the answer.
+
+use super::student;
+use crate::error::WeightsError;
+use faer::linalg::solvers::Solve as _;
+use faer::{Mat, Side};
+use serde::{Deserialize, Serialize};
+
+/// The number of clues of a pixel.
+pub const CLUES: usize = 9;
+
+/// What is known of a pixel, all as logarithms of ratios, so that scaling all depths changes none:
+///
+/// - the constant 1;
+/// - the deviation of the field's steps, over the mean depth of the points;
+/// - the posterior deviation of the field alone, in units of those steps;
+/// - that of basis functions and cosines;
+/// - the noise around the pixel, over that of the image, by leave-one-out errors;
+/// - the relief of the completed depth around the pixel, over the mean depth;
+/// - the completed depth, over the mean depth;
+/// - the affinities around the pixel;
+/// - the distance to the nearest point, over the mean distance between points.
+pub type Clues = [f32; CLUES];
+
+/// The number of points at which the distribution is calibrated.
+pub const KNOTS: usize = 4;
+
+/// The distribution of errors for each of some numbers of points, ascending. In between, exponents and the
+/// logarithm of the freedom are interpolated in the logarithm of the number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct ErrorModel(pub [Knot; KNOTS]);
+
+/// The distribution of errors for one number of points.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Knot {
+    /// The number of points.
+    pub points: f64,
+    /// The degrees of freedom of Student's t: the fewer, the heavier the tails.
+    pub freedom: f64,
+    /// The exponent of each clue.
+    pub exponents: [f64; CLUES],
+}
+
+/// An error, in units of the mean depth, and what was known of its pixel.
+pub type Sample = (Clues, f32);
+
+impl ErrorModel {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// Numbers that are not finite, no freedom, or numbers of points that do not rise.
+    pub fn check(&self) -> Result<(), WeightsError> {
+        let sound = |knot: &Knot| {
+            (Knot::LEAST..=Knot::MOST).contains(&knot.freedom)
+                && knot.points > 0.0
+                && knot.points.is_finite()
+                && knot.exponents.iter().all(|e| e.is_finite())
+        };
+        if self.0.iter().all(sound) && self.0.is_sorted_by(|a, b| a.points < b.points) {
+            Ok(())
+        } else {
+            let what = "the distribution of errors is out of range";
+            Err(WeightsError::record("calibration", what))
+        }
+    }
+
+    /// The distribution for a number of points.
+    pub fn at(&self, points: usize) -> Knot {
+        let place = (points.max(1) as f64).ln();
+        let between = |[from, to]: &[Knot; 2]| {
+            let (start, end) = (from.points.ln(), to.points.ln());
+            (start..end).contains(&place).then(|| {
+                let share = (place - start) / (end - start);
+                let mix = |a: f64, b: f64| a + share * (b - a);
+                Knot {
+                    points: points as f64,
+                    freedom: mix(from.freedom.ln(), to.freedom.ln()).exp(),
+                    exponents: std::array::from_fn(|i| mix(from.exponents[i], to.exponents[i])),
+                }
+            })
+        };
+        let end = if place < self.0[0].points.ln() {
+            0
+        } else {
+            KNOTS - 1
+        };
+        self.0
+            .array_windows()
+            .find_map(between)
+            .unwrap_or(self.0[end])
+    }
+}
+
+impl Knot {
+    /// The range of the freedom: below, not even a mean exists; above, errors are normal.
+    const LEAST: f64 = 1.0;
+    const MOST: f64 = 200.0;
+
+    /// The scale of the error of a pixel, in units of the mean depth.
+    pub fn scale(&self, clues: &Clues) -> f64 {
+        self.log_scale(clues).exp()
+    }
+
+    fn log_scale(&self, clues: &Clues) -> f64 {
+        let pairs = clues.iter().zip(&self.exponents);
+        pairs
+            .map(|(clue, exponent)| f64::from(*clue) * exponent)
+            .sum()
+    }
+
+    /// The distribution under which `samples` are most likely: exponents by Fisher scoring, in which the
+    /// information on a logarithm of a scale is 2 freedom / (freedom + 3), and the freedom by golden section.
+    /// `None` for too few samples.
+    pub fn learn(points: f64, samples: &[Sample]) -> Option<Self> {
+        const ROUNDS: usize = 40;
+        /// Relative to the number of samples, so that a clue that never varies has no exponent.
+        const RIDGE: f64 = 1e-4;
+        let mut normal = Mat::<f64>::zeros(CLUES, CLUES);
+        for (clues, _) in samples {
+            for i in 0..CLUES {
+                for j in 0..CLUES {
+                    normal[(i, j)] += f64::from(clues[i]) * f64::from(clues[j]);
+                }
+            }
+        }
+        for i in 0..CLUES {
+            normal[(i, i)] += RIDGE * samples.len() as f64;
+        }
+        let normal = normal.llt(Side::Lower).ok()?;
+        let typical = samples
+            .iter()
+            .map(|(_, e)| f64::from(e.abs()).max(1e-9).ln());
+        let mut found = Self {
+            points,
+            freedom: 4.0,
+            exponents: [0.0; CLUES],
+        };
+        found.exponents[0] = typical.sum::<f64>() / samples.len() as f64;
+        for _ in 0..ROUNDS {
+            let freedom = found.freedom;
+            let step = (freedom + 3.0) / (2.0 * freedom);
+            let mut right = Mat::<f64>::zeros(CLUES, 1);
+            for (clues, error) in samples {
+                let square = found.square(clues, *error);
+                let slope = (freedom + 1.0) * square / (freedom + square) - 1.0;
+                for i in 0..CLUES {
+                    right[(i, 0)] += step * slope * f64::from(clues[i]);
+                }
+            }
+            for i in 0..CLUES {
+                let shrink = RIDGE * samples.len() as f64 * found.exponents[i];
+                right[(i, 0)] -= if i == 0 { 0.0 } else { shrink };
+            }
+            let change = normal.solve(&right);
+            for (i, exponent) in found.exponents.iter_mut().enumerate() {
+                *exponent += change[(i, 0)];
+            }
+            found.freedom = found.likeliest_freedom(samples);
+        }
+        found
+            .exponents
+            .iter()
+            .all(|e| e.is_finite())
+            .then_some(found)
+    }
+
+    /// The squared error in units of the squared scale.
+    fn square(&self, clues: &Clues, error: f32) -> f64 {
+        (f64::from(error) * (-self.log_scale(clues)).exp()).powi(2)
+    }
+
+    fn likeliest_freedom(&self, samples: &[Sample]) -> f64 {
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        let squares: Vec<f64> = samples.iter().map(|(c, e)| self.square(c, *e)).collect();
+        let cost = |x: f64| {
+            let freedom = x.exp();
+            let rest = student::surprise(0.0, freedom) * squares.len() as f64;
+            let tails: f64 = squares.iter().map(|s| (s / freedom).ln_1p()).sum();
+            rest + 0.5 * (freedom + 1.0) * tails
+        };
+        let (mut low, mut high) = (Self::LEAST.ln(), Self::MOST.ln());
+        let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+        let (mut cost_a, mut cost_b) = (cost(a), cost(b));
+        while high - low > 1e-3 {
+            if cost_a < cost_b {
+                (high, b, cost_b) = (b, a, cost_a);
+                a = high - GOLDEN * (high - low);
+                cost_a = cost(a);
+            } else {
+                (low, a, cost_a) = (a, b, cost_b);
+                b = low + GOLDEN * (high - low);
+                cost_b = cost(b);
+            }
+        }
+        f64::midpoint(low, high).exp()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lsdc_rng::Rng;
+
+    fn knot(points: f64, freedom: f64, shift: f64) -> Knot {
+        let mut exponents = [0.0; CLUES];
+        (exponents[0], exponents[2], exponents[5]) = (shift, 0.8, -0.3);
+        Knot {
+            points,
+            freedom,
+            exponents,
+        }
+    }
+
+    /// t = z sqrt(freedom / chi^2), with chi^2 the sum of squares of as many normal numbers.
+    #[test]
+    fn a_distribution_is_learned_from_its_own_errors() {
+        let mut rng = Rng::stream(5, &["errors"]);
+        let truth = knot(50.0, 4.0, -2.0);
+        let samples: Vec<Sample> = (0..40_000)
+            .map(|_| {
+                let mut clues = [0.0_f32; CLUES];
+                clues.iter_mut().for_each(|clue| *clue = rng.normal());
+                clues[0] = 1.0;
+                let chi: f64 = (0..4).map(|_| f64::from(rng.normal()).powi(2)).sum();
+                let t = f64::from(rng.normal()) * (4.0 / chi).sqrt();
+                (clues, (t * truth.scale(&clues)) as f32)
+            })
+            .collect();
+        let found = Knot::learn(50.0, &samples).unwrap();
+        // Three standard errors: sqrt((freedom + 3) / (2 freedom n)) = 0.0047.
+        for (found, truth) in found.exponents.iter().zip(truth.exponents) {
+            assert!((found - truth).abs() < 0.015, "{found} {truth}");
+        }
+        assert!((found.freedom - 4.0).abs() < 0.3, "{}", found.freedom);
+        assert!(Knot::learn(50.0, &[]).is_none());
+    }
+
+    #[test]
+    fn between_two_numbers_of_points_logarithms_are_interpolated() {
+        let model = ErrorModel([
+            knot(5.0, 2.0, 0.0),
+            knot(50.0, 8.0, 1.0),
+            knot(500.0, 3.0, 2.0),
+            knot(5000.0, 3.0, 4.0),
+        ]);
+        model.check().unwrap();
+        assert_eq!(model.at(1), model.0[0]);
+        assert_eq!(model.at(50), model.0[1]);
+        assert_eq!(model.at(90_000), model.0[3]);
+        let found = model.at(1581);
+        assert!((found.exponents[0] - 3.0).abs() < 1e-4 && (found.freedom - 3.0).abs() < 1e-12);
+        let found = model.at(16);
+        let share = (16.0_f64 / 5.0).ln() / 10.0_f64.ln();
+        assert!((found.freedom - 2.0 * 4.0_f64.powf(share)).abs() < 1e-12);
+        let mut wrong = model;
+        wrong.0.swap(0, 1);
+        assert!(wrong.check().is_err());
+    }
+}

@@ -1,0 +1,209 @@
+//! How far a completed depth may be off: the scale of the error at every pixel, and the intervals that hold a
+//! given share of errors.
+
+use crate::completion::Completion;
+use crate::error::{FitError, Result, SettingsError};
+use crate::fit::student::{self, ONE_DEVIATION};
+use crate::fit::{CLUES, Clues, FitMethod, Knot, LocalNoise, Smooth, smoothed};
+use crate::image::check_size;
+use crate::map::DepthMap;
+use crate::nearest::Cells;
+use rayon::prelude::*;
+
+/// Degrees of freedom with which Student's t is normal.
+const NORMAL: f64 = 1e6;
+
+/// Number of pixels whose basis functions are held in memory at once.
+const STRIP: usize = 1 << 13;
+
+impl Completion {
+    /// The standard deviation of the depth error at every pixel of the image, calibrated for the fit settings
+    /// that the weights record, and approximate with others: half the width of the interval around the depth
+    /// that holds 68.27 % of errors, as one standard deviation does if errors are normal. Errors of depth have
+    /// heavier tails, where an edge was missed; [`Self::interval`] returns the multiple of this map that holds
+    /// another share.
+    ///
+    /// # Errors
+    /// Too few observations for an estimate.
+    pub fn standard_deviation(&self) -> Result<DepthMap> {
+        let (height, width) = self.scene().size();
+        self.standard_deviation_at(width, height)
+    }
+
+    /// The standard deviation of the depth error at every pixel of a map of another size.
+    ///
+    /// # Errors
+    /// An implausible size, or too few observations for an estimate.
+    pub fn standard_deviation_at(&self, width: usize, height: usize) -> Result<DepthMap> {
+        check_size(width, height)?;
+        let completer = self.scene().completer();
+        let values = completer.run(|| self.deviations((height, width)))?;
+        DepthMap::new(width, height, values)
+    }
+
+    /// The number of standard deviations around the depth that hold a share `level` of errors, from 0 to 1
+    /// (exclusive). Errors over their scale follow Student's t distribution with [`Self::freedom`] degrees of
+    /// freedom, so that 95 % need more than 1.96 standard deviations.
+    ///
+    /// # Errors
+    /// A level that is not between 0 and 1.
+    pub fn interval(&self, level: f64) -> Result<f64> {
+        if !(level > 0.0 && level < 1.0) {
+            return Err(
+                SettingsError::new("the level of an interval must be between 0 and 1").into(),
+            );
+        }
+        let freedom = self.freedom().unwrap_or(NORMAL);
+        Ok(student::bound(level, freedom) / student::bound(ONE_DEVIATION, freedom))
+    }
+
+    /// The degrees of freedom of the distribution of errors; `None` if it is taken to be normal, because the
+    /// weights or the settings of the fit have no other calibration.
+    pub fn freedom(&self) -> Option<f64> {
+        self.error_model().map(|knot| knot.freedom)
+    }
+
+    fn error_model(&self) -> Option<Knot> {
+        let joint = self.report().method == FitMethod::Joint;
+        let model = self.scene().completer().errors().filter(|_| joint)?;
+        Some(model.at(self.report().used))
+    }
+
+    fn deviations(&self, size: (usize, usize)) -> Result<Vec<f32>> {
+        let Some(knot) = self.error_model() else {
+            return self.normal_deviations(size);
+        };
+        let (clues, from) = self.clues()?;
+        let unit = student::bound(ONE_DEVIATION, knot.freedom) * self.mean_depth();
+        let scales: Vec<f64> = clues
+            .par_iter()
+            .map(|clues| unit * knot.scale(clues))
+            .collect();
+        let mut values = vec![0.0; size.0 * size.1];
+        Smooth::new(from, &scales).add_to(size, &mut values);
+        Ok(values)
+    }
+
+    /// The clues of each pixel of the field of a joint fit, and the height and width of the field.
+    ///
+    /// # Errors
+    /// A fit without a field, or too few observations.
+    #[doc(hidden)]
+    pub fn clues(&self) -> Result<(Vec<Clues>, (usize, usize))> {
+        /// Standard deviation of the windows of relief and affinities, as a share of the root of the number of
+        /// pixels.
+        const WINDOW: f64 = 1.0 / 64.0;
+        /// Less than these tell no more: relief and noise over the mean depth, and the variance that weights add.
+        const LEAST: f64 = 1e-3;
+        const LEAST_NOISE: f64 = 1e-6;
+        /// Mean distances between points: nearer than this, the field tells more.
+        const CLOSE: f64 = 0.1;
+        let noise = self.local_noise()?;
+        let (scene, fit) = (self.scene(), self.fit());
+        let variances = fit.variances(|size, places| scene.at(size, places))?;
+        let (Some(variances), Some(affinities)) = (variances, scene.known_affinities()) else {
+            return Err(FitError::NoAffinities("joint").into());
+        };
+        let size = variances.size;
+        let (height, width) = size;
+        let mean = self.mean_depth();
+        let depth: Vec<f64> = self
+            .dense(size)
+            .iter()
+            .map(|d| f64::from(*d) / mean)
+            .collect();
+        let window = WINDOW * ((height * width) as f64).sqrt();
+        let squares: Vec<f64> = depth.iter().map(|d| d * d).collect();
+        let means = smoothed(&depth, width, window);
+        let squares = smoothed(&squares, width, window);
+        let edges = smoothed(&affinities.logarithms(), width, window);
+        let whole = fit.noise().sqrt().max(LEAST_NOISE * mean);
+        let (right, down) = (
+            scene.width() as f64 / width as f64,
+            scene.height() as f64 / height as f64,
+        );
+        let near = Cells::new(&self.usable().places);
+        let area = (scene.width() * scene.height()) as f64;
+        let spacing = (area / self.usable().places.len() as f64).sqrt();
+        let pixels = (0..height * width).into_par_iter().map(|pixel| {
+            let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            let place = [x * right - 0.5, y * down - 0.5];
+            let local = noise.at(x * right, y * down).sqrt() / whole;
+            let relief = (squares[pixel] - means[pixel].powi(2)).max(0.0).sqrt();
+            let clues: [f64; CLUES] = [
+                1.0,
+                (whole / mean).ln(),
+                0.5 * variances.field[pixel].max(f64::MIN_POSITIVE).ln(),
+                0.5 * (variances.weights[pixel] + LEAST).ln(),
+                local.max(LEAST).ln(),
+                (relief + LEAST).ln(),
+                depth[pixel].ln(),
+                edges[pixel],
+                (near.nearest(place, 1)[0].0.sqrt() / spacing + CLOSE).ln(),
+            ];
+            clues.map(|clue| clue as f32)
+        });
+        Ok((pixels.collect(), size))
+    }
+
+    /// The mean depth of the observations, the unit of the scale of errors.
+    #[doc(hidden)]
+    pub fn mean_depth(&self) -> f64 {
+        let depths = &self.usable().depths;
+        depths.iter().map(|d| f64::from(*d)).sum::<f64>() / depths.len().max(1) as f64
+    }
+
+    fn local_noise(&self) -> Result<LocalNoise> {
+        let fit = self.fit();
+        if fit.is_saturated() {
+            let what = "as many observations as basis functions, or fewer, are met whatever they are, and \
+                        say nothing of the errors between them";
+            return Err(FitError::TooFewPoints(what).into());
+        }
+        let (places, size) = (&self.usable().places, self.scene().size());
+        let noise = LocalNoise::new(fit, self.leverages(), places, size);
+        if noise.is_silent() {
+            let what = "the points say nothing of how far the depth is off between them";
+            return Err(FitError::TooFewPoints(what).into());
+        }
+        Ok(noise)
+    }
+
+    /// Standard deviations of a normal distribution: local noise and the posterior variance, times a factor.
+    fn normal_deviations(&self, (height, width): (usize, usize)) -> Result<Vec<f32>> {
+        let (scene, fit) = (self.scene(), self.fit());
+        let factor = scene.completer().deviation();
+        let noise = self.local_noise()?;
+        let from = scene.size();
+        let (right, down) = (from.1 as f64 / width as f64, from.0 as f64 / height as f64);
+        let noise_at = |pixel: usize| {
+            let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+            noise.at(x * right, y * down)
+        };
+        let mut values = vec![0.0; height * width];
+        if let Some(variances) = fit.variances(|size, places| scene.at(size, places))? {
+            let pairs = variances.field.iter().zip(&variances.weights);
+            let deviations: Vec<f64> = pairs.map(|(a, b)| (a + b).sqrt()).collect();
+            Smooth::new(variances.size, &deviations).add_to((height, width), &mut values);
+            let pixels = values.par_iter_mut().enumerate();
+            pixels.for_each(|(pixel, value)| {
+                *value = (factor * noise_at(pixel).sqrt() * f64::from(*value)) as f32;
+            });
+            return Ok(values);
+        }
+        let depth = self.dense((height, width));
+        let strips = values.par_chunks_mut(STRIP).enumerate();
+        strips.for_each(|(strip, values)| {
+            let pixels = strip * STRIP..strip * STRIP + values.len();
+            let place = |pixel: usize| [(pixel % width) as f64, (pixel / width) as f64];
+            let places: Vec<_> = pixels.clone().map(place).collect();
+            let spreads = fit.spreads(&scene.at((height, width), &places));
+            for ((value, spread), pixel) in values.iter_mut().zip(spreads).zip(pixels) {
+                let variance = noise_at(pixel) * (1.0 + f64::from(spread));
+                let slope = fit.space.slope(f64::from(depth[pixel]));
+                *value = (factor * variance.sqrt() * slope) as f32;
+            }
+        });
+        Ok(values)
+    }
+}
