@@ -40,12 +40,15 @@ struct Found {
 const MOST: usize = 5000;
 const SOME: usize = 2000;
 
+/// Conjugate gradients start from the solution for some sites.
+const START: usize = 700;
+
 impl FieldEstimator<'_> {
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
         let found = match self.prior {
             None => self.alone(&sites, rows)?,
-            Some((prior, lambda)) if sites.len() <= field::MOST => {
+            Some((prior, lambda)) if self.are_few(&sites) => {
                 self.few(&sites, rows, prior, lambda)?
             }
             Some((prior, lambda)) => self.many(&sites, rows, prior, lambda)?,
@@ -126,8 +129,8 @@ impl FieldEstimator<'_> {
         let enough = if sites.len() > MOST { SOME } else { MOST };
         let sample = sites.sample(enough, rows)?;
         let (columns, stride) = (sample.columns(), sample.columns() + 1);
-        let some = self.smoothness().kriged(&sample.some(field::MOST), &[])?;
-        let near = moments(some.moments(), columns, field::MOST);
+        let some = self.smoothness().kriged(&sample.some(START), &[])?;
+        let near = moments(some.moments(), columns, START.min(sample.len()));
         let (others, cosines) = near.clone().without_last(self.ridges)?;
         let found = others.shrunk(prior, lambda.at(sites.len()))?;
         let start = cosines.beside(&found.solution);
@@ -197,6 +200,10 @@ impl FieldEstimator<'_> {
         penalties[0] = 0.0;
         penalties.extend(self.ridges);
         (map, penalties)
+    }
+
+    fn are_few(self, sites: &Sites) -> bool {
+        sites.len() <= field::MOST && self.smoothness().observations(sites) <= field::MOST
     }
 
     fn smoothness(self) -> Smoothness {

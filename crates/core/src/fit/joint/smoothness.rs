@@ -1,6 +1,6 @@
 //! How smooth the field of an image is, and how sites join it.
 
-use super::sites::Sample;
+use super::sites::{Sample, Sites};
 use crate::bilinear::Taps;
 use crate::error::FitError;
 use crate::field::{Grid, Kriged, Observations, Observed};
@@ -60,6 +60,11 @@ impl Smoothness {
             Kriged::new(&prior, &tied, ridges)
         };
         field.ok_or_else(unsolvable)
+    }
+
+    /// The number of observations that sites are, with their ties.
+    pub(super) fn observations(&self, sites: &Sites) -> usize {
+        sites.len() + self.ties(&sites.taps, &sites.weights).len()
     }
 
     /// The field with any number of sites.
