@@ -98,8 +98,8 @@ impl Guide {
                 let image = &self.image[3 * row * self.size.1..][..3 * self.size.1];
                 for (x, &pixel) in pixels.iter().enumerate() {
                     let colour = colour(image, pixel);
-                    for channel in 0..3 {
-                        colours[channel][x] = colour[channel];
+                    for (values, value) in colours.iter_mut().zip(colour) {
+                        values[x] = value;
                     }
                 }
                 self.level
@@ -144,8 +144,8 @@ impl Corners {
             for (x, &(left, right, _)) in columns.iter().enumerate() {
                 let pixel = first + if k % 2 == 0 { left } else { right };
                 let colour = colour(&guide.colours, pixel);
-                for channel in 0..3 {
-                    corner.colours[channel][x] = colour[channel];
+                for (values, value) in corner.colours.iter_mut().zip(colour) {
+                    values[x] = value;
                 }
                 corner.values[x] = values[pixel];
             }

@@ -282,10 +282,8 @@ impl Step {
 
 #[inline(always)]
 fn divide<const B: usize>(values: &mut Rows<B>, divisor: &Eight) {
-    for lane in 0..8 {
-        for b in 0..B {
-            values[lane][b] /= divisor[lane];
-        }
+    for (values, divisor) in values.iter_mut().zip(divisor) {
+        values.iter_mut().for_each(|value| *value /= divisor);
     }
 }
 
@@ -305,9 +303,8 @@ fn products<const B: usize>(factors: &[f64], rows: &[Row<B>]) -> Row<B> {
     let (whole, rest) = (factors.chunks_exact(8), rows.chunks_exact(8));
     let mut sum = [0.0; B];
     for (factor, row) in whole.remainder().iter().zip(rest.remainder()) {
-        for b in 0..B {
-            sum[b] += factor * row[b];
-        }
+        let sums = sum.iter_mut().zip(row);
+        sums.for_each(|(sum, value)| *sum += factor * value);
     }
     for (factors, rows) in whole.zip(rest) {
         for lane in 0..8 {

@@ -226,7 +226,9 @@ mod tests {
         let samples: Vec<Sample> = (0..40_000)
             .map(|_| {
                 let mut clues = [0.0_f32; CLUES];
-                clues.iter_mut().for_each(|clue| *clue = rng.normal());
+                for clue in &mut clues {
+                    *clue = rng.normal();
+                }
                 clues[0] = 1.0;
                 let chi: f64 = (0..4).map(|_| f64::from(rng.normal()).powi(2)).sum();
                 let t = f64::from(rng.normal()) * (4.0 / chi).sqrt();

@@ -36,7 +36,7 @@ pub fn surprise(square: f64, freedom: f64) -> f64 {
         + half * (square / freedom).ln_1p()
 }
 
-/// I_x(a, b) by its continued fraction (Abramowitz and Stegun 26.5.8), evaluated as Lentz did (1976).
+/// `I_x(a, b)` by its continued fraction (Abramowitz and Stegun 26.5.8), evaluated as Lentz did (1976).
 fn incomplete_beta(x: f64, a: f64, b: f64) -> f64 {
     const TINY: f64 = 1e-300;
     const ROUNDS: usize = 500;

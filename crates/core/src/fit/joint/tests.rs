@@ -275,7 +275,7 @@ fn errors_of_scenes_drawn_from_the_model_vary_as_predicted() {
                 .iter()
                 .map(|&place| (truth[pixel(place)] + noise * f64::from(rng.normal())) as f32)
                 .collect();
-            let sigmas = vec![Some(own as f32); POINTS];
+            let sigmas = [Some(own as f32); POINTS];
             let points = Points {
                 bases: Bases::Rows(&bases),
                 depths: &depths,
