@@ -185,7 +185,9 @@ impl Scene {
                 };
                 let factorising = Instant::now();
                 if let (FitMethod::Joint, Some(affinities)) = (config.method, affinities) {
-                    affinities.prepare(config.joint.level, usable.places.len());
+                    // Ties of the pixels around a point come to one more or less.
+                    let each = if inner.guide.is_some() { 2 } else { 1 };
+                    affinities.prepare(config.joint.level, each * usable.places.len());
                 }
                 let (field, solving) = (factorising.elapsed(), Instant::now());
                 let bases = rows.as_deref().map_or(Bases::Functions(inner), Bases::Rows);

@@ -109,7 +109,8 @@ impl Smoothness {
                 // In the order of the pixels.
                 for (other, across) in taps.iter().skip(i + 1) {
                     let down = other as usize == one as usize + grid.width;
-                    if !down && other != one + 1 {
+                    let beside = other == one + 1 && !(other as usize).is_multiple_of(grid.width);
+                    if !down && !beside {
                         continue;
                     }
                     let along = if down { grid.down } else { grid.right };
