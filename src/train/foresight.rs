@@ -38,7 +38,7 @@ type Errors = [Vec<Sample>; KNOTS];
 ///
 /// # Errors
 /// Frames that cannot be read, or too few to learn from.
-pub fn foresight(
+pub(super) fn foresight(
     completer: &Completer,
     frames: &dyn Dataset,
     which: &[usize],
