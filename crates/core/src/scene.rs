@@ -185,9 +185,7 @@ impl Scene {
                 };
                 let factorising = Instant::now();
                 if let (FitMethod::Joint, Some(affinities)) = (config.method, affinities) {
-                    // Ties of the pixels around a point come to one more or less.
-                    let each = if inner.guide.is_some() { 2 } else { 1 };
-                    affinities.prepare(config.joint.level, each * usable.places.len());
+                    affinities.prior(config.joint.level);
                 }
                 let (field, solving) = (factorising.elapsed(), Instant::now());
                 let bases = rows.as_deref().map_or(Bases::Functions(inner), Bases::Rows);

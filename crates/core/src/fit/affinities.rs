@@ -2,7 +2,7 @@
 
 use crate::bilinear::{Taps, neighbours};
 use crate::error::FitError;
-use crate::field::{self, FieldPrior, Grid};
+use crate::field::{FieldPrior, Grid};
 use crate::guide::Guide;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
@@ -76,13 +76,6 @@ impl Affinities {
         let found = FieldPrior::new(&self.grid(level));
         let _ = self.0.prior.set((level, found.clone()));
         found
-    }
-
-    /// Factorises the field if it will be needed for so many observations.
-    pub fn prepare(&self, level: f64, observations: usize) {
-        if observations <= field::MOST {
-            self.prior(level);
-        }
     }
 
     /// The mean logarithm of the affinities of each pixel with its right and its lower neighbour.
