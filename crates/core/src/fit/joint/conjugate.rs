@@ -99,6 +99,12 @@ impl<'a> Normal<'a> {
         product
     }
 
+    /// `x' D x`.
+    pub(super) fn penalty(&self, x: &[f64]) -> f64 {
+        let terms = self.penalties.iter().zip(x);
+        terms.map(|(penalty, x)| penalty * x * x).sum()
+    }
+
     /// `P x`.
     pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.columns.nrows()];

@@ -145,7 +145,7 @@ impl FieldEstimator<'_> {
         let x = normal.minimum(&depths, (map.transpose() * right).col_as_slice(0))?;
         let model = normal.times(&x);
         let rest: Vec<f64> = depths.iter().zip(model).map(|(d, m)| d - m).collect();
-        let penalised = dot(&depths, &field.pull(&rest)).max(0.0);
+        let penalised = (dot(&rest, &field.pull(&rest)) + normal.penalty(&x)).max(0.0);
         let freedom = sample.len() as f64 - 1.0;
         let noise = prior
             .noise
