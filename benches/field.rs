@@ -4,7 +4,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc_core::bilinear::Taps;
-use lsdc_core::field::{Field, FieldPrior, Grid, MOST, Observations, Reach};
+use lsdc_core::field::{FieldPrior, Grid, Kriged, MOST, Observations, Observed};
 use lsdc_rng::Rng;
 use std::hint::black_box;
 
@@ -40,9 +40,10 @@ fn field(criterion: &mut Criterion) {
         let mut pixels: Vec<u32> = (0..(height * width) as u32).collect();
         rng.choose(&mut pixels, points);
         let taps: Vec<Taps> = pixels[..points].iter().map(|&p| Taps::pixel(p)).collect();
+        let weights = vec![100.0; points];
         let seen = Observations {
             taps: &taps,
-            weights: &vec![100.0; points],
+            weights: &weights,
             columns: &columns,
             count,
         };
@@ -50,28 +51,26 @@ fn field(criterion: &mut Criterion) {
             criterion.benchmark_group(format!("field, {points} points, {count} columns"));
         group.sample_size(20);
         group.bench_function("factorise", |bencher| {
-            bencher.iter(|| Field::new(black_box(&grid), &seen));
+            bencher.iter(|| Observed::new(black_box(&grid), &taps, &weights));
         });
         if points <= MOST {
             group.bench_function("add points to that without", |bencher| {
-                bencher.iter(|| Field::with_prior(black_box(&prior), &seen, &[]));
+                bencher.iter(|| Kriged::new(black_box(&prior), &seen, &[]));
             });
         }
-        let Some(field) = Field::new(&grid, &seen) else {
+        let Some(field) = Observed::new(&grid, &taps, &weights) else {
             continue;
         };
-        let along = vec![1.0; count];
+        let targets = vec![1.0; points];
         group.bench_function("extend", |bencher| {
-            bencher.iter(|| field.extend(black_box(&along)));
+            bencher.iter(|| field.extend(black_box(&targets)));
         });
         let sides = vec![1.0; height * width];
         group.bench_function("solve", |bencher| {
             bencher.iter(|| field.solve(black_box(&sides)));
         });
-        let combinations = faer::Mat::identity(count, count);
         group.bench_function("variances", |bencher| {
-            bencher
-                .iter(|| field.spreads(&columns, black_box(combinations.as_ref()), Reach::Pixels));
+            bencher.iter(|| field.pixel_variances());
         });
     }
 }

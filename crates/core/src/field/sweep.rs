@@ -283,7 +283,9 @@ impl Step {
 #[inline(always)]
 fn divide<const B: usize>(values: &mut Rows<B>, divisor: &Eight) {
     for (values, divisor) in values.iter_mut().zip(divisor) {
-        values.iter_mut().for_each(|value| *value /= divisor);
+        for value in values {
+            *value /= divisor;
+        }
     }
 }
 
