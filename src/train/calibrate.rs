@@ -50,7 +50,8 @@ pub type Held = [(f64, f64); KNOTS];
 /// noise and the scale of standard deviations from those that it held out (from all, if it held out
 /// none), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
 /// frames best takes the place of the strength of the noise, for few and for many points, and the
-/// distribution of errors is learned from them too. Returns how well that holds. Calls `progress` with the number of frames seen and of all.
+/// distribution of errors is learned from them too. Returns how well that holds. Calls `progress` with the
+/// number of frames seen and of all.
 ///
 /// # Errors
 /// Frames that cannot be read, or fewer than two.
