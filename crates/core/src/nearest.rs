@@ -53,26 +53,45 @@ impl Cells {
     /// broken by index.
     pub fn nearest(&self, place: [f64; 2], count: usize) -> Vec<(f64, usize)> {
         let [column, row] = self.cell(place);
-        let order = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-        let mut found: Vec<(f64, usize)> = Vec::with_capacity(4 * count);
-        for ring in 0..self.columns.max(self.rows) as i64 {
-            // From a place in the middle cell, or beyond it, every place of this ring is at least so
-            // far away.
-            let closest = (ring as f64 - 1.0).max(0.0) * self.side;
-            if found.len() >= count {
-                found.sort_unstable_by(order);
-                if count == 0 || found[count - 1].0 < closest * closest {
-                    break;
-                }
+        let outside = self.outside(place);
+        // In ascending order.
+        let mut found: Vec<(f64, usize)> = Vec::with_capacity(count + 1);
+        let rings = if count > 0 {
+            self.columns.max(self.rows) as i64
+        } else {
+            0
+        };
+        for ring in 0..rings {
+            // The cells are convex: a way into them is no shorter than the hypotenuse of the way to the nearest
+            // of their places and the way on from there.
+            let within = (ring as f64 - 1.0).max(0.0) * self.side;
+            if found.len() == count && found[count - 1].0 < outside + within * within {
+                break;
             }
             self.ring([column, row], ring, |i| {
                 let [x, y] = self.places[i];
-                found.push(((x - place[0]).powi(2) + (y - place[1]).powi(2), i));
+                let square = (x - place[0]).powi(2) + (y - place[1]).powi(2);
+                let is_nearer = |other: &(f64, usize)| {
+                    square.total_cmp(&other.0).then(i.cmp(&other.1)).is_lt()
+                };
+                if found.len() < count || found.last().is_some_and(is_nearer) {
+                    let rank = found.partition_point(|other| !is_nearer(other));
+                    found.insert(rank, (square, i));
+                    found.truncate(count);
+                }
             });
         }
-        found.sort_unstable_by(order);
-        found.truncate(count);
         found
+    }
+
+    /// The squared distance from a position to the nearest cell.
+    fn outside(&self, place: [f64; 2]) -> f64 {
+        let counts = [self.columns, self.rows];
+        let off = [0, 1].map(|axis| {
+            let end = self.origin[axis] + counts[axis] as f64 * self.side;
+            place[axis] - place[axis].clamp(self.origin[axis], end)
+        });
+        off[0] * off[0] + off[1] * off[1]
     }
 
     fn ring(&self, [column, row]: [i64; 2], ring: i64, mut visit: impl FnMut(usize)) {
@@ -119,6 +138,9 @@ mod tests {
         agree(&(0..20).map(|_| place()).collect::<Vec<_>>(), 1.0);
         let mut place = || [60.0, 40.0].map(|most| most * f64::from(rng.unit()) - 0.5);
         agree(&(0..33).map(|_| place()).collect::<Vec<_>>(), 0.73);
+        // In a small part of where they are looked for.
+        let mut place = || [3.0, 2.0].map(|most| 40.0 + most * f64::from(rng.unit()));
+        agree(&(0..50).map(|_| place()).collect::<Vec<_>>(), 5.0);
         // On a line, on top of each other, a single one, none.
         agree(
             &(0..9)
