@@ -165,6 +165,27 @@ impl Kriged {
     }
 }
 
+/// The covariances of the field at observations, in their order, before any of them is known.
+pub(super) fn covariance(factor: &Factor, seen: &Observations<'_>, ridges: &[f64]) -> Mat<f64> {
+    let border = Border::new(factor, seen.taps);
+    let n = border.order.len();
+    let free = seen.count - ridges.len() - 1;
+    let scales: Vec<f64> = ridges.iter().map(|ridge| ridge.sqrt().recip()).collect();
+    let functions = strips_of(n, &scales, |i, j| {
+        seen.columns[border.order[i] * seen.count + free + j]
+    });
+    let lower = border.covariance(factor, &functions);
+    let mut turns = vec![0; n];
+    for (turn, &i) in border.order.iter().enumerate() {
+        turns[i] = turn;
+    }
+    let size = n.next_multiple_of(PAD);
+    Mat::from_fn(n, n, |i, j| {
+        let (row, column) = (turns[i].max(turns[j]), turns[i].min(turns[j]));
+        lower[column * size + row]
+    })
+}
+
 /// Scaled rows of functions, by strips of `n` observations.
 fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64) -> Vec<Strip> {
     if scales.is_empty() {

@@ -83,6 +83,18 @@ impl FieldPrior {
         let factor = Factor::new(plan, &Stencil::new(grid));
         factor.map(|factor| Self(Arc::new(factor)))
     }
+
+    /// The covariances of the values at observations before any of them is known, `[observations,
+    /// observations]`, noise not included. Columns before the last one may be functions that are part of the
+    /// field, with a penalty on the square of the weight of each: its ridge.
+    ///
+    /// # Panics
+    /// If lengths do not match or a pixel is outside the grid.
+    pub fn covariance(&self, seen: &Observations<'_>, ridges: &[f64]) -> Mat<f64> {
+        seen.check();
+        assert!(ridges.len() < seen.count, "columns");
+        kriged::covariance(&self.0, seen, ridges)
+    }
 }
 
 /// A factorised field: solving for any combination of the columns costs almost nothing.

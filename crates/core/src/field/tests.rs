@@ -405,6 +405,38 @@ fn functions_that_are_part_of_a_field_have_the_weights_of_the_dense_equations() 
 }
 
 #[test]
+fn covariances_before_any_observation_are_those_of_the_dense_inverse() {
+    let ridges = [0.3, 20.0];
+    for example in large_examples() {
+        let prior = FieldPrior::new(&example.grid(example.level)).unwrap();
+        let found = prior.covariance(&example.observations(), &ridges);
+        let pixels = example.size[0] * example.size[1];
+        let alone = Example {
+            level: example.level,
+            ..Example::new(example.size[0], example.size[1], 0)
+        };
+        let dense = alone.dense().llt(Side::Lower).unwrap();
+        let mut at = Mat::<f64>::zeros(pixels, example.taps.len());
+        for (i, taps) in example.taps.iter().enumerate() {
+            for (pixel, share) in taps.iter() {
+                at[(pixel as usize, i)] += share;
+            }
+        }
+        let expected = at.transpose() * dense.solve(&at);
+        for i in 0..example.taps.len() {
+            for j in 0..example.taps.len() {
+                let function = |k: usize| {
+                    let value = |i: usize| example.columns[i * COLUMNS + 1 + k];
+                    value(i) * value(j) / ridges[k]
+                };
+                let expected = expected[(i, j)] + function(0) + function(1);
+                assert!((found[(i, j)] - expected).abs() < 1e-9 * expected.abs().max(1.0));
+            }
+        }
+    }
+}
+
+#[test]
 fn a_field_that_is_free_has_no_prior() {
     let example = Example::new(20, 30, 5);
     for level in [0.0, 1e-30, f64::NAN] {
