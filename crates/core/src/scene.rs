@@ -4,8 +4,8 @@ use crate::completer::Completer;
 use crate::completion::Completion;
 use crate::error::{FitError, Result};
 use crate::fit::{
-    Affinities, CosineBasis, FitMethod, ImageMoments, Points, Prior, PriorKind, Scene as Placed,
-    fit,
+    Affinities, CosineBasis, FitMethod, ImageMoments, Judgement, Points, Prior, PriorKind,
+    Scene as Placed, fit, judge,
 };
 use crate::image::Image;
 use crate::network::Basis;
@@ -220,6 +220,20 @@ impl Scene {
     /// Basis functions, followed by cosines, at positions (u, v) of the image at `size` (height, width).
     pub(crate) fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         self.0.at(size, places)
+    }
+
+    /// What the other observations say of each.
+    pub(crate) fn judge(&self, usable: &Usable) -> Result<Vec<Judgement>> {
+        let inner = &*self.0;
+        let (config, prior) = (inner.completer.fit_config(), inner.completer.prior());
+        inner.completer.run(|| {
+            let bases = inner.at(inner.size, &usable.places);
+            let affinities = match config.method {
+                FitMethod::Lse => None,
+                FitMethod::Field | FitMethod::Joint => Some(inner.affinities()?),
+            };
+            judge(&inner.points(&bases, usable, affinities), config, prior)
+        })
     }
 
     /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).

@@ -24,7 +24,7 @@ pub use noise::LocalNoise;
 pub use outcome::{Fit, RANGE, root_mean_square};
 pub use points::Points;
 pub use prior::{ImageMoments, NoisePrior, Prior};
-pub use robust::{Loss, Robust};
+pub use robust::{Judgement, Loss, Robust};
 pub use shrink::{COUNTS, Lambda};
 pub use space::Space;
 
@@ -66,6 +66,14 @@ impl Estimate {
 }
 
 impl Estimator<'_> {
+    /// The inverse variance of the noise of a point of weight 1, in the unit of the fit.
+    fn data(self) -> f64 {
+        match self {
+            Self::Field(estimator) => estimator.joint.data,
+            Self::Plain(_) | Self::Shrunk(..) => 1.0,
+        }
+    }
+
     fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let problem = || Problem::new(rows.bases, &rows.values, weights);
         match self {
@@ -104,6 +112,40 @@ impl Estimator<'_> {
 /// No points, values that are not finite, a required prior that is not given, or a decomposition that does
 /// not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
+    with_estimator(points, config, prior, |rows, estimator| {
+        let plain = estimator.solve(rows, &rows.weights)?;
+        let (estimate, point_weights) = match config.robust {
+            None => (plain, rows.weights.clone()),
+            Some(settings) => robust::robust(rows, estimator, plain, settings)?,
+        };
+        Ok(Fit::new(rows, estimate, point_weights, config.space))
+    })
+}
+
+/// What the other points say of each point; errors and scales are in metres. `config.robust` does not matter.
+///
+/// # Errors
+/// As for [`fit()`].
+pub fn judge(
+    points: &Points<'_>,
+    config: &FitConfig,
+    prior: Option<&Prior>,
+) -> Result<Vec<Judgement>> {
+    with_estimator(points, config, prior, |rows, estimator| {
+        let plain = estimator.solve(rows, &rows.weights)?;
+        let mut judged = robust::judge(rows, estimator, &plain)?;
+        outcome::in_metres(&rows.values, &mut judged, config.space);
+        Ok(judged)
+    })
+}
+
+/// Checks points and settings, and hands on what solves them.
+fn with_estimator<T>(
+    points: &Points<'_>,
+    config: &FitConfig,
+    prior: Option<&Prior>,
+    then: impl FnOnce(&Rows<'_>, Estimator<'_>) -> Result<T>,
+) -> Result<T> {
     config.check()?;
     let rows = points.rows(config.space)?;
     let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
@@ -137,12 +179,7 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
             ridges: &ridges,
         }),
     };
-    let plain = estimator.solve(&rows, &rows.weights)?;
-    let (estimate, point_weights) = match config.robust {
-        None => (plain, rows.weights.clone()),
-        Some(settings) => robust::robust(&rows, estimator, plain, settings)?,
-    };
-    Ok(Fit::new(&rows, estimate, point_weights, config.space))
+    then(&rows, estimator)
 }
 
 /// The learned prior describes weights of depth, and does not apply to weights of its logarithm or inverse.

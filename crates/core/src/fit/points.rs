@@ -116,6 +116,11 @@ impl Rows<'_> {
         }
     }
 
+    /// Whether what is wrong by a factor is off by more the larger the value is.
+    pub(super) fn is_proportional(&self) -> bool {
+        self.space != Space::Log
+    }
+
     pub(super) fn residuals(&self, weights: &[f64]) -> Vec<f64> {
         lstsq::residuals(self.bases, &self.values, weights)
     }

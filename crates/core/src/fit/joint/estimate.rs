@@ -1,15 +1,15 @@
 //! The joint fit of basis functions and field to the points of one image.
 
 use super::JointConfig;
-use super::sites::Sites;
+use super::sites::{Sites, UNSOLVABLE};
 use crate::error::{FitError, Result};
-use crate::field::{Field, Reach, Spread};
+use crate::field::{Field, Observations, Reach, Spread};
 use crate::fit::affinities::{Affinities, Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution};
 use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
 use crate::fit::{Estimate, Lambda};
-use faer::{Mat, MatRef};
+use faer::{Mat, MatRef, Scale};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -88,6 +88,65 @@ impl FieldEstimator<'_> {
                 ridges: self.ridges.to_vec(),
             })),
         })
+    }
+}
+
+impl FieldEstimator<'_> {
+    /// The covariances of the depths of some points before noise, whose variance is 1 / (data x weight): those of
+    /// field, cosines, and basis functions whose prior has the strength `lambda`.
+    ///
+    /// # Errors
+    /// Equations that are not positive definite.
+    pub(in crate::fit) fn covariance(
+        &self,
+        rows: &Rows<'_>,
+        which: &[usize],
+        lambda: Option<f64>,
+    ) -> Result<Mat<f64>> {
+        /// The variance of the field in that of the mean of the prior, about whose scale nothing is known.
+        const KNOWN: f64 = 1e-3;
+        let places = rows.places.unwrap_or_default();
+        let columns = rows.columns();
+        let taps: Vec<_> = which
+            .iter()
+            .map(|&i| self.scene.affinities.taps(places[i], self.scene.size))
+            .collect();
+        let row = |i: usize| &rows.bases[which[i] * columns..][..columns];
+        let mut values = Vec::with_capacity(which.len() * (columns + 1));
+        for i in 0..which.len() {
+            values.extend(row(i).iter().map(|&v| f64::from(v)));
+            values.push(0.0);
+        }
+        let seen = Observations {
+            taps: &taps,
+            weights: &vec![1.0; taps.len()],
+            columns: &values,
+            count: columns + 1,
+        };
+        // A field without a level is as free as one with the least.
+        let level = self.joint.level.max(JointConfig::default().level);
+        let prior = self.scene.affinities.prior(level);
+        let prior = prior.ok_or(FitError::Unsolvable(UNSOLVABLE))?;
+        let mut covariance = prior.covariance(&seen, self.ridges);
+        if let (Some((prior, _)), Some(lambda)) = (self.prior, lambda) {
+            let functions = prior.columns();
+            let bases = Mat::from_fn(which.len(), functions, |i, j| f64::from(row(i)[j]));
+            let free = &bases * Mat::from_fn(functions, 1, |i, _| prior.mean[i]);
+            let middle = |values: &dyn Fn(usize) -> f64| {
+                (0..which.len()).map(values).sum::<f64>() / which.len().max(1) as f64
+            };
+            let square = middle(&|i| free[(i, 0)].powi(2));
+            let own = middle(&|i| covariance[(i, i)]);
+            let scale = if square > 0.0 {
+                own / KNOWN / square
+            } else {
+                0.0
+            };
+            let along = bases * &prior.factor;
+            covariance += &along * along.transpose() * Scale(lambda.recip())
+                + &free * free.transpose() * Scale(scale);
+        }
+        Ok(covariance)
     }
 }
 

@@ -7,7 +7,7 @@ use crate::field::{self, Field, Observations};
 use crate::fit::affinities::{Affinities, Scene};
 use crate::fit::points::Rows;
 
-const UNSOLVABLE: &str = "the equations of the field are not positive definite";
+pub(super) const UNSOLVABLE: &str = "the equations of the field are not positive definite";
 
 /// Observations of a field: each point at its exact position, but all points within one pixel of the field
 /// merged into one, with their mean position, basis functions and depth.
