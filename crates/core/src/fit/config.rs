@@ -208,7 +208,10 @@ impl Display for FitConfig {
         match self.robust {
             None => Ok(()),
             Some(robust) if robust.loss == Loss::Auto => {
-                write!(f, ", points weighted by the probability that they are right")
+                write!(
+                    f,
+                    ", points weighted by the probability that they are right"
+                )
             }
             Some(robust) => write!(
                 f,

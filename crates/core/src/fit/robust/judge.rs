@@ -3,6 +3,8 @@
 use super::local::Local;
 use super::mixture::{Evidence, Judgement, judge as judge_all};
 use super::refit::Refit;
+use super::reweighted::reweighted;
+use super::{Loss, Robust};
 use crate::error::Result;
 use crate::field::MOST;
 use crate::fit::joint::FieldEstimator;
@@ -28,7 +30,11 @@ pub(in crate::fit) fn judge(
                 // A fit through every point: none says anything of another.
                 return Ok(Judgement::unknown(&points));
             }
-            judge_all(&points, &Refit { rows, estimator })
+            // A fit of few functions to all points cannot tell right ones from wrong ones.
+            let cauchy = Robust::new(Loss::Cauchy);
+            let (_, weights) = reweighted(rows, estimator, plain.clone(), cauchy)?;
+            let start: Vec<f64> = weights.iter().map(|weight| weight.recip()).collect();
+            judge_all(&points, &start, &Refit { rows, estimator })
         }
     }
 }
@@ -56,7 +62,8 @@ fn in_blocks(
             let points = evidence(rows, block, field.joint.data);
             let covariance = field.covariance(rows, block, lambda)?;
             let own: Vec<[f64; 2]> = block.iter().map(|&i| places[i]).collect();
-            judge_all(&points, &Local::new(&points.values, &own, &covariance))
+            let local = Local::new(&points.values, &own, &covariance);
+            judge_all(&points, &points.noise, &local)
         })
         .collect();
     let mut all = vec![None; places.len()];

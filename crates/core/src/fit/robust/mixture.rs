@@ -69,12 +69,16 @@ const FEWEST: usize = 4;
 /// The least probability that a point is right.
 const LEAST: f64 = 1e-6;
 
-/// Judges each of some points by the others.
-pub(super) fn judge(points: &Evidence, predict: &impl Predict) -> Result<Vec<Judgement>> {
+/// Judges each of some points by the others, which at first predict with noise of the variances `start`.
+pub(super) fn judge(
+    points: &Evidence,
+    start: &[f64],
+    predict: &impl Predict,
+) -> Result<Vec<Judgement>> {
     let n = points.values.len();
     let neighbours = Neighbours::new(points);
     let mut right = vec![1.0; n];
-    let mut noise = points.noise.clone();
+    let mut noise = start.to_vec();
     let mut found = predict.predict(&noise)?;
     let mut scales = points.spreads(&found);
     if n >= FEWEST {
@@ -297,7 +301,7 @@ impl Neighbours {
 
     /// How much more likely it is that so many neighbours agree with each point if it lies with them on one
     /// surface than if it is wrong by an error of this size. They agree if the difference of their values is no
-    /// larger than is usual among right neighbours so far apart.
+    /// larger than is usual among right neighbours so far apart. Points without neighbours agree with none.
     fn agreement(&self, values: &[f64], right: &[f64], size: f64) -> Vec<f64> {
         /// Of the median slope between neighbours.
         const STEEPEST: f64 = 1.5;
@@ -313,12 +317,15 @@ impl Neighbours {
         });
         let steepest = STEEPEST * weighted_median(pairs.collect());
         let ratio = |(i, neighbours): (usize, &Vec<(f64, usize)>)| {
+            if neighbours.is_empty() {
+                return 0.0;
+            }
             let count = neighbours.len() as f64;
             let agreeing = neighbours
                 .iter()
                 .filter(|near| slope(i, **near) <= steepest);
             let agreeing = agreeing.count() as f64;
-            let reach: f64 = neighbours.iter().map(|near| near.0).sum::<f64>() / count.max(1.0);
+            let reach: f64 = neighbours.iter().map(|near| near.0).sum::<f64>() / count;
             let chance = (2.0 * steepest * reach / (12.0_f64.sqrt() * size)).clamp(CHANCE, SAME);
             let others = (1.0 - SAME) / (1.0 - chance);
             (SAME / chance).powf(agreeing) * others.powf(count - agreeing)

@@ -25,9 +25,10 @@ fn errors() -> (Vec<f64>, Vec<f64>) {
     let mut normal = || f64::from(rng.normal());
     let errors = (0..COUNT).map(|i| {
         let deviation = if i % 2 == 0 { 0.01 } else { 0.04 };
-        // Student's t of 2 degrees of freedom: a normal over the root of the mean of two squares.
-        let (value, one, two) = (normal(), normal(), normal());
-        let right = deviation * value / ((one * one + two * two) / 2.0).sqrt();
+        // Student's t of 3 degrees of freedom: a normal over the root of the mean of three squares.
+        let value = normal();
+        let mean = (0..3).map(|_| normal().powi(2)).sum::<f64>() / 3.0;
+        let right = deviation * value / mean.sqrt();
         if i % 10 == 3 { 0.8 * normal() } else { right }
     });
     let deviations = (0..COUNT).map(|i| if i % 2 == 0 { 0.01 } else { 0.04 });
@@ -46,6 +47,7 @@ fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
     };
     let found = judge(
         &points,
+        &points.noise,
         &Known(Predictions {
             errors: errors.clone(),
             variances: deviations.iter().map(|d| d * d).collect(),
@@ -57,14 +59,14 @@ fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
     let mut off = 0.0;
     for ((error, deviation), found) in errors.iter().zip(&deviations).zip(&found) {
         let z = error / deviation;
-        let right = 0.9 / (8.0_f64.sqrt() * (1.0 + z * z / 2.0).powf(1.5)) / deviation;
         let tau = std::f64::consts::TAU;
+        let right = 0.9 * 4.0 / (3.0_f64.sqrt() * tau * (1.0 + z * z / 3.0).powi(2)) / deviation;
         let wrong = 0.1 * (-0.5 * (error / 0.8).powi(2)).exp() / (0.8 * tau.sqrt());
         let expected = right / (right + wrong);
         worst = worst.max((found.right - expected).abs());
         off += (found.right - expected).abs() / COUNT as f64;
     }
-    // Both are estimated from the errors, and the tails of the second are lighter in the end.
+    // What is assumed of errors is estimated from them.
     assert!(off < 0.02, "{off}");
     assert!(worst < 0.3, "{worst}");
 }
@@ -102,7 +104,7 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
             variances: vec![variance; 400],
         })
     };
-    let found = judge(&points, &known(1e-4)).unwrap();
+    let found = judge(&points, &points.noise, &known(1e-4)).unwrap();
     let trust = |which: &dyn Fn(usize) -> bool| {
         let some = (0..400).filter(|&i| which(i)).map(|i| found[i].right);
         some.clone().sum::<f64>() / some.count() as f64
@@ -120,7 +122,7 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
         errors: errors.iter().map(|e| 8.0 * e).collect(),
         variances: vec![1e-4; 400],
     });
-    for (one, other) in found.iter().zip(judge(&far, &scaled).unwrap()) {
+    for (one, other) in found.iter().zip(judge(&far, &far.noise, &scaled).unwrap()) {
         assert!((one.right - other.right).abs() < 1e-9);
         assert!((8.0 * one.error - other.error).abs() < 1e-9);
     }
@@ -258,11 +260,12 @@ fn wrong_points_are_found_and_lose_their_influence() {
 }
 
 #[test]
-fn right_points_keep_their_weight() {
+fn right_points_are_trusted() {
     let slope = Slope::new(200, 0.0);
-    let fit = fit(&slope.points(), &joint(Some(Loss::Auto)), Some(&prior())).unwrap();
-    let kept: f64 = fit.point_weights.iter().sum();
-    assert!(kept > 0.97 * 200.0, "{kept}");
+    let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
+    let trust = judged.iter().map(|found| found.right).sum::<f64>() / 200.0;
+    assert!(trust > 0.97, "{trust}");
+    assert!(judged.iter().all(|found| found.right > 0.5));
 }
 
 #[test]
