@@ -15,13 +15,47 @@ const NOISE: Noise = Noise::Added {
     most: 1.0,
 };
 /// The loss that stands for `lsdc` beside methods that have none.
-const OURS: Loss = Loss::Cauchy;
+const OURS: Loss = Loss::Auto;
+/// Other ways in which points are wrong, in words for a column and for files.
+const OTHERS: [(&str, &str, Noise); 4] = [
+    ("gross outliers", "outliers", Noise::Outliers { share: 0.3 }),
+    (
+        "moved",
+        "moved",
+        Noise::Moved {
+            least: 2.0,
+            most: 4.0,
+        },
+    ),
+    (
+        "a region",
+        "region",
+        Noise::Region {
+            share: 0.1,
+            metres: 0.5,
+        },
+    ),
+    ("as of stereo", "stereo", Noise::Stereo { factor: 0.01 }),
+];
+/// Numbers of clean points.
+const CLEAN: [usize; 6] = [5, 50, 200, 500, 1000, 5000];
+/// Losses that are measured with them.
+const COMPARED: [Option<Loss>; 4] = [
+    None,
+    Some(Loss::Huber),
+    Some(Loss::Cauchy),
+    Some(Loss::Auto),
+];
 
 pub(super) struct NoiseStudy<'a> {
     lab: &'a Lab,
     clean: Measured<'a>,
     noisy: Measured<'a>,
     robust: Vec<(Loss, Measured<'a>)>,
+    /// For each of the compared losses, the other kinds of noise.
+    others: Vec<Vec<Measured<'a>>>,
+    /// For each of the compared losses, clean points.
+    untouched: Vec<Vec<Measured<'a>>>,
 }
 
 impl<'a> NoiseStudy<'a> {
@@ -33,8 +67,26 @@ impl<'a> NoiseStudy<'a> {
                 .fit(|fit| fit.robust = Some(Robust::new(loss)));
             (loss, cell)
         };
+        let named = |kind: &str, loss: Option<Loss>, points: usize| {
+            let name = format!("noise-{kind}-{}", loss.map_or("none", Loss::name));
+            Measured::new(lab, name)
+                .points(Pattern::Exactly(points))
+                .fit(|fit| fit.robust = loss.map(Robust::new))
+        };
+        let others = |loss: Option<Loss>| {
+            let kinds = OTHERS.iter();
+            let cells = kinds.map(|(_, kind, noise)| named(kind, loss, POINTS).noise(Some(*noise)));
+            cells.collect()
+        };
+        let untouched = |loss: Option<Loss>| {
+            let counts = CLEAN.iter();
+            let cells = counts.map(|&count| named(&format!("clean-{count}"), loss, count));
+            cells.collect()
+        };
         Self {
             lab,
+            others: COMPARED.map(others).into(),
+            untouched: COMPARED.map(untouched).into(),
             clean: cell("noise-clean").methods(&all()),
             noisy: cell("noise-none").methods(&all()).noise(Some(NOISE)),
             robust: Loss::ALL.map(robust).into(),
@@ -46,6 +98,8 @@ impl Study for NoiseStudy<'_> {
     fn cells(&self) -> Vec<&dyn Cell> {
         let mut cells: Vec<&dyn Cell> = vec![&self.clean, &self.noisy];
         cells.extend(self.robust.iter().map(|(_, cell)| cell as &dyn Cell));
+        let more = self.others.iter().chain(&self.untouched).flatten();
+        cells.extend(more.map(|cell| cell as &dyn Cell));
         cells
     }
 
@@ -119,6 +173,8 @@ impl Study for NoiseStudy<'_> {
                 .into(),
         );
         section.tables.push(table);
+        section.tables.push(self.kinds()?);
+        section.tables.push(self.costs()?);
         section.notes = published::notes(&published::NOISE_NOTES);
         self.show(&mut section)?;
         Ok(section)
@@ -126,6 +182,22 @@ impl Study for NoiseStudy<'_> {
 }
 
 impl NoiseStudy<'_> {
+    /// Errors with other kinds of wrong points.
+    fn kinds(&self) -> Result<Table> {
+        let labels = OTHERS.iter().map(|(label, ..)| (*label).to_owned());
+        compared(
+            "RMSE with points that are wrong in other ways",
+            labels,
+            &self.others,
+        )
+    }
+
+    /// Errors without wrong points.
+    fn costs(&self) -> Result<Table> {
+        let labels = CLEAN.iter().map(|count| format!("{count} points"));
+        compared("RMSE without wrong points", labels, &self.untouched)
+    }
+
     fn show(&self, section: &mut Section) -> Result<()> {
         let Some((frame, seed)) = self.noisy.median_frame()? else {
             return Ok(());
@@ -150,6 +222,34 @@ impl NoiseStudy<'_> {
         section.show("frame", caption, Panels::of_exhibit(&exhibit).draw());
         Ok(())
     }
+}
+
+/// The errors of each of the compared losses, a column for each cell.
+fn compared(
+    title: &str,
+    labels: impl Iterator<Item = String>,
+    cells: &[Vec<Measured<'_>>],
+) -> Result<Table> {
+    let row = |(loss, cells): (Option<Loss>, &Vec<Measured<'_>>)| -> Result<Row> {
+        let values = cells
+            .iter()
+            .map(|cell| Ok(Some(cell.first()?[Metric::Rmse])));
+        Ok(Row {
+            label: loss.map_or("lsdc".into(), robust_name),
+            aside: false,
+            values: values.collect::<Result<_>>()?,
+        })
+    };
+    let rows = COMPARED.into_iter().zip(cells).map(row);
+    Ok(Table {
+        title: title.into(),
+        rows_are: "method".into(),
+        contest: Contest::Rows,
+        columns: labels
+            .map(|label| Column::named(&label, Metric::Rmse))
+            .collect(),
+        rows: rows.collect::<Result<_>>()?,
+    })
 }
 
 fn robust_name(loss: Loss) -> String {

@@ -219,7 +219,7 @@ const COMPLETE: [Factor; 16] = [
         &["lse", "field", "joint", "nearest", "linear", "ip-basic"],
     ),
     ("size", &["", "31x23", "96x72"]),
-    ("robust", &["none", "huber", "tukey"]),
+    ("robust", &["none", "huber", "tukey", "auto"]),
     ("preserve", &["none", "exact", "blend"]),
     ("uncertainty", &["", "yes"]),
     ("outliers", &["", "yes"]),

@@ -194,7 +194,7 @@ fn points_can_be_kept_judged_and_weighted() {
     );
     let list = std::fs::read_to_string(folder.path().join("robust/rgb_outliers.csv")).unwrap();
     assert!(
-        list.starts_with("x,y,depth,depth_by_the_others,score,weight\n"),
+        list.starts_with("x,y,depth,depth_by_the_others,score,probability,weight\n"),
         "{list}"
     );
     let line = format!("{},{},", wrong.x, wrong.y);

@@ -2,7 +2,7 @@
 //! `uncertainty`.
 
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, RANGE, Smooth};
+use crate::fit::{Fit, FitMethod, Judgement, RANGE, Smooth};
 use crate::guide::Guide;
 use crate::image::{check_rows, check_size};
 use crate::map::DepthMap;
@@ -11,9 +11,6 @@ use crate::usable::Usable;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
-
-/// The score above which an observation is called an outlier (Iglewicz and Hoaglin 1993).
-pub const OUTLYING: f64 = 3.5;
 
 /// A scene fitted to observations.
 ///
@@ -74,8 +71,10 @@ pub struct Report {
 pub struct Outlier {
     /// The index among the given observations.
     pub index: usize,
-    /// The distance from the value predicted by the other observations, in robust standard deviations;
-    /// positive where the observation is farther away.
+    /// The probability that it is wrong.
+    pub probability: f64,
+    /// The distance from the value predicted by the other observations, in the scale of the errors that right
+    /// observations have there; positive where the observation is farther away.
     pub score: f64,
     /// Its depth minus the depth predicted by the other observations.
     pub error: f64,
@@ -262,25 +261,30 @@ impl Completion {
         self.0.usable.spread(&self.0.fit.point_weights)
     }
 
-    /// The observations that disagree with the others by more than [`OUTLYING`] robust standard deviations,
-    /// worst first.
-    pub fn outliers(&self) -> Vec<Outlier> {
-        let Inner { fit, usable, .. } = &*self.0;
-        let scores = fit.scores(self.leverages());
-        let errors = fit.leave_one_out(self.leverages());
-        let outlier = |(i, score): (usize, f64)| Outlier {
+    /// The observations that are more likely wrong than right, judged by the others, worst first. Each is compared
+    /// with its prediction by the others, whose standard deviation depends on their distances and on the edges of
+    /// the image between them.
+    ///
+    /// # Errors
+    /// Equations that cannot be solved, or a damaged network.
+    pub fn outliers(&self) -> Result<Vec<Outlier>> {
+        let Inner {
+            scene, fit, usable, ..
+        } = &*self.0;
+        let judged = scene.judge(usable)?.into_iter().enumerate();
+        let outlier = |(i, found): (usize, Judgement)| Outlier {
             index: usable.which[i],
-            score,
-            error: errors[i],
+            probability: 1.0 - found.right,
+            score: found.error / found.scale,
+            error: found.error,
             weight: fit.point_weights[i],
         };
-        let scores = scores.into_iter().enumerate();
-        let mut found: Vec<_> = scores
-            .filter(|(_, score)| score.abs() > OUTLYING)
+        let mut found: Vec<_> = judged
+            .filter(|(_, found)| found.right < 0.5)
             .map(outlier)
             .collect();
         found.sort_by(|a, b| b.score.abs().total_cmp(&a.score.abs()));
-        found
+        Ok(found)
     }
 
     /// The weights of the basis functions, with the constant first, followed by those of the cosine basis, as

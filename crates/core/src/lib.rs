@@ -83,7 +83,7 @@ pub use camera::{Camera, Lens};
 #[doc(inline)]
 pub use cloud::Cloud;
 pub use completer::{Completer, CompleterBuilder};
-pub use completion::{Completion, OUTLYING, Outlier, Report};
+pub use completion::{Completion, Outlier, Report};
 pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError};
 pub use fit::RANGE;
 pub use image::{Channels, Image, MAX_PIXELS};

@@ -71,9 +71,8 @@ impl Cells {
             self.ring([column, row], ring, |i| {
                 let [x, y] = self.places[i];
                 let square = (x - place[0]).powi(2) + (y - place[1]).powi(2);
-                let is_nearer = |other: &(f64, usize)| {
-                    square.total_cmp(&other.0).then(i.cmp(&other.1)).is_lt()
-                };
+                let is_nearer =
+                    |other: &(f64, usize)| square.total_cmp(&other.0).then(i.cmp(&other.1)).is_lt();
                 if found.len() < count || found.last().is_some_and(is_nearer) {
                     let rank = found.partition_point(|other| !is_nearer(other));
                     found.insert(rank, (square, i));

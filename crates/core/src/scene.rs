@@ -5,8 +5,8 @@ use crate::completer::Completer;
 use crate::completion::Completion;
 use crate::error::{FitError, Result};
 use crate::fit::{
-    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Points, Prior, PriorKind,
-    Scene as Placed, dot, fit,
+    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Judgement, Points, Prior,
+    PriorKind, Scene as Placed, dot, fit, judge,
 };
 use crate::guide::Guide;
 use crate::image::Image;
@@ -86,9 +86,7 @@ impl Scene {
             guide,
             network: Duration::ZERO,
         };
-        if inner.completer.fit_config().method != FitMethod::Lse {
-            inner.affinities()?;
-        }
+        inner.needed_affinities()?;
         inner.network = started.elapsed();
         Ok(Self(Arc::new(inner)))
     }
@@ -177,12 +175,8 @@ impl Scene {
         // On a thread of the pool, which need not be awaited for each step.
         let found = inner.completer.run(|| {
             rayon::scope(|_| {
-                let few = config.method == FitMethod::Lse || usable.places.len() <= HELD;
-                let rows = few.then(|| inner.at(inner.size, &usable.places));
-                let affinities = match config.method {
-                    FitMethod::Lse => None,
-                    FitMethod::Field | FitMethod::Joint => Some(inner.affinities()?),
-                };
+                let rows = inner.held(&usable);
+                let affinities = inner.needed_affinities()?;
                 let factorising = Instant::now();
                 if let (FitMethod::Joint, Some(affinities)) = (config.method, affinities) {
                     affinities.prior(config.joint.level);
@@ -263,6 +257,18 @@ impl Scene {
         }
     }
 
+    /// What the other observations say of each.
+    pub(crate) fn judge(&self, usable: &Usable) -> Result<Vec<Judgement>> {
+        let inner = &*self.0;
+        let (config, prior) = (inner.completer.fit_config(), inner.completer.prior());
+        inner.completer.run(|| {
+            let rows = inner.held(usable);
+            let bases = rows.as_deref().map_or(Bases::Functions(inner), Bases::Rows);
+            let points = inner.points(bases, usable, inner.needed_affinities()?);
+            judge(&points, config, prior)
+        })
+    }
+
     /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).
     pub(crate) fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
         self.0.combine(size, weights)
@@ -319,6 +325,20 @@ impl Inner {
         let mut values = self.basis.combine(size, network);
         self.cosines.add_to(size, smooth, &mut values);
         values
+    }
+
+    /// The basis functions at observations, unless there are so many that they are evaluated at some only.
+    fn held(&self, usable: &Usable) -> Option<Vec<f32>> {
+        let plain = self.completer.fit_config().method == FitMethod::Lse;
+        (plain || usable.places.len() <= HELD).then(|| self.at(self.size, &usable.places))
+    }
+
+    /// The affinities, if the fit needs them.
+    fn needed_affinities(&self) -> Result<Option<&Affinities>> {
+        match self.completer.fit_config().method {
+            FitMethod::Lse => Ok(None),
+            FitMethod::Field | FitMethod::Joint => self.affinities().map(Some),
+        }
     }
 
     fn affinities(&self) -> Result<&Affinities> {

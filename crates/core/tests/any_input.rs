@@ -113,7 +113,7 @@ proptest! {
         prop_assert_eq!([finite[0], finite[2]], [report.used; 2]);
         prop_assert!(finite[1] <= report.used);
         prop_assert_eq!(finite[1] == 0, completion.leave_one_out_error().is_none());
-        for outlier in completion.outliers() {
+        for outlier in completion.outliers().unwrap() {
             prop_assert!(outlier.index < given.len() && !outlier.score.is_nan());
         }
     }

@@ -374,8 +374,8 @@ fn outliers_are_judged_by_their_own_deviations() {
     given[40].depth += 1.0;
     let listed = |given: &[Observation]| {
         let completion = scene.complete(&given.iter().copied().collect()).unwrap();
-        completion
-            .outliers()
+        let found = completion.outliers().unwrap();
+        found
             .iter()
             .map(|outlier| outlier.index)
             .collect::<Vec<_>>()

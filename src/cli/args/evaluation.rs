@@ -25,8 +25,9 @@ pub(in crate::cli) struct Eval {
     /// given, files:DIR [default: as in the protocol].
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
     pub(in crate::cli) points: Option<Pattern>,
-    /// Corrupt the points: added:SHARE:METRES (add up to METRES to a share of them) or outliers:SHARE
-    /// (replace a share of them).
+    /// Corrupt the points: added:SHARE:METRES (add up to METRES to a share of them), outliers:SHARE (replace a
+    /// share of them), moved:LEAST:MOST (move each by so many pixels), region:SHARE:METRES (add METRES in a share
+    /// of the image) or stereo:METRES (noise of METRES x the square of the depth).
     #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE", help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) noise: Option<Noise>,
     /// How ground-truth depths are resized [default: as in the protocol].

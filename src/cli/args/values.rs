@@ -213,6 +213,7 @@ by_name!(
         Self(Some(Loss::Cauchy)),
         Self(Some(Loss::Gm)),
         Self(Some(Loss::Tukey)),
+        Self(Some(Loss::Auto)),
     ]
 );
 by_name!(Precision, [Self::Half, Self::Single]);

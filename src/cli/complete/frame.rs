@@ -153,7 +153,7 @@ impl<'a> Engine<'a> {
         let deviations = wanted.then(|| completion.standard_deviation_at(width, height));
         let diagnostics = Diagnostics {
             leave_one_out: (self.explains.then(|| completion.leave_one_out_error())).flatten(),
-            outliers: self.explains.then(|| completion.outliers()),
+            outliers: self.explains.then(|| completion.outliers()).transpose()?,
             deviations: deviations.transpose()?,
             completion,
             dense,
@@ -222,17 +222,17 @@ impl Complete {
 impl Diagnostics {
     /// The outliers as CSV, the worst first.
     pub(super) fn outliers_csv(&self, points: &Sparse) -> String {
-        let mut text = "x,y,depth,depth_by_the_others,score,weight\n".to_owned();
+        let mut text = "x,y,depth,depth_by_the_others,score,probability,weight\n".to_owned();
         for outlier in self.outliers.iter().flatten() {
             let Some(point) = points.points.as_slice().get(outlier.index) else {
                 continue;
             };
             let others = f64::from(point.depth) - outlier.error;
-            let (score, weight) = (outlier.score, outlier.weight);
+            let (score, probability, weight) = (outlier.score, outlier.probability, outlier.weight);
             // Writing to a string does not fail.
             let _ = writeln!(
                 text,
-                "{},{},{},{others:.4},{score:.2},{weight:.4}",
+                "{},{},{},{others:.4},{score:.2},{probability:.4},{weight:.4}",
                 point.u, point.v, point.depth
             );
         }

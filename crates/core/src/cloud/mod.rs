@@ -27,7 +27,7 @@ pub struct Cloud {
 impl Cloud {
     /// Projects the points of a cloud, in the unit of the camera's pose, into an image of `width` x `height`
     /// pixels. Points occluded by nearer surfaces are left out. Where the nearer points are sparse, some
-    /// occluded points remain; a robust fit gives them little weight.
+    /// occluded points remain.
     ///
     /// # Errors
     /// An implausible size, or a camera with [numbers that cannot be](Camera::check).

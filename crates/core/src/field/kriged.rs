@@ -210,6 +210,21 @@ impl Kriged {
     }
 }
 
+/// `S K^-1 S'`, in the order of the taps.
+pub(super) fn covariance(factor: &Factor, taps: &[Taps]) -> Mat<f64> {
+    let border = Border::new(factor, taps);
+    let (n, size) = (taps.len(), taps.len().next_multiple_of(PAD));
+    let lower = border.covariance(factor, &[]);
+    let mut positions = vec![0; n];
+    for (position, &i) in border.order.iter().enumerate() {
+        positions[i] = position;
+    }
+    Mat::from_fn(n, n, |i, j| {
+        let (one, other) = (positions[i], positions[j]);
+        lower[one.min(other) * size + one.max(other)]
+    })
+}
+
 /// `R^-1/2`.
 fn scales(ridges: &[f64]) -> Vec<f64> {
     ridges.iter().map(|ridge| ridge.sqrt().recip()).collect()

@@ -28,6 +28,7 @@ pub use observed::Observed;
 
 use crate::bilinear::Taps;
 use factor::Factor;
+use faer::Mat;
 use plan::Plan;
 use std::sync::Arc;
 use stencil::{Neighbours, Stencil};
@@ -71,8 +72,8 @@ pub const LEAST_LEVEL: f64 = 1e-12;
 pub struct FieldPrior(Arc<Factor>);
 
 impl FieldPrior {
-    /// Factorises the equations. `None` if values are not finite, or `level` is below [`LEAST_LEVEL`]: the field is then free
-    /// by a constant until it is observed, whose variance drowns all others in rounding.
+    /// Factorises the equations. `None` if values are not finite, or `level` is below [`LEAST_LEVEL`]: the field is
+    /// then free by a constant until it is observed, whose variance drowns all others in rounding.
     ///
     /// # Panics
     /// If lengths do not match.
@@ -84,6 +85,14 @@ impl FieldPrior {
         let plan = Plan::of(grid.height, grid.width, Neighbours::Four);
         let factor = Factor::new(plan, &Stencil::new(grid));
         factor.map(|factor| Self(Arc::new(factor)))
+    }
+
+    /// The covariances of the field at some positions, noise not included: `[positions, positions]`.
+    ///
+    /// # Panics
+    /// If a pixel is outside the grid.
+    pub fn covariance(&self, taps: &[Taps]) -> Mat<f64> {
+        kriged::covariance(&self.0, taps)
     }
 }
 

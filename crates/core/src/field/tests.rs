@@ -316,6 +316,32 @@ fn functions_that_are_part_of_a_field_have_the_weights_of_the_dense_equations() 
 }
 
 #[test]
+fn covariances_before_any_observation_are_those_of_the_dense_inverse() {
+    for example in large_examples() {
+        let prior = FieldPrior::new(&example.grid(example.level)).unwrap();
+        let found = prior.covariance(&example.taps);
+        let alone = Example {
+            level: example.level,
+            ..Example::new(example.size[0], example.size[1], 0)
+        };
+        let dense = alone.dense().llt(Side::Lower).unwrap();
+        let mut at = Mat::<f64>::zeros(example.size[0] * example.size[1], example.taps.len());
+        for (i, taps) in example.taps.iter().enumerate() {
+            for (pixel, share) in taps.iter() {
+                at[(pixel as usize, i)] += share;
+            }
+        }
+        let expected = at.transpose() * dense.solve(&at);
+        for (i, column) in found.col_iter().enumerate() {
+            for (j, value) in column.iter().enumerate() {
+                let expected = expected[(i, j)];
+                assert!((value - expected).abs() < 1e-9 * expected.abs().max(1.0));
+            }
+        }
+    }
+}
+
+#[test]
 fn a_field_that_is_free_has_no_prior() {
     let example = Example::new(20, 30, 5);
     for level in [0.0, 1e-30, f64::NAN] {

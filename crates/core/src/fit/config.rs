@@ -1,7 +1,7 @@
 //! Settings of the fit.
 
 use super::lstsq::Solver;
-use super::{JointConfig, Lambda, Robust, Space};
+use super::{JointConfig, Lambda, Loss, Robust, Space};
 use crate::error::SettingsError;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
@@ -207,6 +207,12 @@ impl Display for FitConfig {
         }
         match self.robust {
             None => Ok(()),
+            Some(robust) if robust.loss == Loss::Auto => {
+                write!(
+                    f,
+                    ", points weighted by the probability that they are right"
+                )
+            }
             Some(robust) => write!(
                 f,
                 ", {} of up to {} rounds",

@@ -29,7 +29,7 @@ pub(crate) use noise::smoothed;
 pub use outcome::{Fit, RANGE, root_mean_square};
 pub use points::{Bases, Functions, Points};
 pub use prior::{ImageMoments, NoisePrior, Prior};
-pub use robust::{Loss, Robust};
+pub use robust::{Judgement, Loss, Robust};
 pub use shrink::{COUNTS, Lambda};
 pub use space::Space;
 
@@ -71,6 +71,14 @@ impl Estimate {
 }
 
 impl Estimator<'_> {
+    /// The inverse variance of the noise of a point of weight 1, in the unit of the fit.
+    fn data(self) -> f64 {
+        match self {
+            Self::Field(estimator) => estimator.joint.data,
+            Self::Plain(_) | Self::Shrunk(..) => 1.0,
+        }
+    }
+
     fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let problem = || Problem::new(&rows.bases(), &rows.values, weights);
         match self {
@@ -109,6 +117,38 @@ impl Estimator<'_> {
 /// No points, values that are not finite, a required prior that is not given, or a decomposition that does
 /// not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
+    with_plain(points, config, prior, |rows, estimator, plain| {
+        let (estimate, point_weights) = match config.robust {
+            None => (plain, rows.weights.clone()),
+            Some(settings) => robust::robust(rows, estimator, plain, settings)?,
+        };
+        Ok(Fit::new(rows, estimate, point_weights, config.space))
+    })
+}
+
+/// What the other points say of each point; errors and scales are in metres. `config.robust` does not matter.
+///
+/// # Errors
+/// As for [`fit()`].
+pub fn judge(
+    points: &Points<'_>,
+    config: &FitConfig,
+    prior: Option<&Prior>,
+) -> Result<Vec<Judgement>> {
+    with_plain(points, config, prior, |rows, estimator, plain| {
+        let mut judged = robust::judge(rows, estimator, &plain)?;
+        outcome::in_metres(&rows.values, &mut judged, config.space);
+        Ok(judged)
+    })
+}
+
+/// Checks points and settings, and hands on what solves them, with the solution in which all points count.
+fn with_plain<T>(
+    points: &Points<'_>,
+    config: &FitConfig,
+    prior: Option<&Prior>,
+    then: impl FnOnce(&Rows<'_>, Estimator<'_>, Estimate) -> Result<T>,
+) -> Result<T> {
     config.check()?;
     let mut rows = points.rows(config.space)?;
     let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
@@ -143,18 +183,10 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
         }),
     };
     let plain = estimator.solve(&rows, &rows.weights)?;
-    let data = match config.method {
-        FitMethod::Lse => 1.0,
-        FitMethod::Field | FitMethod::Joint => config.joint.data,
-    };
     let solve = |weights: &[f64]| estimator.solve(&rows, weights);
-    let (plain, weights) = measured::weighed(plain, &rows.variances, data, solve)?;
+    let (plain, weights) = measured::weighed(plain, &rows.variances, estimator.data(), solve)?;
     rows.weights = weights;
-    let (estimate, point_weights) = match config.robust {
-        None => (plain, rows.weights.clone()),
-        Some(settings) => robust::robust(&rows, estimator, plain, settings)?,
-    };
-    Ok(Fit::new(&rows, estimate, point_weights, config.space))
+    then(&rows, estimator, plain)
 }
 
 /// The learned prior describes weights of depth, and does not apply to weights of its logarithm or inverse.

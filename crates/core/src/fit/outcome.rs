@@ -3,7 +3,7 @@
 use super::joint::{FieldFit, Variances};
 use super::lstsq::Solution;
 use super::points::Rows;
-use super::robust::deviation;
+use super::robust::Judgement;
 use super::{Estimate, Smooth, Space};
 use crate::error::FitError;
 use faer::linalg::matmul::matmul;
@@ -31,8 +31,6 @@ pub struct Fit {
     pub lambda: Option<f64>,
     /// What the basis functions represent.
     pub space: Space,
-    /// The weight of each point from its own standard deviation alone.
-    own_weights: Vec<f64>,
     /// The noise variance of a point of weight 1, in the squared unit of the space.
     pub(super) noise: f64,
     /// Depths, and residuals, in the space of the fit.
@@ -63,7 +61,6 @@ impl Fit {
             rank: solution.rank,
             lambda,
             space,
-            own_weights: rows.weights.clone(),
             noise,
             values: rows.values.clone(),
             rests,
@@ -133,23 +130,6 @@ impl Fit {
         self.field.is_none() && self.lambda.is_none() && used <= self.rank
     }
 
-    /// How far each point lies from the value predicted by the others, in robust standard deviations (the
-    /// modified z-score of Iglewicz and Hoaglin 1993) and relative to its own standard deviation; positive
-    /// where the point is farther away.
-    pub fn scores(&self, leverages: &[f64]) -> Vec<f64> {
-        let mut off = leave_one_out(&self.rests, leverages, self.field.is_some());
-        let pairs = off.iter_mut().zip(&self.own_weights);
-        pairs.for_each(|(r, w)| *r *= w.sqrt());
-        let deviation = deviation(&off).max(f64::MIN_POSITIVE);
-        // Inverses fall as depths grow.
-        let sign = if self.space == Space::Inverse {
-            -1.0
-        } else {
-            1.0
-        };
-        off.iter().map(|r| sign * r / deviation).collect()
-    }
-
     /// The variance of the fitted value for each row of basis functions, for points whose noise has unit
     /// variance. Computed in f32, because there is one row for each pixel.
     pub fn spreads(&self, bases: &[f32]) -> Vec<f32> {
@@ -211,6 +191,19 @@ fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
     rests
         .map(|((value, rest), depth)| depth - space.depth(value - rest).clamp(low, high))
         .collect()
+}
+
+/// Converts errors and scales from the space of a fit.
+pub(super) fn in_metres(values: &[f64], judged: &mut [Judgement], space: Space) {
+    let errors: Vec<f64> = judged.iter().map(|found| found.error).collect();
+    for ((found, error), value) in judged
+        .iter_mut()
+        .zip(metres(values, &errors, space))
+        .zip(values)
+    {
+        found.error = error;
+        found.scale *= space.slope(space.depth(*value));
+    }
 }
 
 /// Residuals divided by 1 - leverage. A point that the fit passes through whatever its depth is gives no

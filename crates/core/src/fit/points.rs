@@ -186,6 +186,11 @@ impl Rows<'_> {
         }
     }
 
+    /// Whether what is wrong by a factor is off by more the larger the value is.
+    pub(super) fn is_proportional(&self) -> bool {
+        self.space != Space::Log
+    }
+
     pub(super) fn residuals(&self, weights: &[f64]) -> Vec<f64> {
         let model = match self.bases {
             Bases::Rows(rows) => {

@@ -393,8 +393,6 @@ fn a_constant_is_fitted_in_every_space_by_its_mean() {
             "{space:?} {:?}",
             fit.residuals
         );
-        // Positive: farther than the others say.
-        assert!(fit.scores(&fit.leverages(&bases))[2] > 0.0);
     }
 }
 

@@ -13,6 +13,7 @@
 
 mod coarse;
 mod conjugate;
+mod covariance;
 mod estimate;
 mod fitted;
 mod marginal;

@@ -130,6 +130,6 @@ impl Smoothness {
     }
 }
 
-fn unsolvable() -> FitError {
+pub(super) fn unsolvable() -> FitError {
     FitError::Unsolvable("the equations of the field are not positive definite")
 }

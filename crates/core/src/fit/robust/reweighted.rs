@@ -1,45 +1,15 @@
-//! Robust fits: iteratively reweighted least squares (paper Algorithm 2) with the weights of the paper or of
-//! the classic M-estimators.
+//! Iteratively reweighted least squares (paper Algorithm 2) with the weights of the paper or of the classic
+//! M-estimators.
 
-use super::outcome::leave_one_out;
-use super::points::Rows;
-use super::{Estimate, Estimator};
-use crate::error::{Result, SettingsError};
+use super::medians::{deviation, weighted_median};
+use super::{Loss, Robust};
+use crate::error::Result;
+use crate::fit::outcome::leave_one_out;
+use crate::fit::points::Rows;
+use crate::fit::{Estimate, Estimator};
 use crate::nearest::Cells;
-use serde::{Deserialize, Serialize};
-
-/// Robust losses: how the weight of a point decreases with its residual r.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Loss {
-    /// 1 / max(threshold, |r|): least absolute residuals (the paper's).
-    #[default]
-    Irls,
-    /// Quadratic up to the scale, linear beyond (Huber 1964).
-    Huber,
-    /// 1 / (1 + u^2), u = r / scale.
-    Cauchy,
-    /// 1 / (1 + u^2)^2 (Geman and McClure 1987).
-    Gm,
-    /// (1 - u^2)^2 up to the scale, 0 beyond (Beaton and Tukey 1974).
-    Tukey,
-}
 
 impl Loss {
-    /// All losses.
-    pub const ALL: [Self; 5] = [Self::Irls, Self::Huber, Self::Cauchy, Self::Gm, Self::Tukey];
-
-    /// The name in configs and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Irls => "irls",
-            Self::Huber => "huber",
-            Self::Cauchy => "cauchy",
-            Self::Gm => "gm",
-            Self::Tukey => "tukey",
-        }
-    }
-
     /// The weight at a residual of `u` scales.
     fn weight(self, u: f64) -> f64 {
         match self {
@@ -47,6 +17,7 @@ impl Loss {
             Self::Cauchy => 1.0 / (1.0 + u * u),
             Self::Gm => (1.0 + u * u).powi(-2),
             Self::Tukey => (1.0 - u * u).max(0.0).powi(2),
+            Self::Auto => 1.0,
         }
     }
 
@@ -55,7 +26,7 @@ impl Loss {
     /// 2, for the same curvature).
     fn tuning(self) -> f64 {
         match self {
-            Self::Irls => 1.0,
+            Self::Irls | Self::Auto => 1.0,
             Self::Huber => 1.345,
             Self::Cauchy => 2.385,
             Self::Gm => 3.373,
@@ -64,76 +35,8 @@ impl Loss {
     }
 
     /// Whether far points lose all influence, so that the starting point matters.
-    fn redescends(self) -> bool {
-        !matches!(self, Self::Irls | Self::Huber)
-    }
-}
-
-/// Settings of a robust fit; the paper leaves the threshold and the stopping criterion open.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Robust {
-    /// The loss.
-    pub loss: Loss,
-    /// For `irls`: residuals below this fraction of the median depth (or inverse depth) have equal weight. It
-    /// is relative, so that scaling all depths scales the result. The other losses derive their scale from
-    /// the residuals.
-    pub threshold: f64,
-    /// The scale of the other losses, in standard deviations of the noise; if absent, the classic constant of
-    /// each loss.
-    pub tuning: Option<f64>,
-    /// The other losses use the difference between a residual and the median of the residuals of this many
-    /// nearest points: what basis functions cannot represent is similar among neighbours, outliers are not. 0
-    /// uses the residual itself.
-    pub neighbours: usize,
-    /// The largest number of solves after the first.
-    pub iterations: usize,
-    /// Stops when no residual changes by more than this fraction of the largest depth (in the space of the
-    /// fit).
-    pub tolerance: f64,
-}
-
-impl Default for Robust {
-    fn default() -> Self {
-        Self {
-            loss: Loss::Irls,
-            threshold: 1e-3,
-            tuning: None,
-            neighbours: 6,
-            iterations: 10,
-            tolerance: 1e-4,
-        }
-    }
-}
-
-impl Robust {
-    /// The default settings of a loss. A redescending loss needs more iterations, because its scale shrinks
-    /// from one to the next.
-    pub fn new(loss: Loss) -> Self {
-        Self {
-            loss,
-            iterations: if loss.redescends() { 40 } else { 10 },
-            ..Self::default()
-        }
-    }
-
-    pub(super) fn check(self) -> Result<(), SettingsError> {
-        /// Neighbours of a point, and rounds.
-        const MOST: usize = 1000;
-        let positive = |v: f64| v > 0.0 && v.is_finite();
-        if self.neighbours > MOST || self.iterations > MOST {
-            return Err(SettingsError::new(format!(
-                "`fit.robust`: neighbours and iterations must be at most {MOST}"
-            )));
-        }
-        let fine = positive(self.threshold) && self.tuning.is_none_or(positive);
-        if fine && self.tolerance >= 0.0 {
-            Ok(())
-        } else {
-            Err(SettingsError::new(
-                "`fit.robust`: threshold and tuning must be above 0, tolerance at least 0",
-            ))
-        }
+    pub(super) fn redescends(self) -> bool {
+        matches!(self, Self::Cauchy | Self::Gm | Self::Tukey)
     }
 }
 
@@ -148,7 +51,7 @@ impl Robust {
 ///
 /// # Errors
 /// A decomposition that does not converge.
-pub(super) fn robust(
+pub(super) fn reweighted(
     rows: &Rows<'_>,
     estimator: Estimator<'_>,
     plain: Estimate,
@@ -163,7 +66,7 @@ pub(super) fn robust(
             neighbours: settings.neighbours,
             ..Robust::new(Loss::Huber)
         };
-        robust(rows, estimator, plain, huber)?
+        reweighted(rows, estimator, plain, huber)?
     } else {
         (plain, own.clone())
     };
@@ -273,30 +176,6 @@ impl Neighbourhood {
         };
         self.0.iter().zip(residuals).map(local).collect()
     }
-}
-
-/// The value at which half of the weight is reached; 0 without a value.
-fn weighted_median(mut pairs: Vec<(f64, f64)>) -> f64 {
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = pairs.iter().map(|p| p.1).sum::<f64>() / 2.0;
-    let mut sum = 0.0;
-    let reached = pairs.iter().find(|(_, weight)| {
-        sum += weight;
-        sum >= half
-    });
-    reached.map_or(0.0, |(value, _)| *value)
-}
-
-/// The standard deviation of normal residuals of which up to half are outliers: 1.4826 times the
-/// median of their absolute values (Hampel 1974).
-pub(super) fn deviation(residuals: &[f64]) -> f64 {
-    1.4826 * median(residuals.iter().map(|r| r.abs()))
-}
-
-pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

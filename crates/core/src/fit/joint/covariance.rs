@@ -1,0 +1,55 @@
+//! What the model of depth says of points before any of their depths is known.
+
+use super::estimate::FieldEstimator;
+use super::smoothness::unsolvable;
+use crate::error::Result;
+use crate::fit::JointConfig;
+use crate::fit::points::Rows;
+use faer::{Mat, Scale};
+
+impl FieldEstimator<'_> {
+    /// The covariances of the depths of some points before noise, whose variance is 1 / (data x weight): those of
+    /// field, cosines, and basis functions whose prior has the strength `lambda`.
+    ///
+    /// # Errors
+    /// Equations that are not positive definite, or basis functions that are not finite.
+    pub(in crate::fit) fn covariance(
+        &self,
+        rows: &Rows<'_>,
+        which: &[usize],
+        lambda: Option<f64>,
+    ) -> Result<Mat<f64>> {
+        /// The variance of the field in that of the mean of the prior, about whose scale nothing is known.
+        const KNOWN: f64 = 1e-3;
+        let places = rows.places.unwrap_or_default();
+        let taps: Vec<_> = which.iter().map(|&i| self.scene.taps(places[i])).collect();
+        // A field without a level is as free as one with the least.
+        let level = self.joint.level.max(JointConfig::default().level);
+        let prior = self.scene.affinities.prior(level).ok_or_else(unsolvable)?;
+        let mut covariance = prior.covariance(&taps);
+
+        let (count, columns) = (which.len(), rows.columns());
+        let bases = rows.bases_of(which)?;
+        let bases = Mat::from_fn(count, columns, |i, j| f64::from(bases[i * columns + j]));
+        let functions = columns - self.ridges.len();
+        let cosines = Mat::from_fn(count, self.ridges.len(), |i, j| {
+            bases[(i, functions + j)] / self.ridges[j].sqrt()
+        });
+        covariance += &cosines * cosines.transpose();
+        if let (Some((prior, _)), Some(lambda)) = (self.prior, lambda) {
+            let bases = bases.subcols(0, functions);
+            let free = bases * Mat::from_fn(functions, 1, |i, _| prior.mean[i]);
+            let square = free.squared_norm_l2();
+            let own: f64 = (0..count).map(|i| covariance[(i, i)]).sum();
+            let scale = if square > 0.0 {
+                own / KNOWN / square
+            } else {
+                0.0
+            };
+            let along = bases * &prior.factor;
+            covariance += &along * along.transpose() * Scale(lambda.recip())
+                + &free * free.transpose() * Scale(scale);
+        }
+        Ok(covariance)
+    }
+}

@@ -1,0 +1,335 @@
+//! Points that are right among points that are wrong: a mixture of two kinds of errors of prediction.
+//!
+//! Each point is predicted from the others, with a standard deviation that depends on how far away they are and
+//! which edges lie between. A right point is off by a multiple of it from a distribution with heavy tails, because
+//! a depth edge that the image does not show makes a right point look wrong. The error of a wrong point has nothing
+//! to do with it. The scale of the former, the size and the sign of the latter and the share of wrong points are
+//! estimated together with the probability that each point is right (expectation maximisation); a point then
+//! predicts the others by as much as it is right. At first every point counts as right, so that the scale includes
+//! wrong points and only the farthest are dismissed; as they go, predictions improve and the scale shrinks.
+//!
+//! Once most wrong points are known, the neighbours of a point are asked two things. Where right points are off by
+//! more than elsewhere, so may this one be. And a point that agrees with several neighbours, right or not, may lie
+//! with them on an object that the image does not show: independent errors do not agree.
+
+use super::medians::{median, weighted_median};
+use crate::error::Result;
+use crate::nearest::Cells;
+
+/// Points to be judged.
+#[derive(Clone, Debug)]
+pub(super) struct Evidence {
+    pub(super) values: Vec<f64>,
+    /// The variance of the noise of each value, in the unit of the predictions.
+    pub(super) noise: Vec<f64>,
+    pub(super) places: Option<Vec<[f64; 2]>>,
+    /// What a relative error is relative to.
+    pub(super) unit: f64,
+    /// Whether the errors of right points grow with their values.
+    pub(super) proportional: bool,
+}
+
+/// How each point is predicted from the others.
+pub(super) trait Predict {
+    /// The predictions by points with such variances of their noise.
+    fn predict(&self, noise: &[f64]) -> Result<Predictions>;
+}
+
+/// Predictions of every point by the others.
+#[derive(Clone, Debug)]
+pub(super) struct Predictions {
+    /// Value minus prediction.
+    pub(super) errors: Vec<f64>,
+    /// The variance of each prediction, in the unit of the noise.
+    pub(super) variances: Vec<f64>,
+}
+
+/// What the other points say of a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judgement {
+    /// The probability that the point is right.
+    pub right: f64,
+    /// Its value minus the one that the others predict.
+    pub error: f64,
+    /// The scale of the errors that right points have there.
+    pub scale: f64,
+    /// The inverse variance of noise with which the point has the influence on a fit that it has by that
+    /// probability.
+    pub(super) precision: f64,
+}
+
+/// Rounds of predictions.
+const ROUNDS: usize = 12;
+/// Rounds before neighbours are asked.
+const ALONE: usize = 8;
+/// Steps of expectation maximisation in the first round, and in others.
+const STEPS: [usize; 2] = [12, 5];
+/// With fewer points there is nothing to compare.
+const FEWEST: usize = 4;
+/// The least probability that a point is right.
+const LEAST: f64 = 1e-6;
+
+/// Judges each of some points by the others, which at first predict with noise of the variances `start`.
+pub(super) fn judge(
+    points: &Evidence,
+    start: &[f64],
+    predict: &impl Predict,
+) -> Result<Vec<Judgement>> {
+    let n = points.values.len();
+    let neighbours = Neighbours::new(points);
+    let mut right = vec![1.0; n];
+    let mut noise = start.to_vec();
+    let mut found = predict.predict(&noise)?;
+    let mut scales = points.spreads(&found);
+    if n >= FEWEST {
+        let mut mixture = Mixture::new(points, &found.errors, &scales);
+        for round in 0..ROUNDS {
+            if round > 0 {
+                found = predict.predict(&noise)?;
+            }
+            let spreads = points.spreads(&found);
+            let agreement = (round >= ALONE)
+                .then(|| neighbours.agreement(&points.values, &right, mixture.size));
+            for _ in 0..STEPS[round.min(1)] {
+                scales.clone_from(&spreads);
+                if round >= ALONE {
+                    neighbours.roughen(&mut scales, &found.errors, &right, mixture.scale);
+                }
+                scales.iter_mut().for_each(|s| *s *= mixture.scale);
+                mixture.step(&found.errors, &scales, agreement.as_deref(), &mut right);
+            }
+            let known = points.noise.iter().zip(&found.variances);
+            for ((noise, right), (own, variance)) in noise.iter_mut().zip(&right).zip(known) {
+                *noise = (own + variance * (1.0 - right)) / right.max(LEAST);
+            }
+        }
+    }
+    let all = (0..n).map(|i| Judgement {
+        right: right[i],
+        error: found.errors[i],
+        scale: scales[i],
+        precision: noise[i].recip(),
+    });
+    Ok(all.collect())
+}
+
+impl Judgement {
+    /// Of points of which none says anything of another.
+    pub(super) fn unknown(points: &Evidence) -> Vec<Self> {
+        let all = points.noise.iter().map(|noise| Self {
+            right: 1.0,
+            error: 0.0,
+            scale: noise.sqrt(),
+            precision: noise.recip(),
+        });
+        all.collect()
+    }
+}
+
+impl Evidence {
+    /// The standard deviations of predictions and noise, up to a common factor.
+    fn spreads(&self, found: &Predictions) -> Vec<f64> {
+        /// In units, for predictions that make no sense.
+        const LOWEST: f64 = 0.1;
+        let relative = |i: usize| {
+            if self.proportional {
+                ((self.values[i] - found.errors[i]) / self.unit).max(LOWEST)
+            } else {
+                1.0
+            }
+        };
+        let spread = |i: usize| (found.variances[i] + self.noise[i]).sqrt() * relative(i);
+        (0..self.values.len()).map(spread).collect()
+    }
+}
+
+/// The parameters of the two kinds of errors.
+#[derive(Clone, Copy, Debug)]
+struct Mixture {
+    /// The scale of the errors of right points, in their spreads.
+    scale: f64,
+    /// The root mean square of the errors of wrong points.
+    size: f64,
+    /// The share of wrong points whose error is above 0.
+    above: f64,
+    /// The share of wrong points.
+    share: f64,
+    /// Smaller scales and sizes are rounding.
+    least: [f64; 2],
+}
+
+/// The share of wrong points before any is seen, and as many points as that counts.
+const EXPECTED: (f64, f64) = (0.02, 10.0);
+/// As many wrong points of either sign are assumed.
+const EITHER: f64 = 10.0;
+/// The least share of wrong points.
+const FEWEST_WRONG: f64 = 1e-3;
+/// The share of right points that lie on something else than the points that predict them.
+const HIDDEN: f64 = 0.03;
+/// However many neighbours agree with a point.
+const SURE: f64 = 1e3;
+
+impl Mixture {
+    fn new(points: &Evidence, errors: &[f64], spreads: &[f64]) -> Self {
+        const ROUNDING: f64 = 1e-9;
+        /// The median of the absolute values of the distribution of right points.
+        const MIDDLE: f64 = 0.9;
+        let least = ROUNDING * points.unit;
+        let least = [least / median(spreads.iter().copied()), least];
+        let ratios = errors.iter().zip(spreads).map(|(e, s)| (e / s).abs());
+        let squares: f64 = errors.iter().map(|e| e * e).sum();
+        Self {
+            scale: (median(ratios) / MIDDLE).max(least[0]),
+            size: (squares / errors.len() as f64).sqrt().max(least[1]),
+            above: 0.5,
+            share: 0.1,
+            least,
+        }
+    }
+
+    /// A step of expectation maximisation: the probabilities that points are right, for errors of which right
+    /// points have such `scales`, then the parameters. `agreement` is how much more likely each point is to agree
+    /// with its neighbours as it does if it lies with them on something hidden than if it is wrong.
+    fn step(
+        &mut self,
+        errors: &[f64],
+        scales: &[f64],
+        agreement: Option<&[f64]>,
+        right: &mut [f64],
+    ) {
+        let mut squares = [0.0; 2];
+        let mut counts = [0.0; 2];
+        let mut above = 0.0;
+        for (i, (&error, &scale)) in errors.iter().zip(scales).enumerate() {
+            let z = error / scale;
+            // Student's t, of 2 degrees of freedom until neighbours are asked, then of 3.
+            let (density, pull) = if agreement.is_none() {
+                let spread = 1.0 + z * z / 2.0;
+                ((8.0 * spread.powi(3)).sqrt().recip(), 1.5 / spread)
+            } else {
+                let spread = 1.0 + z * z / 3.0;
+                let norm = 2.0 / (3.0_f64.sqrt() * std::f64::consts::PI);
+                (norm / (spread * spread), 4.0 / (3.0 * spread))
+            };
+            let side = if error > 0.0 {
+                2.0 * self.above
+            } else {
+                2.0 * (1.0 - self.above)
+            };
+            // Densities of the error in units of the scale.
+            let width = (1.0 + (self.size / scale).powi(2)).sqrt();
+            let wrong = side * (-0.5 * (z / width).powi(2)).exp() / (width * ROOT_TAU);
+            let hidden = agreement.map_or(0.0, |odds| HIDDEN * odds[i].min(SURE) * wrong);
+            let seen = if agreement.is_none() {
+                density
+            } else {
+                (1.0 - HIDDEN) * density
+            };
+            let (one, other) = ((1.0 - self.share) * (seen + hidden), self.share * wrong);
+            right[i] = one / (one + other);
+            let seen = right[i] * seen / (seen + hidden);
+            squares[0] += seen * pull * z * z;
+            counts[0] += seen;
+            squares[1] += (1.0 - right[i]) * error * error;
+            counts[1] += 1.0 - right[i];
+            above += if error > 0.0 { 1.0 - right[i] } else { 0.0 };
+        }
+        let n = errors.len() as f64;
+        self.share = ((counts[1] + EXPECTED.0 * EXPECTED.1) / (n + EXPECTED.1)).max(FEWEST_WRONG);
+        if counts[0] > 0.0 {
+            self.scale = (self.scale * (squares[0] / counts[0]).sqrt()).max(self.least[0]);
+        }
+        if counts[1] > LEAST {
+            self.size = (squares[1] / counts[1]).sqrt().max(self.least[1]);
+        }
+        self.above = (above + EITHER) / (counts[1] + 2.0 * EITHER);
+    }
+}
+
+/// The square root of 2 pi.
+const ROOT_TAU: f64 = 2.506_628_274_631_000_7;
+
+/// The nearest points of each point.
+#[derive(Debug)]
+struct Neighbours(Vec<Vec<(f64, usize)>>);
+
+impl Neighbours {
+    fn new(points: &Evidence) -> Self {
+        /// Neighbours that are asked.
+        const COUNT: usize = 8;
+        /// Of the median distance: closer neighbours count as so far away.
+        const CLOSEST: f64 = 0.1;
+        let Some(places) = &points.places else {
+            return Self(vec![Vec::new(); points.values.len()]);
+        };
+        let cells = Cells::new(places);
+        let nearest = |(i, place): (usize, &[f64; 2])| -> Vec<(f64, usize)> {
+            let found = cells.nearest(*place, COUNT + 1).into_iter();
+            let others = found.filter(|(_, j)| *j != i).take(COUNT);
+            others.map(|(square, j)| (square.sqrt(), j)).collect()
+        };
+        let mut all: Vec<_> = places.iter().enumerate().map(nearest).collect();
+        let closest = CLOSEST * median(all.iter().flatten().map(|(distance, _)| *distance));
+        for (distance, _) in all.iter_mut().flatten() {
+            *distance = distance.max(closest).max(f64::MIN_POSITIVE);
+        }
+        Self(all)
+    }
+
+    /// Multiplies spreads by how much farther off the neighbours are than the average of points.
+    fn roughen(&self, spreads: &mut [f64], errors: &[f64], right: &[f64], scale: f64) {
+        /// The neighbours that an average counts as.
+        const TRUST: f64 = 3.0;
+        /// Squared ratios beyond this are those of points that only seem to be right.
+        const MOST: f64 = 64.0;
+        /// Less than a square root, which would be that of the variance of the neighbours: their errors have
+        /// heavy tails.
+        const POWER: f64 = 0.3;
+        let squares = errors.iter().zip(spreads.iter());
+        let squares: Vec<f64> = squares
+            .map(|(e, s)| (e / (s * scale)).powi(2).min(MOST))
+            .collect();
+        for (spread, neighbours) in spreads.iter_mut().zip(&self.0) {
+            let (mut sum, mut count) = (TRUST, TRUST);
+            for &(_, j) in neighbours {
+                sum += right[j] * squares[j];
+                count += right[j];
+            }
+            *spread *= (sum / count).powf(POWER);
+        }
+    }
+
+    /// How much more likely it is that so many neighbours agree with each point if it lies with them on one
+    /// surface than if it is wrong by an error of this size. They agree if the difference of their values is no
+    /// larger than is usual among right neighbours so far apart. Points without neighbours agree with none.
+    fn agreement(&self, values: &[f64], right: &[f64], size: f64) -> Vec<f64> {
+        /// Of the median slope between neighbours.
+        const STEEPEST: f64 = 1.5;
+        /// The probability that a neighbour lies on the same surface.
+        const SAME: f64 = 0.4;
+        /// The least probability that a wrong point agrees by chance.
+        const CHANCE: f64 = 0.02;
+        let slope =
+            |i: usize, (distance, j): (f64, usize)| (values[i] - values[j]).abs() / distance;
+        let pairs = self.0.iter().enumerate().flat_map(|(i, neighbours)| {
+            let pair = move |&near: &(f64, usize)| (slope(i, near), right[i] * right[near.1]);
+            neighbours.iter().map(pair)
+        });
+        let steepest = STEEPEST * weighted_median(pairs.collect());
+        let ratio = |(i, neighbours): (usize, &Vec<(f64, usize)>)| {
+            if neighbours.is_empty() {
+                return 0.0;
+            }
+            let count = neighbours.len() as f64;
+            let agreeing = neighbours
+                .iter()
+                .filter(|near| slope(i, **near) <= steepest);
+            let agreeing = agreeing.count() as f64;
+            let reach: f64 = neighbours.iter().map(|near| near.0).sum::<f64>() / count;
+            let chance = (2.0 * steepest * reach / (12.0_f64.sqrt() * size)).clamp(CHANCE, SAME);
+            let others = (1.0 - SAME) / (1.0 - chance);
+            (SAME / chance).powf(agreeing) * others.powf(count - agreeing)
+        };
+        self.0.iter().enumerate().map(ratio).collect()
+    }
+}

@@ -1,0 +1,150 @@
+//! Robust fits, which limit the influence of points that are wrong.
+
+mod judge;
+mod local;
+mod medians;
+mod mixture;
+mod refit;
+mod reweighted;
+#[cfg(test)]
+mod tests;
+
+pub(super) use judge::judge;
+pub(super) use medians::median;
+pub use mixture::Judgement;
+
+use super::points::Rows;
+use super::{Estimate, Estimator};
+use crate::error::{Result, SettingsError};
+use serde::{Deserialize, Serialize};
+
+/// Robust losses: how the weight of a point decreases with its residual r, or `auto`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Loss {
+    /// 1 / max(threshold, |r|): least absolute residuals (the paper's).
+    #[default]
+    Irls,
+    /// Quadratic up to the scale, linear beyond (Huber 1964).
+    Huber,
+    /// 1 / (1 + u^2), u = r / scale.
+    Cauchy,
+    /// 1 / (1 + u^2)^2 (Geman and McClure 1987).
+    Gm,
+    /// (1 - u^2)^2 up to the scale, 0 beyond (Beaton and Tukey 1974).
+    Tukey,
+    /// None of these: each point has the influence that the others leave it, by the probability that it is
+    /// right.
+    Auto,
+}
+
+impl Loss {
+    /// All losses.
+    pub const ALL: [Self; 6] = [
+        Self::Irls,
+        Self::Huber,
+        Self::Cauchy,
+        Self::Gm,
+        Self::Tukey,
+        Self::Auto,
+    ];
+
+    /// The name in configs and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Irls => "irls",
+            Self::Huber => "huber",
+            Self::Cauchy => "cauchy",
+            Self::Gm => "gm",
+            Self::Tukey => "tukey",
+            Self::Auto => "auto",
+        }
+    }
+}
+
+/// Settings of a robust fit; the paper leaves the threshold and the stopping criterion open.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Robust {
+    /// The loss.
+    pub loss: Loss,
+    /// For `irls`: residuals below this fraction of the median depth (or inverse depth) have equal weight. It
+    /// is relative, so that scaling all depths scales the result. The other losses derive their scale from
+    /// the residuals.
+    pub threshold: f64,
+    /// The scale of the other losses, in standard deviations of the noise; if absent, the classic constant of
+    /// each loss.
+    pub tuning: Option<f64>,
+    /// The other losses use the difference between a residual and the median of the residuals of this many
+    /// nearest points: what basis functions cannot represent is similar among neighbours, outliers are not. 0
+    /// uses the residual itself.
+    pub neighbours: usize,
+    /// The largest number of solves after the first.
+    pub iterations: usize,
+    /// Stops when no residual changes by more than this fraction of the largest depth (in the space of the
+    /// fit).
+    pub tolerance: f64,
+}
+
+impl Default for Robust {
+    fn default() -> Self {
+        Self {
+            loss: Loss::Irls,
+            threshold: 1e-3,
+            tuning: None,
+            neighbours: 6,
+            iterations: 10,
+            tolerance: 1e-4,
+        }
+    }
+}
+
+impl Robust {
+    /// The default settings of a loss. A redescending loss needs more iterations, because its scale shrinks
+    /// from one to the next.
+    pub fn new(loss: Loss) -> Self {
+        Self {
+            loss,
+            iterations: if loss.redescends() { 40 } else { 10 },
+            ..Self::default()
+        }
+    }
+
+    pub(super) fn check(self) -> Result<(), SettingsError> {
+        /// Neighbours of a point, and rounds.
+        const MOST: usize = 1000;
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        if self.neighbours > MOST || self.iterations > MOST {
+            return Err(SettingsError::new(format!(
+                "`fit.robust`: neighbours and iterations must be at most {MOST}"
+            )));
+        }
+        let fine = positive(self.threshold) && self.tuning.is_none_or(positive);
+        if fine && self.tolerance >= 0.0 {
+            Ok(())
+        } else {
+            Err(SettingsError::new(
+                "`fit.robust`: threshold and tuning must be above 0, tolerance at least 0",
+            ))
+        }
+    }
+}
+
+/// Continues from the plain estimate. Returns the last estimate and the point weights it was found with.
+///
+/// # Errors
+/// A decomposition that does not converge.
+pub(super) fn robust(
+    rows: &Rows<'_>,
+    estimator: Estimator<'_>,
+    plain: Estimate,
+    settings: Robust,
+) -> Result<(Estimate, Vec<f64>)> {
+    if settings.loss != Loss::Auto {
+        return reweighted::reweighted(rows, estimator, plain, settings);
+    }
+    let judged = judge(rows, estimator, &plain)?;
+    let data = estimator.data();
+    let weights: Vec<f64> = judged.iter().map(|found| found.precision / data).collect();
+    Ok((estimator.solve(rows, &weights)?, weights))
+}
