@@ -41,7 +41,9 @@ impl Observations {
             depth: point.depth,
             sigma: None,
         };
-        map.points().map(observation).collect()
+        let mut all = Vec::with_capacity(map.count());
+        all.extend(map.points().map(observation));
+        Self(all)
     }
 
     /// Adds a depth at (u, v) with unknown standard deviation.

@@ -32,18 +32,20 @@ impl Usable {
         observations: &Observations,
         (height, width): (usize, usize),
     ) -> Result<Self, FitError> {
+        let given = observations.len();
         let mut usable = Self {
-            given: observations.len(),
-            which: Vec::new(),
-            places: Vec::new(),
-            depths: Vec::new(),
+            given,
+            which: Vec::with_capacity(given),
+            places: Vec::with_capacity(given),
+            depths: Vec::with_capacity(given),
             deviations: None,
             invalid: 0,
             outside: 0,
             without: 0,
         };
         let sound = |v: f32| (LEAST..=MOST).contains(&v);
-        let mut deviations = Vec::new();
+        let any = observations.iter().any(|point| point.sigma.is_some());
+        let mut deviations = Vec::with_capacity(if any { given } else { 0 });
         for (i, &Observation { u, v, depth, sigma }) in observations.iter().enumerate() {
             let inside = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
             if !(sound(depth) && u.is_finite() && v.is_finite() && sigma.is_none_or(sound)) {
@@ -52,7 +54,9 @@ impl Usable {
                 usable.which.push(i);
                 usable.places.push([u, v]);
                 usable.depths.push(depth);
-                deviations.push(sigma);
+                if any {
+                    deviations.push(sigma);
+                }
             } else {
                 usable.outside += 1;
             }

@@ -1,6 +1,7 @@
 //! The weights of columns beside an observed field, by conjugate gradients (Hestenes and Stiefel 1952): for so many
 //! observations that the moments of all columns would cost more than the solution.
 
+use super::sites::Sample;
 use crate::error::FitError;
 use crate::field::Observed;
 use crate::fit::lstsq::dot;
@@ -8,32 +9,46 @@ use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, MatRef, Side};
 use rayon::prelude::*;
 
-/// Minimises `(t - P x)' C^-1 (t - P x) + x' D x` over x, where C is the covariance of the targets t of a field.
+/// Minimises `(t - P x)' C^-1 (t - P x) + x' D x` over x, where C is the covariance of the targets t of a field, and
+/// P the product of the columns and a map from x to their weights.
 #[derive(Debug)]
 pub(super) struct Normal<'a> {
     field: &'a Observed,
-    /// P `[observations, columns]`.
-    columns: Mat<f64>,
+    sample: &'a Sample,
+    /// `[columns, unknowns]`.
+    map: Mat<f64>,
     /// The diagonal of D.
     penalties: Vec<f64>,
     /// A factor of equations like these: the preconditioner.
     like: Llt<f64>,
 }
 
-/// Rows that are multiplied together.
-const ROWS: usize = 256;
+/// What minimises the sum of squares.
+#[derive(Debug)]
+pub(super) struct Minimum {
+    /// Of the columns.
+    pub(super) weights: Vec<f64>,
+    pub(super) value: f64,
+    /// What the columns leave of the targets.
+    pub(super) rest: Vec<f64>,
+}
+
+/// Rows that a task multiplies.
+const ROWS: usize = 128;
 
 impl<'a> Normal<'a> {
-    /// `like` is a matrix like `P' C^-1 P`.
+    /// `near` is a matrix like the moments of the columns, `columns' C^-1 columns`.
     ///
     /// # Errors
     /// Values that are not finite.
     pub(super) fn new(
         field: &'a Observed,
-        columns: Mat<f64>,
+        sample: &'a Sample,
+        map: Mat<f64>,
         penalties: Vec<f64>,
-        mut like: Mat<f64>,
+        near: &Mat<f64>,
     ) -> Result<Self, FitError> {
+        let mut like = map.transpose() * near * &map;
         for (i, penalty) in penalties.iter().enumerate() {
             like[(i, i)] += penalty;
         }
@@ -42,19 +57,30 @@ impl<'a> Normal<'a> {
         })?;
         Ok(Self {
             field,
-            columns,
+            sample,
+            map,
             penalties,
             like,
         })
     }
 
-    /// The minimum for targets t. `right` is a vector like `P' C^-1 t`.
+    /// The weights of the columns at the minimum for targets t. `near` is a vector like `columns' C^-1 t`.
     ///
     /// # Errors
     /// No convergence.
-    pub(super) fn minimum(&self, targets: &[f64], right: &[f64]) -> Result<Vec<f64>, FitError> {
-        let start = self.near(right);
-        self.solve(&self.transposed(&self.field.pull(targets)), start)
+    pub(super) fn minimum(&self, targets: &[f64], near: &[f64]) -> Result<Minimum, FitError> {
+        let near = MatRef::from_column_major_slice(near, near.len(), 1);
+        let start = self.near((self.map.transpose() * near).col_as_slice(0));
+        let x = self.solve(&self.transposed(&self.field.pull(targets)), start)?;
+        let model = self.times(&x);
+        let rest: Vec<f64> = targets.iter().zip(model).map(|(t, m)| t - m).collect();
+        let terms = self.penalties.iter().zip(&x);
+        let penalty: f64 = terms.map(|(penalty, x)| penalty * x * x).sum();
+        Ok(Minimum {
+            weights: self.weights(&x),
+            value: dot(&rest, &self.field.pull(&rest)) + penalty,
+            rest,
+        })
     }
 
     /// Solves the equations of the minimum, `(P' C^-1 P + D) x = right`.
@@ -99,34 +125,37 @@ impl<'a> Normal<'a> {
         product
     }
 
-    /// `x' D x`.
-    pub(super) fn penalty(&self, x: &[f64]) -> f64 {
-        let terms = self.penalties.iter().zip(x);
-        terms.map(|(penalty, x)| penalty * x * x).sum()
+    fn weights(&self, x: &[f64]) -> Vec<f64> {
+        let x = MatRef::from_column_major_slice(x, x.len(), 1);
+        (&self.map * x).col_as_slice(0).to_vec()
     }
 
     /// `P x`.
-    pub(super) fn times(&self, x: &[f64]) -> Vec<f64> {
-        let mut sums = vec![0.0; self.columns.nrows()];
-        sums.par_chunks_mut(ROWS)
-            .enumerate()
-            .for_each(|(part, sums)| {
-                for (j, x) in x.iter().enumerate() {
-                    let values = &self.columns.col_as_slice(j)[part * ROWS..];
-                    sums.iter_mut()
-                        .zip(values)
-                        .for_each(|(sum, value)| *sum += value * x);
-                }
-            });
-        sums
+    fn times(&self, x: &[f64]) -> Vec<f64> {
+        let (weights, stride) = (self.weights(x), self.map.nrows() + 1);
+        let parts = self.sample.rows.par_chunks(ROWS * stride);
+        let products = |part: &[f64]| -> Vec<f64> {
+            let rows = part.chunks_exact(stride);
+            rows.map(|row| dot(&row[..stride - 1], &weights)).collect()
+        };
+        parts.flat_map_iter(products).collect()
     }
 
     /// `P' values`.
     fn transposed(&self, values: &[f64]) -> Vec<f64> {
-        let columns = (0..self.columns.ncols()).into_par_iter();
-        columns
-            .map(|j| dot(self.columns.col_as_slice(j), values))
-            .collect()
+        let stride = self.map.nrows() + 1;
+        let parts = self.sample.rows.par_chunks(ROWS * stride);
+        let sums = parts.zip(values.par_chunks(ROWS)).map(|(part, values)| {
+            let mut sums = Mat::<f64>::zeros(stride - 1, 1);
+            for (row, value) in part.chunks_exact(stride).zip(values) {
+                add(sums.col_as_slice_mut(0), *value, &row[..stride - 1]);
+            }
+            sums
+        });
+        // In the same order for any number of threads.
+        let sums: Vec<Mat<f64>> = sums.collect();
+        let total = sums.iter().fold(Mat::zeros(stride - 1, 1), |a, b| a + b);
+        (self.map.transpose() * total).col_as_slice(0).to_vec()
     }
 
     fn near(&self, right: &[f64]) -> Vec<f64> {

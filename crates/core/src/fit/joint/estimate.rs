@@ -12,7 +12,8 @@ use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
 use crate::fit::{Estimate, Lambda};
-use faer::{Mat, MatRef};
+use faer::Mat;
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// How a field is fitted: with basis functions if there is a prior over their weights.
@@ -36,11 +37,13 @@ struct Found {
     sample: Sample,
 }
 
-/// The weights are estimated from all of at most this many sites, and from some of more; the field from all.
+/// The weights are estimated from all of at most so many sites.
 const MOST: usize = 5000;
+/// From so many of more. With 20,000 sites at 304x228, the RMSE of 1000 is 1.4 % higher.
 const SOME: usize = 2000;
-
-/// Conjugate gradients start from the solution for some sites.
+/// Of more sites than this the first estimate is as good: at 304x228, no pixel is far from one.
+const DENSE: usize = 30_000;
+/// The sites of the first estimate.
 const START: usize = 700;
 
 impl FieldEstimator<'_> {
@@ -54,8 +57,8 @@ impl FieldEstimator<'_> {
             Some((prior, lambda)) => self.many(&sites, rows, prior, lambda)?,
         };
         let rests = rows.residuals(&found.solution.weights);
-        let places = rows.places.unwrap_or_default().iter();
-        let pairs = rests.iter().zip(places);
+        let places = rows.places.unwrap_or_default().par_iter();
+        let pairs = rests.par_iter().zip(places);
         let rests = pairs.map(|(rest, &place)| rest - self.scene.taps(place).read(&found.values));
         let smoothness = self.smoothness();
         let size = smoothness.affinities.size();
@@ -124,60 +127,56 @@ impl FieldEstimator<'_> {
         })
     }
 
-    /// By conjugate gradients, from the solution for some of the sites.
+    /// The weights for some of the sites, then, unless there are very many, those for more by conjugate gradients
+    /// from there; and the field of all.
     fn many(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
-        let enough = if sites.len() > MOST { SOME } else { MOST };
+        let enough = match sites.len() {
+            ..=MOST => MOST,
+            ..=DENSE => SOME,
+            _ => START,
+        };
         let sample = sites.sample(enough, rows)?;
-        let (columns, stride) = (sample.columns(), sample.columns() + 1);
-        let some = self.smoothness().kriged(&sample.some(START), &[])?;
-        let near = moments(some.moments(), columns, START.min(sample.len()));
+        let first = sample.some(START);
+        let some = self.smoothness().untied().kriged(&first, &[])?;
+        let near = moments(some.moments(), sample.columns(), first.len());
         let (others, cosines) = near.clone().without_last(self.ridges)?;
         let found = others.shrunk(prior, lambda.at(sites.len()))?;
-        let start = cosines.beside(&found.solution);
-
-        let (map, penalties) = self.axes(prior, found.lambda);
-        let own = MatRef::from_row_major_slice(&sample.rows, sample.len(), stride);
-        let field = self.smoothness().observed(&sample.taps, &sample.weights)?;
-        let like = map.transpose() * &near.normal * &map;
-        let normal = Normal::new(&field, own.subcols(0, columns) * &map, penalties, like)?;
-        let depths: Vec<f64> = own.col(columns).iter().copied().collect();
-        let right = Mat::from_fn(columns, 1, |i, _| near.right[i]);
-        let x = normal.minimum(&depths, (map.transpose() * right).col_as_slice(0))?;
-        let model = normal.times(&x);
-        let rest: Vec<f64> = depths.iter().zip(model).map(|(d, m)| d - m).collect();
-        let penalised = (dot(&rest, &field.pull(&rest)) + normal.penalty(&x)).max(0.0);
-        let freedom = sample.len() as f64 - 1.0;
-        let noise = prior
-            .noise
-            .variance(penalised, found.lambda, found.scale, freedom);
-        let weights = map * Mat::from_fn(x.len(), 1, |i, _| x[i]);
-        let solution = Solution {
-            weights: weights.col_as_slice(0).to_vec(),
-            ..start
-        };
+        let (mut solution, mut noise) = (cosines.beside(&found.solution), found.noise);
         // The trace of the moments times the covariance of the weights.
         let product = &near.normal * &solution.factor;
         let pairs = product.col_iter().zip(solution.factor.col_iter());
         let determined: f64 = pairs.map(|(a, b)| a.transpose() * b).sum();
-        let share = determined / sites.len() as f64;
-        let (field, values) = if sample.len() == sites.len() {
-            let values = field.extend(&rest);
-            (field, values)
-        } else {
-            // Its memory is used again.
-            drop(field);
-            let field = self.smoothness().observed(&sites.taps, &sites.weights)?;
-            let values = field.extend(&sites.means(&rows.residuals(&solution.weights)));
-            (field, values)
+
+        let mut known = None;
+        if sample.len() > first.len() {
+            let (map, penalties) = self.axes(prior, found.lambda);
+            let field = self.smoothness().observed(&sample.taps, &sample.weights)?;
+            let normal = Normal::new(&field, &sample, map, penalties, &near.normal)?;
+            let minimum = normal.minimum(&sample.depths(), &near.right)?;
+            noise = prior.noise.variance(
+                minimum.value.max(0.0),
+                found.lambda,
+                found.scale,
+                sample.len() as f64 - 1.0,
+            );
+            solution.weights = minimum.weights;
+            known = (sample.len() == sites.len()).then_some((field, minimum.rest));
+        }
+        let (field, rest) = match known {
+            Some(known) => known,
+            None => (
+                self.smoothness().observed(&sites.taps, &sites.weights)?,
+                sites.means(&rows.residuals(&solution.weights)),
+            ),
         };
         Ok(Found {
             solution,
             noise,
             lambda: Some(found.lambda),
-            values,
+            values: field.extend(&rest),
             form: Form::Many {
                 field,
-                share,
+                share: determined / sites.len() as f64,
                 start: Some(some),
             },
             sample,

@@ -43,8 +43,8 @@ impl FieldFit {
     /// The leverage of each point: its weight times the variance of the fitted depth there.
     pub(in crate::fit) fn leverages(&self, solution: &Solution, weights: &[f64]) -> Vec<f64> {
         let variances = self.site_variances(solution);
-        let pairs = self.sites.of_points.iter().zip(weights);
-        let leverage = |(site, weight): (&Option<usize>, &f64)| {
+        let pairs = self.sites.of_points().zip(weights);
+        let leverage = |(site, weight): (Option<usize>, &f64)| {
             site.map_or(0.0, |site| {
                 (self.data * weight * variances[site]).clamp(0.0, 1.0)
             })

@@ -15,13 +15,18 @@ pub(super) struct Sites {
     pub(super) taps: Vec<Taps>,
     pub(super) weights: Vec<f64>,
     pub(super) depths: Vec<f64>,
-    /// The site of each point, unless the point has no weight.
-    pub(super) of_points: Vec<Option<usize>>,
-    /// The points of all sites, one site after the other, with their shares of it.
-    members: Vec<(usize, f64)>,
+    /// The site of each point, [`NONE`] if the point has no weight.
+    of_points: Vec<u32>,
+    /// The points of all sites, one site after the other.
+    members: Vec<u32>,
+    /// The share of each of these in its site.
+    shares: Vec<f64>,
     /// Where the points of each site begin, and the end.
     starts: Vec<usize>,
 }
+
+/// No site.
+const NONE: u32 = u32::MAX;
 
 /// Some sites, with their basis functions.
 #[derive(Debug)]
@@ -42,14 +47,13 @@ impl Sites {
         let places = rows.places.ok_or_else(|| {
             FitError::Shape("a field cannot be fitted to points whose places are unknown".into())
         })?;
-        let mut order: Vec<(u32, usize)> = (0..places.len())
-            .filter(|&i| weights[i] > 0.0)
-            .map(|i| (scene.affinities.pixel(places[i], scene.size), i))
-            .collect();
+        let mut order = Vec::with_capacity(places.len());
+        let weighted = (0..places.len()).filter(|&i| weights[i] > 0.0);
+        order.extend(weighted.map(|i| (scene.affinities.pixel(places[i], scene.size), i as u32)));
         // Within a pixel by place and depth, so that the order of the points does not matter.
         let key = |i: usize| [places[i][1], places[i][0], rows.values[i]];
         order.par_sort_unstable_by(|a, b| {
-            let keys = key(a.1).into_iter().zip(key(b.1));
+            let keys = key(a.1 as usize).into_iter().zip(key(b.1 as usize));
             let unlike = keys
                 .map(|(a, b)| a.total_cmp(&b))
                 .find(|order| order.is_ne());
@@ -59,28 +63,30 @@ impl Sites {
             taps: Vec::new(),
             weights: Vec::new(),
             depths: Vec::new(),
-            of_points: vec![None; places.len()],
-            members: Vec::with_capacity(order.len()),
+            of_points: vec![NONE; places.len()],
+            members: order.iter().map(|&(_, i)| i).collect(),
+            shares: Vec::with_capacity(order.len()),
             starts: vec![0],
         };
         for points in order.chunk_by(|a, b| a.0 == b.0) {
-            let total: f64 = points.iter().map(|&(_, i)| weights[i]).sum();
+            let total: f64 = points.iter().map(|&(_, i)| weights[i as usize]).sum();
             // Off the first place: the mean of equal places is that place.
-            let (first, mut off, mut depth) = (places[points[0].1], [0.0; 2], 0.0);
+            let (first, mut off, mut depth) = (places[points[0].1 as usize], [0.0; 2], 0.0);
             for &(_, i) in points {
-                sites.of_points[i] = Some(sites.taps.len());
+                let i = i as usize;
+                sites.of_points[i] = sites.taps.len() as u32;
                 let share = weights[i] / total;
                 depth += share * rows.values[i];
                 for axis in 0..2 {
                     off[axis] += share * (places[i][axis] - first[axis]);
                 }
-                sites.members.push((i, share));
+                sites.shares.push(share);
             }
             let place = [first[0] + off[0], first[1] + off[1]];
             sites.taps.push(scene.taps(place));
             sites.weights.push(joint.data * total);
             sites.depths.push(depth);
-            sites.starts.push(sites.members.len());
+            sites.starts.push(sites.shares.len());
         }
         Ok(sites)
     }
@@ -92,15 +98,24 @@ impl Sites {
 
     /// The mean at each site of values at the points.
     pub(super) fn means(&self, values: &[f64]) -> Vec<f64> {
-        let mean =
-            |members: &[(usize, f64)]| members.iter().map(|&(i, share)| share * values[i]).sum();
-        (0..self.len())
-            .map(|site| mean(self.members(site)))
-            .collect()
+        let mean = |site| {
+            let members = self.members(site);
+            members.map(|(i, share)| share * values[i]).sum()
+        };
+        (0..self.len()).map(mean).collect()
     }
 
-    fn members(&self, site: usize) -> &[(usize, f64)] {
-        &self.members[self.starts[site]..self.starts[site + 1]]
+    /// The points of a site and their shares.
+    fn members(&self, site: usize) -> impl Iterator<Item = (usize, f64)> {
+        let range = self.starts[site]..self.starts[site + 1];
+        let pairs = self.members[range.clone()].iter().zip(&self.shares[range]);
+        pairs.map(|(&i, &share)| (i as usize, share))
+    }
+
+    /// The site of each point, unless it has no weight.
+    pub(super) fn of_points(&self) -> impl Iterator<Item = Option<usize>> {
+        let site = |&site: &u32| (site != NONE).then_some(site as usize);
+        self.of_points.iter().map(site)
     }
 
     /// At most so many sites with their basis functions: a random choice, which is the same for the same sites.
@@ -116,12 +131,12 @@ impl Sites {
         let parts = values.par_chunks_mut(TOGETHER * (columns + 1));
         let gather = |(values, sites): (&mut [f64], &[usize])| {
             let members = || sites.iter().map(|&site| self.members(site));
-            let points: Vec<usize> = members().flatten().map(|&(i, _)| i).collect();
+            let points: Vec<usize> = members().flatten().map(|(i, _)| i).collect();
             let bases = rows.bases_of(&points)?;
             let mut own = bases.chunks_exact(columns.max(1));
             let targets = values.chunks_exact_mut(columns + 1).zip(sites);
             for ((row, &site), members) in targets.zip(members()) {
-                for ((_, share), base) in members.iter().zip(&mut own) {
+                for ((_, share), base) in members.zip(&mut own) {
                     let pairs = row.iter_mut().zip(base);
                     pairs.for_each(|(sum, value)| *sum += share * f64::from(*value));
                 }
@@ -160,6 +175,12 @@ impl Sample {
     /// The number of basis functions, including the cosines.
     pub(super) fn columns(&self) -> usize {
         (self.rows.len() / self.len().max(1)).saturating_sub(1)
+    }
+
+    /// The depth of each site.
+    pub(super) fn depths(&self) -> Vec<f64> {
+        let rows = self.rows.chunks_exact(self.columns() + 1);
+        rows.filter_map(|row| row.last()).copied().collect()
     }
 
     /// At most so many of them.

@@ -62,6 +62,14 @@ impl Smoothness {
         field.ok_or_else(unsolvable)
     }
 
+    /// The same without ties, which matter next to sites that a map is read at, not for the weights.
+    pub(super) fn untied(&self) -> Self {
+        Self {
+            tied: false,
+            ..self.clone()
+        }
+    }
+
     /// The number of observations that sites are, with their ties.
     pub(super) fn observations(&self, sites: &Sites) -> usize {
         sites.len() + self.ties(&sites.taps, &sites.weights).len()
