@@ -53,6 +53,7 @@ pub(super) struct Measured<'a> {
     protocol: Protocol,
     points: Pattern,
     noise: Option<Noise>,
+    uncertainty: bool,
 }
 
 impl<'a> Measured<'a> {
@@ -70,6 +71,7 @@ impl<'a> Measured<'a> {
             protocol: lab.preset.protocol,
             points: lab.preset.points.clone(),
             noise: None,
+            uncertainty: false,
         }
     }
 
@@ -100,6 +102,12 @@ impl<'a> Measured<'a> {
 
     pub(super) fn noise(mut self, noise: Option<Noise>) -> Self {
         self.noise = noise;
+        self
+    }
+
+    /// How well its standard deviations tell its errors, too.
+    pub(super) fn uncertainty(mut self) -> Self {
+        self.uncertainty = true;
         self
     }
 
@@ -153,7 +161,7 @@ impl<'a> Measured<'a> {
             noise: self.noise,
             seeds: self.lab.seeds.clone(),
             rules: self.lab.rules,
-            uncertainty: false,
+            uncertainty: self.uncertainty,
             limit: self.lab.limit,
         }
     }

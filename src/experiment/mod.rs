@@ -14,6 +14,7 @@ mod resolution;
 mod scale;
 #[cfg(test)]
 mod tests;
+mod uncertainty;
 
 pub use cost::{Times, time};
 pub use kernels::contact_sheet;
@@ -47,6 +48,8 @@ pub enum Experiment {
     Scale,
     /// Wrong points, with and without robust losses.
     Noise,
+    /// Whether the predicted standard deviations hold.
+    Uncertainty,
     /// What basis functions look like, and which pixels they take for alike.
     Kernels,
     /// Depth at three times the resolution of the image.
@@ -59,12 +62,13 @@ pub enum Experiment {
 
 impl Experiment {
     /// All of them, in the order of the page.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Benchmark,
         Self::Ablation,
         Self::Points,
         Self::Scale,
         Self::Noise,
+        Self::Uncertainty,
         Self::Kernels,
         Self::Resolution,
         Self::Diode,
@@ -79,6 +83,7 @@ impl Experiment {
             Self::Points => "points",
             Self::Scale => "scale",
             Self::Noise => "noise",
+            Self::Uncertainty => "uncertainty",
             Self::Kernels => "kernels",
             Self::Resolution => "resolution",
             Self::Diode => "diode",
@@ -94,6 +99,7 @@ impl Experiment {
             Self::Points => Box::new(points::Points::new(lab)),
             Self::Scale => Box::new(scale::Scale::new(lab)),
             Self::Noise => Box::new(noise::NoiseStudy::new(lab)),
+            Self::Uncertainty => Box::new(uncertainty::Uncertainty::new(lab)),
             Self::Kernels => Box::new(kernels::Kernels::new(lab)),
             Self::Resolution => Box::new(resolution::Resolution::new(lab)),
             Self::Diode => Box::new(diode::Diode::new(lab)?),

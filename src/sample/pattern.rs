@@ -28,6 +28,8 @@ pub enum Pattern {
     /// The valid pixels at the strongest corners of the image (Shi and Tomasi 1994), as a visual
     /// odometry's; seeds change nothing.
     Corners(usize),
+    /// Exactly this many pixels, uniform among the valid ones of the left, right, upper or lower half, by chance.
+    Half(usize),
     /// The points that come with the dataset.
     Given,
     /// `FRAME.npy` or `FRAME.png` (millimetres) of this folder.
@@ -82,6 +84,13 @@ impl Pattern {
                 .filter(|p| p.depth > 0.0)
                 .take(*count)
                 .collect(),
+            Self::Half(count) => {
+                let kept = half(frame, seed);
+                let mut points: Vec<Point> = depth.points().filter(kept).collect();
+                rng.choose(&mut points, *count);
+                points.truncate(*count);
+                points
+            }
             Self::Given => {
                 return frame.sparse.clone().ok_or_else(|| {
                     Error::config(format!("frame `{}` comes without sparse points", frame.id))
@@ -95,6 +104,18 @@ impl Pattern {
             depth.height(),
             &points,
         ))
+    }
+}
+
+/// Whether a point lies in one half of a frame.
+fn half(frame: &Frame, seed: u64) -> impl Fn(&Point) -> bool {
+    let (height, width) = (frame.depth.height(), frame.depth.width());
+    let side = Rng::stream(seed, &["half", &frame.id]).below(4);
+    move |point| match side {
+        0 => 2 * point.x < width,
+        1 => 2 * point.x >= width,
+        2 => 2 * point.y < height,
+        _ => 2 * point.y >= height,
     }
 }
 
@@ -131,6 +152,7 @@ impl Display for Pattern {
             Self::Grid(step) => write!(f, "a grid of step {step}"),
             Self::Lines(n) => write!(f, "{n} rows"),
             Self::Corners(n) => write!(f, "the {n} strongest corners"),
+            Self::Half(n) => write!(f, "exactly {n} uniform valid pixels of one half"),
             Self::Given => write!(f, "the dataset's own"),
             Self::Files(folder) => write!(f, "from `{}`", folder.display()),
         }
@@ -145,7 +167,7 @@ impl FromStr for Pattern {
         let wrong = || {
             Error::config(format!("`{text}` is no pattern of points")).hint(
                 "N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N, \
-                 given, files:DIR",
+                 half:N, given, files:DIR",
             )
         };
         let (law, rest) = text.split_once(':').unwrap_or((text, ""));
@@ -157,6 +179,7 @@ impl FromStr for Pattern {
             "grid" => Self::Grid(number(rest)?),
             "lines" => Self::Lines(number(rest)?),
             "corners" => Self::Corners(number(rest)?),
+            "half" => Self::Half(number(rest)?),
             "given" if rest.is_empty() => Self::Given,
             "files" if !rest.is_empty() => Self::Files(rest.into()),
             _ => Self::Exactly(number(text)?),
@@ -173,6 +196,7 @@ impl From<Pattern> for String {
             Pattern::Grid(n) => format!("grid:{n}"),
             Pattern::Lines(n) => format!("lines:{n}"),
             Pattern::Corners(n) => format!("corners:{n}"),
+            Pattern::Half(n) => format!("half:{n}"),
             Pattern::Given => "given".into(),
             Pattern::Files(folder) => format!("files:{}", folder.display()),
         }
@@ -260,6 +284,23 @@ mod tests {
     }
 
     #[test]
+    fn one_half_has_all_points() {
+        let frame = ramp("a");
+        let mut sides = std::collections::BTreeSet::new();
+        for seed in 0..40 {
+            let sparse = draw("half:50", &frame, seed);
+            assert_eq!(sparse.count(), 50);
+            let halves: [&dyn Fn(&Point) -> bool; 4] =
+                [&|p| p.x < 20, &|p| p.x >= 20, &|p| p.y < 15, &|p| p.y >= 15];
+            let side = halves
+                .iter()
+                .position(|half| sparse.points().all(|p| half(&p)));
+            sides.insert(side.unwrap());
+        }
+        assert_eq!(sides.len(), 4);
+    }
+
+    #[test]
     fn masks_depend_on_seed_and_frame_alone() {
         let draw = |seed, id| draw("50", &ramp(id), seed);
         assert_eq!(draw(0, "a"), draw(0, "a"));
@@ -275,6 +316,7 @@ mod tests {
             "given",
             "files:a/b",
             "corners:3",
+            "half:20",
         ] {
             let pattern: Pattern = text.parse().unwrap();
             assert_eq!(String::from(pattern), text);

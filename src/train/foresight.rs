@@ -176,7 +176,6 @@ fn arrangements(frame: &Frame, number: usize, seed: u64) -> Result<Vec<(&'static
     // A laser scanner of 64 lines has 5,000 points in an image of this kind.
     let lines = ((number as f64).powf(0.45).round() as usize).max(2);
     let lines = Pattern::Lines(lines).draw(frame, seed)?;
-    let half = halved(frame, seed)?;
     let thinned = |map: DepthMap| {
         let frame = Frame {
             depth: map,
@@ -189,7 +188,7 @@ fn arrangements(frame: &Frame, number: usize, seed: u64) -> Result<Vec<(&'static
         ("grid", Pattern::Grid(step.max(1)).draw(frame, seed)?),
         ("lines", thinned(lines)?),
         ("corners", Pattern::Corners(number).draw(frame, seed)?),
-        ("half", thinned(half)?),
+        ("half", Pattern::Half(number).draw(frame, seed)?),
         ("measured", Pattern::Exactly(number).draw(frame, seed + 1)?),
     ])
 }
@@ -208,24 +207,6 @@ fn measured(points: &Observations, id: &str, seed: u64) -> Observations {
         }
     });
     noisy.collect()
-}
-
-/// The depths of one half of a frame.
-fn halved(frame: &Frame, seed: u64) -> Result<DepthMap> {
-    let (height, width) = (frame.depth.height(), frame.depth.width());
-    let side = Rng::stream(seed, &["half", &frame.id]).below(4);
-    let kept = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        match side {
-            0 => 2 * x < width,
-            1 => 2 * x >= width,
-            2 => 2 * y < height,
-            _ => 2 * y >= height,
-        }
-    };
-    let values = frame.depth.values().iter().enumerate();
-    let values = values.map(|(i, &depth)| if kept(i) { depth } else { 0.0 });
-    Ok(DepthMap::new(width, height, values.collect())?)
 }
 
 #[cfg(test)]

@@ -130,10 +130,12 @@ impl FieldEstimator<'_> {
     /// The weights for some of the sites, then, unless there are very many, those for more by conjugate gradients
     /// from there; and the field of all.
     fn many(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
-        let enough = match sites.len() {
-            ..=MOST => MOST,
-            ..=DENSE => SOME,
-            _ => START,
+        let enough = if sites.len() <= MOST {
+            MOST
+        } else if sites.len() <= DENSE {
+            SOME
+        } else {
+            START
         };
         let sample = sites.sample(enough, rows)?;
         let first = sample.some(START);

@@ -12,7 +12,7 @@
 //! more than elsewhere, so may this one be. And a point that agrees with several neighbours, right or not, may lie
 //! with them on an object that the image does not show: independent errors do not agree.
 
-use super::medians::{median, weighted_median};
+use super::medians::{deviation, median, weighted_median};
 use crate::error::Result;
 use crate::nearest::Cells;
 
@@ -95,7 +95,9 @@ pub(super) fn judge(
                 if round >= ALONE {
                     neighbours.roughen(&mut scales, &found.errors, &right, mixture.scale);
                 }
-                scales.iter_mut().for_each(|s| *s *= mixture.scale);
+                for scale in &mut scales {
+                    *scale *= mixture.scale;
+                }
                 mixture.step(&found.errors, &scales, agreement.as_deref(), &mut right);
             }
             let known = points.noise.iter().zip(&found.variances);
@@ -148,8 +150,10 @@ impl Evidence {
 struct Mixture {
     /// The scale of the errors of right points, in their spreads.
     scale: f64,
-    /// The root mean square of the errors of wrong points.
+    /// The scale of the errors of wrong points.
     size: f64,
+    /// How much values differ.
+    differ: f64,
     /// The share of wrong points whose error is above 0.
     above: f64,
     /// The share of wrong points.
@@ -159,13 +163,18 @@ struct Mixture {
 }
 
 /// The share of wrong points before any is seen, and as many points as that counts.
-const EXPECTED: (f64, f64) = (0.02, 10.0);
+const EXPECTED: (f64, f64) = (0.02, 50.0);
+/// As many wrong points are assumed to be off by as much as depths differ.
+const ANYWHERE: f64 = 3.0;
 /// As many wrong points of either sign are assumed.
 const EITHER: f64 = 10.0;
 /// The least share of wrong points.
 const FEWEST_WRONG: f64 = 1e-3;
 /// The share of right points that lie on something else than the points that predict them.
 const HIDDEN: f64 = 0.03;
+/// The share of wrong points whose errors have a distribution of Cauchy. Its tails are heavier than those of right
+/// points: an error that is large enough is wrong, however small those of other wrong points are.
+const GROSS: f64 = 0.1;
 /// However many neighbours agree with a point.
 const SURE: f64 = 1e3;
 
@@ -178,9 +187,12 @@ impl Mixture {
         let least = [least / median(spreads.iter().copied()), least];
         let ratios = errors.iter().zip(spreads).map(|(e, s)| (e / s).abs());
         let squares: f64 = errors.iter().map(|e| e * e).sum();
+        let middle = median(points.values.iter().copied());
+        let rests: Vec<f64> = points.values.iter().map(|value| value - middle).collect();
         Self {
             scale: (median(ratios) / MIDDLE).max(least[0]),
             size: (squares / errors.len() as f64).sqrt().max(least[1]),
+            differ: deviation(&rests),
             above: 0.5,
             share: 0.1,
             least,
@@ -218,7 +230,10 @@ impl Mixture {
             };
             // Densities of the error in units of the scale.
             let width = (1.0 + (self.size / scale).powi(2)).sqrt();
-            let wrong = side * (-0.5 * (z / width).powi(2)).exp() / (width * ROOT_TAU);
+            let square = (z / width).powi(2);
+            let usual = (1.0 - GROSS) * (-0.5 * square).exp() / ROOT_TAU;
+            let gross = GROSS / (std::f64::consts::PI * (1.0 + square));
+            let wrong = side * (usual + gross) / width;
             let hidden = agreement.map_or(0.0, |odds| HIDDEN * odds[i].min(SURE) * wrong);
             let seen = if agreement.is_none() {
                 density
@@ -230,7 +245,8 @@ impl Mixture {
             let seen = right[i] * seen / (seen + hidden);
             squares[0] += seen * pull * z * z;
             counts[0] += seen;
-            squares[1] += (1.0 - right[i]) * error * error;
+            let wide = (usual + gross * 2.0 / (1.0 + square)) / (usual + gross);
+            squares[1] += (1.0 - right[i]) * wide * error * error;
             counts[1] += 1.0 - right[i];
             above += if error > 0.0 { 1.0 - right[i] } else { 0.0 };
         }
@@ -239,9 +255,8 @@ impl Mixture {
         if counts[0] > 0.0 {
             self.scale = (self.scale * (squares[0] / counts[0]).sqrt()).max(self.least[0]);
         }
-        if counts[1] > LEAST {
-            self.size = (squares[1] / counts[1]).sqrt().max(self.least[1]);
-        }
+        let squares = squares[1] + ANYWHERE * self.differ * self.differ;
+        self.size = (squares / (counts[1] + ANYWHERE)).sqrt().max(self.least[1]);
         self.above = (above + EITHER) / (counts[1] + 2.0 * EITHER);
     }
 }
@@ -301,7 +316,7 @@ impl Neighbours {
 
     /// How much more likely it is that so many neighbours agree with each point if it lies with them on one
     /// surface than if it is wrong by an error of this size. They agree if the difference of their values is no
-    /// larger than is usual among right neighbours so far apart. Points without neighbours agree with none.
+    /// larger than is usual among right neighbours so far apart. A point that agrees with none lies alone.
     fn agreement(&self, values: &[f64], right: &[f64], size: f64) -> Vec<f64> {
         /// Of the median slope between neighbours.
         const STEEPEST: f64 = 1.5;
@@ -317,14 +332,14 @@ impl Neighbours {
         });
         let steepest = STEEPEST * weighted_median(pairs.collect());
         let ratio = |(i, neighbours): (usize, &Vec<(f64, usize)>)| {
-            if neighbours.is_empty() {
-                return 0.0;
-            }
-            let count = neighbours.len() as f64;
             let agreeing = neighbours
                 .iter()
                 .filter(|near| slope(i, **near) <= steepest);
             let agreeing = agreeing.count() as f64;
+            if agreeing == 0.0 {
+                return 0.0;
+            }
+            let count = neighbours.len() as f64;
             let reach: f64 = neighbours.iter().map(|near| near.0).sum::<f64>() / count;
             let chance = (2.0 * steepest * reach / (12.0_f64.sqrt() * size)).clamp(CHANCE, SAME);
             let others = (1.0 - SAME) / (1.0 - chance);

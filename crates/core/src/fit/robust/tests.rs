@@ -261,6 +261,17 @@ fn wrong_points_are_found_and_lose_their_influence() {
 }
 
 #[test]
+fn a_single_wrong_point_is_found_however_far_off_it_is() {
+    for off in [0.5, 1.5, 10.0, 1e4] {
+        let mut slope = Slope::new(150, 0.0);
+        slope.depths[40] += off;
+        let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
+        let called: Vec<usize> = (0..150).filter(|&i| judged[i].right < 0.5).collect();
+        assert_eq!(called, [40], "{off}");
+    }
+}
+
+#[test]
 fn right_points_are_trusted() {
     let slope = Slope::new(200, 0.0);
     let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
