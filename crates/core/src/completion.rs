@@ -9,6 +9,7 @@ use crate::map::DepthMap;
 use crate::scene::Scene;
 use crate::usable::Usable;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -26,6 +27,8 @@ struct Inner {
     usable: Usable,
     report: Report,
     leverages: OnceLock<Vec<f64>>,
+    /// The fitted values at the pixels of the field, before they are converted to depths.
+    values: OnceLock<Vec<f32>>,
 }
 
 /// Statistics of a fit.
@@ -121,6 +124,7 @@ impl Completion {
             usable,
             report,
             leverages: OnceLock::new(),
+            values: OnceLock::new(),
         }))
     }
 
@@ -217,19 +221,39 @@ impl Completion {
         let Inner { scene, fit, .. } = &*self.0;
         scene.completer().run(|| {
             let solved = scene.guide().map_or(size, Guide::grid);
-            let mut values = scene.combine(solved, &fit.weights);
-            if let Some(smooth) = fit.smooth() {
-                smooth.add_to(solved, &mut values);
-            }
-            if let Some(guide) = scene.guide() {
-                values = guide.enlarge(&values, size);
-            }
+            let mut values = match (self.solved(solved), scene.guide()) {
+                (values, Some(guide)) => guide.enlarge(&values, size),
+                (values, None) => values.into_owned(),
+            };
             let (low, high) = self.limits();
             values.par_iter_mut().for_each(|value| {
                 *value = (fit.space.depth(f64::from(*value)) as f32).clamp(low, high);
             });
             values
         })
+    }
+
+    /// The fitted values, before they are converted to depths, at a size at which the equations hold. Those at the
+    /// pixels of the field are kept.
+    fn solved(&self, size: (usize, usize)) -> Cow<'_, [f32]> {
+        /// Pixels of a field whose values are kept.
+        const MOST: usize = 1 << 18;
+        let Inner {
+            scene, fit, values, ..
+        } = &*self.0;
+        let is_field = fit.field_size() == Some(size) && size.0 * size.1 <= MOST;
+        if let Some(values) = values.get().filter(|_| is_field) {
+            return values.into();
+        }
+        let mut found = scene.combine(size, &fit.weights);
+        if let Some(smooth) = fit.smooth() {
+            smooth.add_to(size, &mut found);
+        }
+        if is_field {
+            values.get_or_init(|| found).into()
+        } else {
+            found.into()
+        }
     }
 
     /// For every given observation, its depth minus the fitted depth, before clamping (after it if a logarithm

@@ -4,7 +4,7 @@
 use crate::completion::Completion;
 use crate::error::{FitError, Result, SettingsError};
 use crate::fit::student::{self, ONE_DEVIATION};
-use crate::fit::{CLUES, Clues, FitMethod, Knot, LocalNoise, Smooth, smoothed};
+use crate::fit::{CLUES, Clues, FitMethod, Knot, LocalNoise, Smooth, Window};
 use crate::image::check_size;
 use crate::map::DepthMap;
 use crate::nearest::Cells;
@@ -112,11 +112,11 @@ impl Completion {
             .iter()
             .map(|d| f64::from(*d) / mean)
             .collect();
-        let window = WINDOW * ((height * width) as f64).sqrt();
+        let window = Window::new(WINDOW * ((height * width) as f64).sqrt());
         let squares: Vec<f64> = depth.iter().map(|d| d * d).collect();
-        let means = smoothed(&depth, width, window);
-        let squares = smoothed(&squares, width, window);
-        let edges = smoothed(&affinities.logarithms(), width, window);
+        let means = window.means(&depth, width);
+        let squares = window.means(&squares, width);
+        let edges = window.means(&affinities.logarithms(), width);
         let whole = fit.noise().sqrt().max(LEAST_NOISE * mean);
         let (right, down) = (
             scene.width() as f64 / width as f64,

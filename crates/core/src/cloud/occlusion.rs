@@ -2,44 +2,30 @@
 
 use super::surface::NEARER;
 use rayon::prelude::*;
+use std::f64::consts::TAU;
 
-/// The number of sectors around a point, and in how many of them nearer points must lie for it to be
-/// occluded. At a straight edge, they lie in half of the sectors.
-const SECTORS: usize = 8;
-const HIDING: u32 = 6;
-/// Half the side of the window, in mean distances between points, and its bounds in pixels: where points are
-/// farther apart, the space between them may really be open.
-const REACH: f64 = 3.0;
-const BOUNDS: (usize, usize) = (1, 12);
+/// Nearer points hide a point if the largest angle between two directions to them, as seen from it, is below this.
+/// Inside the outline of an object it is at most a half turn. Between the outermost points of an object and its
+/// outline, and as far outside, nothing distinguishes a hidden point from one that is seen: one too many harms a
+/// map more than one too few. Where no point lies in the open direction, it is not known what surface ends there.
+const OPEN: f64 = 250.0 / 360.0 * TAU;
+const OPEN_TO_NOTHING: f64 = 0.5 * TAU;
+/// Fewer nearer points are no surface.
+const FEWEST: usize = 3;
+/// The radius of the window, in mean distances between points, and its bounds in pixels: where points are farther
+/// apart, the space between them may really be open.
+const REACH: f64 = 2.5;
+const BOUNDS: (f64, f64) = (1.5, 12.0);
 
 /// Removes occluded points and returns their number. A point is occluded if nearer points surround it (after
 /// Pintus, Gobbetti and Agus 2011, "Real-time rendering of massive unstructured raw point clouds using
-/// screen-space operators", but counting sectors instead of measuring angles).
+/// screen-space operators"), unless they lie on a slope with it.
 pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
-    let height = depths.len() / width.max(1);
-    let reach = reach(width, depths);
-    let directions = Directions::new(reach);
+    let window = Window::new(reach(width, depths));
     let seen: &[f32] = depths;
     let hidden: Vec<usize> = (0..depths.len())
         .into_par_iter()
-        .filter(|&i| {
-            let depth = seen[i];
-            if depth == 0.0 {
-                return false;
-            }
-            let (x, y) = (i % width, i / width);
-            let (left, right) = (x.saturating_sub(reach), (x + reach).min(width - 1));
-            let mut sectors = 0_u8;
-            for row in y.saturating_sub(reach)..=(y + reach).min(height - 1) {
-                for column in left..=right {
-                    let other = seen[row * width + column];
-                    if other > 0.0 && other < depth * (1.0 - NEARER) {
-                        sectors |= 1 << directions.sector(column + reach - x, row + reach - y);
-                    }
-                }
-            }
-            sectors.count_ones() >= HIDING
-        })
+        .filter(|&i| seen[i] > 0.0 && window.hides(seen, width, i))
         .collect();
     for &i in &hidden {
         depths[i] = 0.0;
@@ -47,8 +33,8 @@ pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
     hidden.len()
 }
 
-/// Half the side of the window, from the density of the points in the areas that have any.
-fn reach(width: usize, depths: &[f32]) -> usize {
+/// The radius of the window, from the density of the points in the areas that have any.
+fn reach(width: usize, depths: &[f32]) -> f64 {
     /// Cells of that many pixels a side are covered or not.
     const CELL: usize = 16;
     let across = width.div_ceil(CELL);
@@ -62,33 +48,105 @@ fn reach(width: usize, depths: &[f32]) -> usize {
     }
     let area = covered.iter().filter(|&&c| c).count() * CELL * CELL;
     let distance = (area as f64 / points.max(1) as f64).sqrt();
-    ((REACH * distance).round() as usize).clamp(BOUNDS.0, BOUNDS.1)
+    (REACH * distance).clamp(BOUNDS.0, BOUNDS.1)
 }
 
-/// The sector of each position in the window.
-struct Directions {
-    side: usize,
-    sectors: Vec<u8>,
+/// The pixels around one.
+struct Window(Vec<Place>);
+
+/// A pixel, as seen from another.
+struct Place {
+    right: isize,
+    down: isize,
+    distance: f64,
+    direction: f64,
 }
 
-impl Directions {
-    fn new(reach: usize) -> Self {
-        let side = 2 * reach + 1;
-        let sector = |i: usize| {
-            let x = (i % side) as f64 - reach as f64;
-            let y = (i / side) as f64 - reach as f64;
-            let turn = y.atan2(x) / std::f64::consts::TAU + 0.5;
-            ((turn * SECTORS as f64) as usize % SECTORS) as u8
-        };
-        Self {
-            side,
-            sectors: (0..side * side).map(sector).collect(),
+/// A point in the window.
+struct Other<'a> {
+    place: &'a Place,
+    /// How much larger its inverse depth is, a pixel; on a plane, that of the opposite direction is as much
+    /// smaller.
+    slope: f64,
+}
+
+impl Window {
+    fn new(reach: f64) -> Self {
+        let most = reach as isize;
+        let row = |down: isize| (-most..=most).map(move |right| (right, down));
+        let places = (-most..=most).flat_map(row).map(|(right, down)| Place {
+            right,
+            down,
+            distance: (right as f64).hypot(down as f64),
+            direction: (down as f64).atan2(right as f64),
+        });
+        let inside = |place: &Place| place.distance > 0.0 && place.distance <= reach;
+        Self(places.filter(inside).collect())
+    }
+
+    /// Whether the points around a point hide it.
+    fn hides(&self, depths: &[f32], width: usize, pixel: usize) -> bool {
+        /// Off the middle of the widest opening.
+        const AHEAD: f64 = TAU / 6.0;
+        let depth = depths[pixel];
+        let (x, y) = ((pixel % width) as isize, (pixel / width) as isize);
+        let (mut nearer, mut farther, mut beyond) = (Vec::new(), Vec::new(), Vec::new());
+        for place in &self.0 {
+            let (column, row) = (x + place.right, y + place.down);
+            if !(0..width as isize).contains(&column) || row < 0 {
+                continue;
+            }
+            let other = depths.get(row as usize * width + column as usize);
+            let Some(&other) = other.filter(|other| **other > 0.0) else {
+                continue;
+            };
+            let rise = f64::from(other).recip() - f64::from(depth).recip();
+            let slope = rise / place.distance;
+            if other < depth * (1.0 - NEARER) {
+                nearer.push(Other { place, slope });
+                continue;
+            }
+            beyond.push(place.direction);
+            if other > depth {
+                farther.push(Other { place, slope });
+            }
         }
+        nearer.retain(|near| !farther.iter().any(|far| near.continues(far)));
+        let mut directions: Vec<f64> = nearer.iter().map(|near| near.place.direction).collect();
+        directions.sort_by(f64::total_cmp);
+        let (Some(&first), Some(&last)) = (directions.first(), directions.last()) else {
+            return false;
+        };
+        let gaps = directions.array_windows().map(|&[a, b]| (b - a, a));
+        let (open, from) = gaps.fold((first + TAU - last, last), |widest, gap| {
+            if gap.0 > widest.0 { gap } else { widest }
+        });
+        let is_ahead = |direction: &f64| turn(*direction, from + 0.5 * open) < AHEAD;
+        let most = if beyond.iter().any(is_ahead) {
+            OPEN
+        } else {
+            OPEN_TO_NOTHING
+        };
+        directions.len() >= FEWEST && open < most
     }
+}
 
-    fn sector(&self, column: usize, row: usize) -> u8 {
-        self.sectors[row * self.side + column]
+impl Other<'_> {
+    /// Whether a farther point on the other side lies on a slope with this one.
+    fn continues(&self, far: &Self) -> bool {
+        /// Radians off the opposite direction.
+        const ASIDE: f64 = TAU / 12.0;
+        /// Of the slope towards the nearer point.
+        const LEAST: f64 = 0.5;
+        let turn = turn(self.place.direction, far.place.direction);
+        turn > 0.5 * TAU - ASIDE && -far.slope > LEAST * self.slope
     }
+}
+
+/// The angle between two directions, up to a half turn.
+fn turn(a: f64, b: f64) -> f64 {
+    let turn = (a - b).rem_euclid(TAU);
+    turn.min(TAU - turn)
 }
 
 #[cfg(test)]
@@ -102,6 +160,9 @@ mod tests {
         const SIZE: usize = 120;
         let within = |x: usize, y: usize, margin: usize| {
             (30 + margin..90 - margin).contains(&x) && (40 + margin..80 - margin).contains(&y)
+        };
+        let beside = |x: usize, y: usize, margin: usize| {
+            (30 - margin..90 + margin).contains(&x) && (40 - margin..80 + margin).contains(&y)
         };
         for step in [2, 5, 8] {
             let mut depths = vec![0.0; SIZE * SIZE];
@@ -118,10 +179,10 @@ mod tests {
             remove_hidden(SIZE, &mut depths);
             for (i, (before, after)) in before.iter().zip(&depths).enumerate() {
                 let (x, y) = (i % SIZE, i / SIZE);
-                // In a ring about the box's edge either is right.
+                // Next to the box's edge either is right.
                 if *before == 5.0 && within(x, y, step + 2) {
                     assert_eq!(*after, 0.0, "{step}: through the box at {x}, {y}");
-                } else if !within(x, y, 0) || *before == 2.0 {
+                } else if !beside(x, y, step + step / 2) || *before == 2.0 {
                     assert_eq!(before, after, "{step}: {x}, {y}");
                 }
             }

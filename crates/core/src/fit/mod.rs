@@ -17,6 +17,7 @@ mod space;
 pub mod student;
 #[cfg(test)]
 mod tests;
+mod window;
 
 pub use affinities::{Affinities, Scene, Smooth};
 pub use config::{FitConfig, FitMethod, PriorKind};
@@ -25,13 +26,13 @@ pub use errors::{CLUES, Clues, ErrorModel, KNOTS, Knot, Sample};
 pub use joint::{Adjoint, Gradients, JointConfig, Variances};
 pub use lstsq::{Moments, Problem, Solution, Solver, dot};
 pub use noise::LocalNoise;
-pub(crate) use noise::smoothed;
 pub use outcome::{Fit, RANGE, root_mean_square};
 pub use points::{Bases, Functions, Points};
 pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use robust::{Judgement, Loss, Robust};
 pub use shrink::{COUNTS, Lambda};
 pub use space::Space;
+pub(crate) use window::Window;
 
 use crate::error::{FitError, Result};
 use joint::{FieldEstimator, FieldFit};

@@ -1,7 +1,7 @@
 //! Local noise: how far depths deviate from the fit around each pixel.
 
+use super::window::Window;
 use super::{Fit, root_mean_square};
-use rayon::prelude::*;
 
 /// The variance of depths about a fit, which varies across the image, because what basis functions cannot
 /// represent is large in some areas and small in others. Around a pixel, it is the sum of squared residuals
@@ -59,10 +59,11 @@ impl LocalNoise {
                 freedom[at] += 1.0;
             }
         }
-        let kernel = gaussian(window / side);
-        for map in [&mut squares, &mut freedom] {
-            *map = blurred(&blurred(map, columns, &kernel), rows, &kernel);
-        }
+        let window = Window::new(window / side);
+        let (squares, freedom) = (
+            window.sums(&squares, columns),
+            window.sums(&freedom, columns),
+        );
         let pairs = squares.iter().zip(&freedom);
         Self {
             values: pairs.map(|(s, f)| (s + fit.noise) / (f + 1.0)).collect(),
@@ -96,43 +97,6 @@ impl LocalNoise {
         };
         row(top) + down * (row(bottom) - row(top))
     }
-}
-
-/// The mean around each pixel of rows of `width` values, under a Gaussian window with this standard deviation in
-/// pixels, which ends at the border.
-pub(crate) fn smoothed(values: &[f64], width: usize, deviation: f64) -> Vec<f64> {
-    let height = values.len() / width.max(1);
-    let kernel = gaussian(deviation);
-    let around = |values: &[f64]| blurred(&blurred(values, width, &kernel), height, &kernel);
-    let sums = around(values);
-    let shares = around(&vec![1.0; values.len()]);
-    sums.iter()
-        .zip(shares)
-        .map(|(sum, share)| sum / share)
-        .collect()
-}
-
-/// exp(-x^2 / 2 sd^2) for x = 0, 1, ... up to four standard deviations.
-fn gaussian(deviation: f64) -> Vec<f64> {
-    let reach = (4.0 * deviation).ceil() as usize;
-    let value = |x: usize| (-0.5 * (x as f64 / deviation).powi(2)).exp();
-    (0..=reach).map(value).collect()
-}
-
-/// Rows of `length` values under a symmetric window, transposed.
-fn blurred(values: &[f64], length: usize, kernel: &[f64]) -> Vec<f64> {
-    let rows = values.len() / length;
-    let mut out = vec![0.0; values.len()];
-    out.par_chunks_mut(rows)
-        .enumerate()
-        .for_each(|(x, column)| {
-            for (y, out) in column.iter_mut().enumerate() {
-                let row = &values[y * length..][..length];
-                let near = x.saturating_sub(kernel.len() - 1)..(x + kernel.len()).min(length);
-                *out = near.map(|i| row[i] * kernel[i.abs_diff(x)]).sum();
-            }
-        });
-    out
 }
 
 #[cfg(test)]

@@ -79,6 +79,11 @@ impl Fit {
         self.field.as_ref().map(|field| &field.smooth)
     }
 
+    /// Height and width of that field.
+    pub(crate) fn field_size(&self) -> Option<(usize, usize)> {
+        self.field.as_ref().map(|field| field.size)
+    }
+
     /// Root mean square of the residuals, in metres.
     pub fn rms(&self) -> f64 {
         root_mean_square(&self.residuals)

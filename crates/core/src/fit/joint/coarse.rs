@@ -1,5 +1,7 @@
 //! A coarse grid of pixels, for what varies slowly.
 
+use rayon::prelude::*;
+
 /// About how many pixels the grid has at most.
 const MOST: f64 = 1100.0;
 
@@ -42,18 +44,22 @@ impl Coarse {
                 .fold(f64::MIN_POSITIVE, |most: f64, v| most.max(*v));
         let logs: Vec<f64> = values.iter().map(|value| value.max(least).ln()).collect();
         let width = self.columns.len();
-        let mut map = Vec::with_capacity(self.size.0 * self.size.1);
-        for y in 0..self.size.0 {
+        let across: Vec<_> = (0..self.size.1)
+            .map(|x| self.between(x, &self.columns))
+            .collect();
+        let mut map = vec![0.0; self.size.0 * self.size.1];
+        let rows = map.par_chunks_mut(self.size.1.max(1)).enumerate();
+        rows.for_each(|(y, values)| {
             let (top, bottom, down) = self.between(y, &self.rows);
-            for x in 0..self.size.1 {
-                let (left, right, across) = self.between(x, &self.columns);
-                let row = |row: usize| {
-                    let row = &logs[row * width..];
-                    row[left] + across * (row[right] - row[left])
-                };
-                map.push((row(top) + down * (row(bottom) - row(top))).exp());
+            let pairs = logs[top * width..].iter().zip(&logs[bottom * width..]);
+            let row: Vec<f64> = pairs
+                .take(width)
+                .map(|(top, bottom)| top + down * (bottom - top))
+                .collect();
+            for (value, &(left, right, across)) in values.iter_mut().zip(&across) {
+                *value = (row[left] + across * (row[right] - row[left])).exp();
             }
-        }
+        });
         map
     }
 
