@@ -4,12 +4,18 @@ use super::surface::NEARER;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// Nearer points hide a point if the largest angle between two directions to them, as seen from it, is below this.
-/// Inside the outline of an object it is at most a half turn. Between the outermost points of an object and its
-/// outline, and as far outside, nothing distinguishes a hidden point from one that is seen: one too many harms a
-/// map more than one too few. Where no point lies in the open direction, it is not known what surface ends there.
+/// A point is surrounded by nearer ones if the largest angle between two directions to them, as seen from it, is
+/// below this.
+const SURROUNDED: f64 = 140.0 / 360.0 * TAU;
+/// Inside the outline of an object that angle is at most a half turn. Between the outermost points of an object and
+/// its outline, and as far outside, nothing distinguishes an occluded point from one that is seen. Where any are
+/// occluded, one too many harms a map more than one too few. Where no point lies in the open direction, it is not
+/// known what surface ends there.
 const OPEN: f64 = 250.0 / 360.0 * TAU;
 const OPEN_TO_NOTHING: f64 = 0.5 * TAU;
+/// The share of these that must be surrounded. It is about a half in a cloud of a scanner beside the camera and a
+/// tenth, at inner edges, where the camera has seen all points.
+const SHARE: f64 = 0.3;
 /// Fewer nearer points are no surface.
 const FEWEST: usize = 3;
 /// The radius of the window, in mean distances between points, and its bounds in pixels: where points are farther
@@ -23,11 +29,16 @@ const BOUNDS: (f64, f64) = (1.5, 12.0);
 pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
     let window = Window::new(reach(width, depths));
     let seen: &[f32] = depths;
-    let hidden: Vec<usize> = (0..depths.len())
-        .into_par_iter()
-        .filter(|&i| seen[i] > 0.0 && window.hides(seen, width, i))
-        .collect();
-    for &i in &hidden {
+    let found = (0..depths.len()).into_par_iter().filter_map(|i| {
+        let enclosed = window.enclosed(seen, width, i);
+        enclosed.map(|surrounded| (i, surrounded))
+    });
+    let mut hidden: Vec<(usize, bool)> = found.collect();
+    let surrounded = hidden.iter().filter(|(_, surrounded)| *surrounded).count();
+    if (surrounded as f64) < SHARE * hidden.len() as f64 {
+        hidden.retain(|(_, surrounded)| *surrounded);
+    }
+    for &(i, _) in &hidden {
         depths[i] = 0.0;
     }
     hidden.len()
@@ -84,11 +95,14 @@ impl Window {
         Self(places.filter(inside).collect())
     }
 
-    /// Whether the points around a point hide it.
-    fn hides(&self, depths: &[f32], width: usize, pixel: usize) -> bool {
+    /// Whether nearer points surround a point, if it lies between them or next to their outline.
+    fn enclosed(&self, depths: &[f32], width: usize, pixel: usize) -> Option<bool> {
         /// Off the middle of the widest opening.
         const AHEAD: f64 = TAU / 6.0;
         let depth = depths[pixel];
+        if depth <= 0.0 {
+            return None;
+        }
         let (x, y) = ((pixel % width) as isize, (pixel / width) as isize);
         let (mut nearer, mut farther, mut beyond) = (Vec::new(), Vec::new(), Vec::new());
         for place in &self.0 {
@@ -114,9 +128,7 @@ impl Window {
         nearer.retain(|near| !farther.iter().any(|far| near.continues(far)));
         let mut directions: Vec<f64> = nearer.iter().map(|near| near.place.direction).collect();
         directions.sort_by(f64::total_cmp);
-        let (Some(&first), Some(&last)) = (directions.first(), directions.last()) else {
-            return false;
-        };
+        let (&first, &last) = (directions.first()?, directions.last()?);
         let gaps = directions.array_windows().map(|&[a, b]| (b - a, a));
         let (open, from) = gaps.fold((first + TAU - last, last), |widest, gap| {
             if gap.0 > widest.0 { gap } else { widest }
@@ -127,7 +139,7 @@ impl Window {
         } else {
             OPEN_TO_NOTHING
         };
-        directions.len() >= FEWEST && open < most
+        (directions.len() >= FEWEST && open < most).then_some(open < SURROUNDED)
     }
 }
 

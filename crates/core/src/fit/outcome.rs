@@ -221,7 +221,7 @@ pub(super) fn leave_one_out(residuals: &[f64], leverages: &[f64], field: bool) -
 }
 
 /// A smaller 1 - leverage is rounding error.
-fn least_freedom(field: bool) -> f64 {
+pub(super) fn least_freedom(field: bool) -> f64 {
     if field { 1e-9 } else { 1e-3 }
 }
 

@@ -191,6 +191,24 @@ impl Rows<'_> {
         self.space != Space::Log
     }
 
+    /// These points with other values, and no basis functions but one that is 0. `places` are theirs.
+    pub(super) fn alone<'b>(
+        &self,
+        points: &[usize],
+        places: &'b [[f64; 2]],
+        values: Vec<f64>,
+        zeros: &'b [f32],
+    ) -> Rows<'b> {
+        Rows {
+            bases: Bases::Rows(zeros),
+            values,
+            weights: points.iter().map(|&i| self.weights[i]).collect(),
+            variances: points.iter().map(|&i| self.variances[i]).collect(),
+            places: Some(places),
+            space: self.space,
+        }
+    }
+
     pub(super) fn residuals(&self, weights: &[f64]) -> Vec<f64> {
         let model = match self.bases {
             Bases::Rows(rows) => {

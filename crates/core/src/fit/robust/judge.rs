@@ -1,6 +1,7 @@
 //! Points judged by one another, whatever is fitted to them.
 
 use super::local::Local;
+use super::medians::{deviation, median};
 use super::mixture::{Evidence, Judgement, judge as judge_all};
 use super::refit::Refit;
 use super::reweighted::reweighted;
@@ -10,7 +11,11 @@ use crate::field::MOST;
 use crate::fit::joint::FieldEstimator;
 use crate::fit::points::Rows;
 use crate::fit::{Estimate, Estimator};
+use crate::nearest::Cells;
 use rayon::prelude::*;
+
+/// More points than this are judged by the field alone.
+const CLOSE: usize = 5_000;
 
 /// Judges each point by the others. `plain` is the fit to all of them.
 ///
@@ -22,7 +27,13 @@ pub(in crate::fit) fn judge(
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
     match estimator {
-        Estimator::Field(field) => in_blocks(rows, field, plain.lambda),
+        Estimator::Field(field) => in_order(rows, |order| {
+            if order.len() > CLOSE {
+                close(rows, order, field, plain)
+            } else {
+                by_covariances(rows, order, field, plain.lambda)
+            }
+        }),
         Estimator::Plain(_) | Estimator::Shrunk(..) => {
             let all: Vec<usize> = (0..rows.values.len()).collect();
             let points = evidence(rows, &all, 1.0);
@@ -39,40 +50,85 @@ pub(in crate::fit) fn judge(
     }
 }
 
-/// Points near one another, as many as covariances are cheap for, at a time.
-fn in_blocks(
+/// Judges points in an order that does not depend on the one in which they are given.
+fn in_order(
     rows: &Rows<'_>,
-    field: FieldEstimator<'_>,
-    lambda: Option<f64>,
+    judge: impl Fn(&[usize]) -> Result<Vec<Judgement>>,
 ) -> Result<Vec<Judgement>> {
     let places = rows.places.unwrap_or_default();
-    // The order in which points are given does not matter.
     let mut order: Vec<usize> = (0..places.len()).collect();
     let key = |i: usize| [places[i][1], places[i][0], rows.values[i], rows.weights[i]];
-    order.sort_by(|&a, &b| {
+    order.par_sort_by(|&a, &b| {
         let keys = key(a).into_iter().zip(key(b));
         let unlike = keys.map(|(a, b)| a.total_cmp(&b)).find(|o| o.is_ne());
         unlike.unwrap_or(a.cmp(&b))
     });
-    let mut blocks = Vec::new();
-    split(order, places, &mut blocks);
-    let judged: Vec<Result<Vec<Judgement>>> = blocks
-        .par_iter()
-        .map(|block| {
-            let points = evidence(rows, block, field.joint.data);
-            let covariance = field.covariance(rows, block, lambda)?;
-            let own: Vec<[f64; 2]> = block.iter().map(|&i| places[i]).collect();
-            let local = Local::new(&points.values, &own, &covariance);
-            judge_all(&points, &points.noise, &local)
-        })
+    let mut judged: Vec<_> = order.iter().copied().zip(judge(&order)?).collect();
+    judged.par_sort_by_key(|(i, _)| *i);
+    Ok(judged.into_iter().map(|(_, judgement)| judgement).collect())
+}
+
+/// The field alone predicts each of very many points from those next to it; what basis functions say, they say of
+/// all.
+fn close(
+    rows: &Rows<'_>,
+    order: &[usize],
+    field: FieldEstimator<'_>,
+    plain: &Estimate,
+) -> Result<Vec<Judgement>> {
+    let points = evidence(rows, order, field.joint.data);
+    let rests = rows.residuals(&plain.solution.weights);
+    let rests = order.iter().map(|&i| rests[i]).collect();
+    let zeros = vec![0.0; order.len()];
+    let places = points.places.as_deref().unwrap_or_default();
+    let rests = rows.alone(order, places, rests, &zeros);
+    let estimator = Estimator::Field(FieldEstimator {
+        prior: None,
+        ridges: &[],
+        ..field
+    });
+    // A mean of many cannot tell the right ones from the wrong ones, a median can.
+    let off = off_neighbours(&rests);
+    let scale = deviation(&off).max(f64::MIN_POSITIVE);
+    let pairs = points.noise.iter().zip(&off);
+    let start: Vec<f64> = pairs
+        .map(|(noise, off)| noise * (1.0 + (off / scale).powi(2)))
         .collect();
-    let mut all = vec![None; places.len()];
-    for (block, judged) in blocks.iter().zip(judged) {
-        for (&i, judgement) in block.iter().zip(judged?) {
-            all[i] = Some(judgement);
-        }
-    }
-    Ok(all.into_iter().flatten().collect())
+    let rows = &rests;
+    judge_all(&points, &start, &Refit { rows, estimator })
+}
+
+/// Each value minus the median of its neighbours'.
+fn off_neighbours(rows: &Rows<'_>) -> Vec<f64> {
+    const COUNT: usize = 8;
+    let places = rows.places.unwrap_or_default();
+    let cells = Cells::new(places);
+    let pairs = places.par_iter().zip(&rows.values).enumerate();
+    let off = pairs.map(|(i, (&place, value))| {
+        let near = cells.nearest(place, COUNT + 1).into_iter();
+        let others = near.filter(|(_, j)| *j != i).take(COUNT);
+        value - median(others.map(|(_, j)| rows.values[j]))
+    });
+    off.collect()
+}
+
+/// Points are predicted by the nearest of those in their block, which is as large as covariances are cheap for.
+fn by_covariances(
+    rows: &Rows<'_>,
+    order: &[usize],
+    field: FieldEstimator<'_>,
+    lambda: Option<f64>,
+) -> Result<Vec<Judgement>> {
+    let points = evidence(rows, order, field.joint.data);
+    let places = points.places.as_deref().unwrap_or_default();
+    let mut blocks = Vec::new();
+    split((0..places.len()).collect(), places, &mut blocks);
+    let covariance = |block: &[usize]| {
+        let block: Vec<usize> = block.iter().map(|&i| order[i]).collect();
+        field.covariance(rows, &block, lambda)
+    };
+    let local = Local::new(&points.values, places, &blocks, covariance)?;
+    judge_all(&points, &points.noise, &local)
 }
 
 /// Halves points across their longer side until there are few enough.

@@ -29,31 +29,39 @@ struct Surroundings {
 }
 
 impl<'a> Local<'a> {
-    /// Points at `places`, with the covariances of their values before noise.
-    pub(super) fn new(values: &'a [f64], places: &[[f64; 2]], covariance: &Mat<f64>) -> Self {
-        let cells = Cells::new(places);
-        let around = |(i, place): (usize, &[f64; 2])| {
-            let found = cells.nearest(*place, NEAREST + 1).into_iter();
-            let others = found.map(|(_, j)| j).filter(|&j| j != i);
-            let nearest: Vec<usize> = others.take(NEAREST).collect();
-            let rows = nearest.iter().enumerate();
-            let row = |(k, &j): (usize, &usize)| {
-                nearest[..=k]
-                    .iter()
-                    .map(move |&other| covariance[(j, other)])
-            };
-            Surroundings {
-                covariance: rows.flat_map(row).collect(),
-                across: nearest.iter().map(|&j| covariance[(i, j)]).collect(),
-                variance: covariance[(i, i)],
-                nearest,
-            }
+    /// Points with such `values`, each of which is in one of the `blocks`; it is predicted by others in its block.
+    /// `covariance` finds the covariances of the values of a block before noise.
+    ///
+    /// # Errors
+    /// Those of `covariance`.
+    pub(super) fn new(
+        values: &'a [f64],
+        places: &[[f64; 2]],
+        blocks: &[Vec<usize>],
+        covariance: impl Fn(&[usize]) -> Result<Mat<f64>> + Sync,
+    ) -> Result<Self> {
+        let surroundings = |block: &Vec<usize>| {
+            let own: Vec<[f64; 2]> = block.iter().map(|&i| places[i]).collect();
+            let found = Surroundings::all(&own, &covariance(block)?);
+            Ok(block
+                .iter()
+                .copied()
+                .zip(found.into_iter().map(|mut point| {
+                    for j in &mut point.nearest {
+                        *j = block[*j];
+                    }
+                    point
+                }))
+                .collect())
         };
-        let points = places.par_iter().enumerate().map(around);
-        Self {
+        let found: Result<Vec<Vec<(usize, Surroundings)>>> =
+            blocks.par_iter().map(surroundings).collect();
+        let mut points: Vec<(usize, Surroundings)> = found?.into_iter().flatten().collect();
+        points.sort_by_key(|(i, _)| *i);
+        Ok(Self {
             values,
-            points: points.collect(),
-        }
+            points: points.into_iter().map(|(_, point)| point).collect(),
+        })
     }
 }
 
@@ -70,6 +78,29 @@ impl Predict for Local<'_> {
 }
 
 impl Surroundings {
+    /// The surroundings of all points at such `places`, with the covariances of their values.
+    fn all(places: &[[f64; 2]], covariance: &Mat<f64>) -> Vec<Self> {
+        let cells = Cells::new(places);
+        let around = |(i, place): (usize, &[f64; 2])| {
+            let found = cells.nearest(*place, NEAREST + 1).into_iter();
+            let others = found.map(|(_, j)| j).filter(|&j| j != i);
+            let nearest: Vec<usize> = others.take(NEAREST).collect();
+            let rows = nearest.iter().enumerate();
+            let row = |(k, &j): (usize, &usize)| {
+                nearest[..=k]
+                    .iter()
+                    .map(move |&other| covariance[(j, other)])
+            };
+            Self {
+                covariance: rows.flat_map(row).collect(),
+                across: nearest.iter().map(|&j| covariance[(i, j)]).collect(),
+                variance: covariance[(i, i)],
+                nearest,
+            }
+        };
+        places.par_iter().enumerate().map(around).collect()
+    }
+
     /// The expected value of the point, and its variance, given noisy values of the nearest others (simple
     /// kriging).
     fn predict(&self, values: &[f64], noise: &[f64]) -> (f64, f64) {
@@ -134,7 +165,9 @@ mod tests {
         });
         let values: Vec<f64> = (0..N).map(|i| (i as f64 * 1.7).cos()).collect();
         let noise: Vec<f64> = (0..N).map(|i| 0.1 + i as f64 * 0.05).collect();
-        let found = Local::new(&values, &places, &covariance)
+        let block: Vec<usize> = (0..N).collect();
+        let found = Local::new(&values, &places, &[block], |_| Ok(covariance.clone()))
+            .unwrap()
             .predict(&noise)
             .unwrap();
 

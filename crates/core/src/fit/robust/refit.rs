@@ -3,10 +3,10 @@
 use super::mixture::{Predict, Predictions};
 use crate::error::Result;
 use crate::fit::Estimator;
-use crate::fit::outcome::leave_one_out;
+use crate::fit::outcome::{least_freedom, leave_one_out};
 use crate::fit::points::Rows;
 
-/// A fit without a field, in closed form without each point.
+/// A fit to all points, in closed form without each of them.
 pub(super) struct Refit<'a> {
     pub(super) rows: &'a Rows<'a>,
     pub(super) estimator: Estimator<'a>,
@@ -14,20 +14,18 @@ pub(super) struct Refit<'a> {
 
 impl Predict for Refit<'_> {
     fn predict(&self, noise: &[f64]) -> Result<Predictions> {
-        /// Less freedom than this is rounding.
-        const LEAST: f64 = 1e-3;
-        let weights: Vec<f64> = noise.iter().map(|v| v.recip()).collect();
+        let data = self.estimator.data();
+        let field = matches!(self.estimator, Estimator::Field(_));
+        let weights: Vec<f64> = noise.iter().map(|v| (data * v).recip()).collect();
         let estimate = self.estimator.solve(self.rows, &weights)?;
-        let spreads = estimate.solution.spreads(&self.rows.bases());
-        let pairs = spreads.iter().zip(&weights);
-        let leverages: Vec<f64> = pairs
-            .clone()
-            .map(|(s, w)| (s * w).clamp(0.0, 1.0))
-            .collect();
-        let left = leverages.iter().map(|h| (1.0 - h).max(LEAST));
+        let leverages = estimate.leverages(self.rows, &weights);
+        let least = least_freedom(field);
+        let pairs = leverages.iter().zip(noise);
         Ok(Predictions {
-            errors: leave_one_out(&estimate.rests, &leverages, false),
-            variances: spreads.iter().zip(left).map(|(s, left)| s / left).collect(),
+            variances: pairs
+                .map(|(h, noise)| h * noise / (1.0 - h).max(least))
+                .collect(),
+            errors: leave_one_out(&estimate.rests, &leverages, field),
         })
     }
 }

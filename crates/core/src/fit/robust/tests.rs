@@ -154,11 +154,15 @@ impl Slope {
         let strengths: Vec<f32> = strengths.collect();
         let mut pixels: Vec<usize> = (0..HEIGHT * WIDTH).collect();
         rng.choose(&mut pixels, count);
-        pixels.truncate(count);
-        let places: Vec<[f64; 2]> = pixels
-            .iter()
-            .map(|p| [(p % WIDTH) as f64, (p / WIDTH) as f64])
-            .collect();
+        // All of them again where there are more points.
+        let pixels: Vec<usize> = pixels.into_iter().cycle().take(count).collect();
+        let within = |p: usize, rng: &mut Rng| {
+            let [x, y] = [p % WIDTH, p / WIDTH].map(|v| v as f64);
+            let several = count > HEIGHT * WIDTH;
+            let off = if several { rng.range(-0.4, 0.4) } else { 0.0 };
+            [x, y + f64::from(off)]
+        };
+        let places: Vec<[f64; 2]> = pixels.iter().map(|&p| within(p, &mut rng)).collect();
         let depth = |&[x, y]: &[f64; 2]| {
             let step = if x < (WIDTH / 2) as f64 { 0.0 } else { 1.0 };
             (2.0 + 0.01 * x + 0.005 * y + step) as f32
@@ -226,7 +230,7 @@ fn prior() -> Prior {
 
 #[test]
 fn wrong_points_are_found_and_lose_their_influence() {
-    for count in [150, 1200] {
+    for count in [150, 1200, 24_000] {
         let slope = Slope::new(count, 0.2);
         let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
         let wrong = (0..count).filter(|&i| slope.wrong(i)).count();
