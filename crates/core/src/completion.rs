@@ -1,8 +1,10 @@
 //! A fit and what is derived from it: depth at any position, residuals, outliers. Its standard deviations are in
 //! `uncertainty`.
 
+use crate::bilinear::Taps;
+use crate::detail::detail;
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, Judgement, RANGE, Smooth};
+use crate::fit::{Fit, FitMethod, Judgement, RANGE, Smooth, root_mean_square};
 use crate::guide::Guide;
 use crate::image::{check_rows, check_size};
 use crate::map::DepthMap;
@@ -25,6 +27,8 @@ struct Inner {
     scene: Scene,
     fit: Fit,
     usable: Usable,
+    /// What dense observations add to a map of an image that is larger than the field.
+    detail: Option<Smooth>,
     report: Report,
     leverages: OnceLock<Vec<f64>>,
     /// The fitted values at the pixels of the field, before they are converted to depths.
@@ -94,6 +98,18 @@ impl std::fmt::Debug for Completion {
     }
 }
 
+/// The residuals of a fit, less what a map has beside it at the observations.
+fn with_detail<'a>(fit: &'a Fit, usable: &Usable, detail: Option<&Smooth>) -> Cow<'a, [f64]> {
+    let Some(detail) = detail else {
+        return (&fit.residuals).into();
+    };
+    let pairs = fit.residuals.par_iter().zip(&usable.places);
+    let left = pairs.map(|(residual, &place)| {
+        residual - detail.read(&Taps::new(place, detail.size(), detail.size()))
+    });
+    left.collect::<Vec<_>>().into()
+}
+
 impl Completion {
     pub(crate) fn new(
         scene: Scene,
@@ -102,6 +118,11 @@ impl Completion {
         method: FitMethod,
         [network, fitting, field, solve]: [Duration; 4],
     ) -> Self {
+        let detail = scene.guide().and_then(|guide| {
+            let found = || detail(guide, &usable.places, &fit.residuals, &fit.point_weights);
+            scene.completer().run(found)
+        });
+        let residuals = with_detail(&fit, &usable, detail.as_ref());
         let report = Report {
             given: usable.given,
             used: usable.which.len(),
@@ -109,7 +130,7 @@ impl Completion {
             outside: usable.outside,
             without_deviation: usable.without,
             method,
-            residual: fit.rms(),
+            residual: root_mean_square(&residuals),
             rank: fit.rank,
             functions: fit.functions(),
             lambda: fit.lambda,
@@ -122,6 +143,7 @@ impl Completion {
             scene,
             fit,
             usable,
+            detail,
             report,
             leverages: OnceLock::new(),
             values: OnceLock::new(),
@@ -178,7 +200,9 @@ impl Completion {
     /// # Errors
     /// A position outside the image.
     pub fn at(&self, places: &[[f64; 2]]) -> Result<Vec<f32>> {
-        let Inner { scene, fit, .. } = &*self.0;
+        let Inner {
+            scene, fit, detail, ..
+        } = &*self.0;
         let (height, width) = scene.size();
         let inside = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
         let outside = places
@@ -200,8 +224,11 @@ impl Completion {
         let value = |(row, &place): (&[f32], &[f64; 2])| {
             let functions = row.iter().zip(&fit.weights).map(|(b, w)| f64::from(*b) * w);
             let smooth = fit.smooth().map_or(0.0, |smooth| smooth_at(smooth, place));
-            let value = functions.sum::<f64>() + smooth;
-            (fit.space.depth(value) as f32).clamp(low, high)
+            let depth = fit.space.depth(functions.sum::<f64>() + smooth);
+            let detail = detail.as_ref().map_or(0.0, |map| {
+                map.read(&Taps::new(place, map.size(), map.size()))
+            });
+            ((depth + detail) as f32).clamp(low, high)
         };
         Ok(rows
             .chunks_exact(columns.max(1))
@@ -218,7 +245,9 @@ impl Completion {
     }
 
     pub(crate) fn dense(&self, size: (usize, usize)) -> Vec<f32> {
-        let Inner { scene, fit, .. } = &*self.0;
+        let Inner {
+            scene, fit, detail, ..
+        } = &*self.0;
         scene.completer().run(|| {
             let solved = scene.guide().map_or(size, Guide::grid);
             let mut values = match (self.solved(solved), scene.guide()) {
@@ -226,9 +255,15 @@ impl Completion {
                 (values, None) => values.into_owned(),
             };
             let (low, high) = self.limits();
-            values.par_iter_mut().for_each(|value| {
-                *value = (fit.space.depth(f64::from(*value)) as f32).clamp(low, high);
-            });
+            let depth = |value: f32| fit.space.depth(f64::from(value)) as f32;
+            values
+                .par_iter_mut()
+                .for_each(|value| *value = depth(*value));
+            if let Some(detail) = detail {
+                detail.add_to(size, &mut values);
+            }
+            let clamped = |value: &mut f32| *value = value.clamp(low, high);
+            values.par_iter_mut().for_each(clamped);
             values
         })
     }
@@ -259,7 +294,13 @@ impl Completion {
     /// For every given observation, its depth minus the fitted depth, before clamping (after it if a logarithm
     /// or an inverse was fitted, which may stand for an infinite depth); NaN for those that were not used.
     pub fn residuals(&self) -> Vec<f64> {
-        self.0.usable.spread(&self.0.fit.residuals)
+        let Inner {
+            fit,
+            usable,
+            detail,
+            ..
+        } = &*self.0;
+        usable.spread(&with_detail(fit, usable, detail.as_ref()))
     }
 
     /// For every given observation, its depth minus the depth predicted by a fit to all other observations

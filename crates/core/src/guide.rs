@@ -53,6 +53,16 @@ impl Guide {
         })
     }
 
+    /// Height and width of the image.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    /// How alike the colours of two pixels of the image are, from 1 for equal ones towards 0.
+    pub fn likeness(&self, one: usize, other: usize) -> f32 {
+        likeness(square(colour(&self.image, one), colour(&self.image, other)))
+    }
+
     /// Height and width of the grid.
     pub fn grid(&self) -> (usize, usize) {
         self.grid

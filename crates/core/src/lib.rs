@@ -58,6 +58,7 @@ mod camera;
 pub mod cloud;
 mod completer;
 mod completion;
+mod detail;
 mod error;
 #[doc(hidden)]
 pub mod field;

@@ -17,6 +17,7 @@ pub(super) struct Engine<'a> {
     method: Loaded,
     /// Whether diagnostics are reported.
     explains: bool,
+    counts_outliers: bool,
 }
 
 enum Loaded {
@@ -89,6 +90,7 @@ impl<'a> Engine<'a> {
             args,
             method,
             explains: told || in_files || args.outliers,
+            counts_outliers: in_files || args.json,
         })
     }
 
@@ -148,12 +150,14 @@ impl<'a> Engine<'a> {
             .iter()
             .filter(|&&d| d <= low || d >= high)
             .count();
+        let judges = self.args.outliers
+            || self.counts_outliers && completion.report().used <= JUDGED_UNASKED;
         let wanted = self.args.uncertainty || self.args.max_sigma.is_some();
         let (width, height) = (depth.width(), depth.height());
         let deviations = wanted.then(|| completion.standard_deviation_at(width, height));
         let diagnostics = Diagnostics {
             leave_one_out: (self.explains.then(|| completion.leave_one_out_error())).flatten(),
-            outliers: self.explains.then(|| completion.outliers()).transpose()?,
+            outliers: judges.then(|| completion.outliers()).transpose()?,
             deviations: deviations.transpose()?,
             completion,
             dense,
@@ -161,6 +165,9 @@ impl<'a> Engine<'a> {
         Ok((depth, clamped, Some(diagnostics)))
     }
 }
+
+/// More points than this are judged only for `--outliers`: it takes several fits.
+const JUDGED_UNASKED: usize = 10_000;
 
 /// Checks that a fit can be drawn towards the weights of the frame before.
 fn check_temporal(fit: &FitConfig) -> Result<()> {

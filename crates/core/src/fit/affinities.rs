@@ -135,6 +135,10 @@ pub struct Smooth {
 impl Smooth {
     pub(crate) fn new((height, width): (usize, usize), values: &[f64]) -> Self {
         let values = values.iter().map(|&v| v as f32).collect();
+        Self::from_values((height, width), values)
+    }
+
+    pub(crate) fn from_values((height, width): (usize, usize), values: Vec<f32>) -> Self {
         Self {
             height,
             width,

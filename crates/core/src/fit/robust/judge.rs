@@ -15,7 +15,7 @@ use crate::nearest::Cells;
 use rayon::prelude::*;
 
 /// More points than this are judged by the field alone.
-const CLOSE: usize = 5_000;
+const CLOSE: usize = 10_000;
 
 /// Judges each point by the others. `plain` is the fit to all of them.
 ///
@@ -76,6 +76,8 @@ fn close(
     field: FieldEstimator<'_>,
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
+    /// Smaller differences, relative to depth, may be due to the unit in which depths are stored.
+    const ROUNDING: f64 = 1e-3;
     let points = evidence(rows, order, field.joint.data);
     let rests = rows.residuals(&plain.solution.weights);
     let rests = order.iter().map(|&i| rests[i]).collect();
@@ -89,7 +91,7 @@ fn close(
     });
     // A mean of many cannot tell the right ones from the wrong ones, a median can.
     let off = off_neighbours(&rests);
-    let scale = deviation(&off).max(f64::MIN_POSITIVE);
+    let scale = deviation(&off).max(ROUNDING * points.unit);
     let pairs = points.noise.iter().zip(&off);
     let start: Vec<f64> = pairs
         .map(|(noise, off)| noise * (1.0 + (off / scale).powi(2)))
