@@ -49,7 +49,9 @@ pub(crate) fn detail(
             .then(weights[a.1].total_cmp(&weights[b.1]))
     });
     let mut observed = vec![false; height * width];
-    order.iter().for_each(|&(pixel, _)| observed[pixel] = true);
+    for &(pixel, _) in &order {
+        observed[pixel] = true;
+    }
     order.retain(|&(pixel, _)| {
         let (mut count, mut all) = (0_u32, 0_u32);
         Window::new(pixel, width, height).each(|other, _| {

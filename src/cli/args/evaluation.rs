@@ -22,7 +22,7 @@ pub(in crate::cli) struct Eval {
     #[command(flatten)]
     pub(in crate::cli) draws: Draws,
     /// Sparse points: N, exactly:N, bernoulli:N, bernoulli-all:N, grid:STEP, lines:N, corners:N,
-    /// given, files:DIR [default: as in the protocol].
+    /// half:N, given, files:DIR [default: as in the protocol].
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
     pub(in crate::cli) points: Option<Pattern>,
     /// Corrupt the points: added:SHARE:METRES (add up to METRES to a share of them), outliers:SHARE (replace a
