@@ -6,6 +6,7 @@
 
 #![allow(unsafe_code)]
 
+pub mod attention;
 pub mod cholesky;
 pub mod conv;
 pub mod norm;

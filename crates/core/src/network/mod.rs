@@ -9,6 +9,7 @@
 mod affinity_net;
 mod colours;
 mod config;
+mod encoder;
 mod encoding;
 mod extractor;
 mod grid;
@@ -21,6 +22,7 @@ pub use colours::{CONTRAST, LEAST, MOST_CHANGE};
 pub use config::{
     CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
 };
+pub use encoder::{Encoder, EncoderConfig, Features, PATCH};
 pub use encoding::{channels, codes};
 
 use crate::error::{Error, WeightsError};

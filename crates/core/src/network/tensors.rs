@@ -52,6 +52,13 @@ impl<'a> Tensors<'a> {
         Ok(tensor.values())
     }
 
+    /// A tensor that may be there and is not needed.
+    pub(super) fn ignore(&self, name: &str) {
+        if let Some((name, _)) = self.all.get_key_value(name) {
+            self.used.borrow_mut().insert(name);
+        }
+    }
+
     /// Whether every tensor was used.
     pub(super) fn check_all_used(&self) -> Result<(), WeightsError> {
         let used = self.used.borrow();

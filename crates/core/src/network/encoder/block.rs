@@ -1,0 +1,121 @@
+//! A block of a transformer.
+
+use super::{EPSILON, EncoderConfig, share};
+use crate::error::WeightsError;
+use crate::network::tensors::Tensors;
+use lsdc_kernels::attention::{attention, gelu, layer_norm};
+use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
+use rayon::prelude::*;
+
+/// What blocks work with.
+#[derive(Clone, Copy)]
+pub(super) struct Room<'a> {
+    pub(super) level: Level,
+    pub(super) scratch: &'a Scratch,
+}
+
+#[derive(Debug)]
+pub(super) struct Block {
+    width: usize,
+    heads: usize,
+    /// Gain and shift of the normalisation before attention, and before the perceptron.
+    norms: [(Vec<f32>, Vec<f32>); 2],
+    /// To queries, keys and values.
+    queries: Packed,
+    /// From the answers of all heads; the scale of the layer is part of it, as of `second`.
+    mixed: Packed,
+    first: Packed,
+    second: Packed,
+}
+
+impl Block {
+    pub(super) fn new(
+        config: &EncoderConfig,
+        index: usize,
+        tensors: &Tensors<'_>,
+    ) -> Result<Self, WeightsError> {
+        let (width, hidden) = (config.width, config.hidden);
+        let name = |part: &str| format!("blocks.{index}.{part}");
+        let vector = |part: &str, length: usize| tensors.values(&name(part), &[length]);
+        let norm = |part: &str| -> Result<_, WeightsError> {
+            let gain = vector(&format!("{part}.weight"), width)?.to_vec();
+            Ok((gain, vector(&format!("{part}.bias"), width)?.to_vec()))
+        };
+        let linear = |part: &str, (depth, columns): (usize, usize), scale: Option<&str>| {
+            let weights = tensors.values(&name(&format!("{part}.weight")), &[columns, depth])?;
+            let bias = vector(&format!("{part}.bias"), columns)?;
+            let scales = match scale {
+                Some(scale) => vector(scale, columns)?.to_vec(),
+                None => vec![1.0; columns],
+            };
+            let bias: Vec<f32> = bias.iter().zip(&scales).map(|(b, s)| b * s).collect();
+            let at = |row: usize, column: usize| weights[column * depth + row] * scales[column];
+            Ok::<_, WeightsError>(Packed::new(tensors.level, (depth, columns), &bias, at))
+        };
+        Ok(Self {
+            width,
+            heads: config.heads,
+            norms: [norm("norm1")?, norm("norm2")?],
+            queries: linear("attn.qkv", (width, 3 * width), None)?,
+            mixed: linear("attn.proj", (width, width), Some("ls1.gamma"))?,
+            first: linear("mlp.fc1", (width, hidden), None)?,
+            second: linear("mlp.fc2", (hidden, width), Some("ls2.gamma"))?,
+        })
+    }
+
+    /// What attention answers to the tokens, head by head; `rows` takes queries, keys and values.
+    pub(super) fn attend(
+        &self,
+        room: Room<'_>,
+        tokens: &[f32],
+        rows: &mut [f32],
+        answers: &mut [f32],
+    ) {
+        let width = self.width;
+        let part = share(tokens.len() / width) * width;
+        let parts = rows.par_chunks_mut(3 * part);
+        parts.zip(tokens.par_chunks(part)).for_each(|(rows, x)| {
+            room.scratch.with(x.len(), |y| {
+                self.normalise(room, 0, x, y);
+                self.queries.apply(y, Tail::default(), rows);
+            });
+        });
+        let heads = (self.heads, width / self.heads);
+        attention(room.level, rows, heads, room.scratch, answers);
+    }
+
+    /// Adds to the tokens what attention answered, then what the perceptron makes of them.
+    pub(super) fn transform(&self, room: Room<'_>, answers: &[f32], tokens: &mut [f32]) {
+        let width = self.width;
+        let hidden = self.first.columns();
+        let part = share(tokens.len() / width) * width;
+        let parts = tokens.par_chunks_mut(part);
+        parts
+            .zip(answers.par_chunks(part))
+            .for_each(|(x, answers)| {
+                let count = x.len() / width;
+                room.scratch.with(count * (2 * width + hidden), |memory| {
+                    let (sum, memory) = memory.split_at_mut(count * width);
+                    let (y, inner) = memory.split_at_mut(count * width);
+                    self.mixed.apply(answers, added(x), sum);
+                    self.normalise(room, 1, sum, y);
+                    self.first.apply(y, Tail::default(), inner);
+                    gelu(room.level, inner);
+                    self.second.apply(inner, added(sum), x);
+                });
+            });
+    }
+
+    fn normalise(&self, room: Room<'_>, which: usize, x: &[f32], output: &mut [f32]) {
+        let (gain, shift) = &self.norms[which];
+        layer_norm(room.level, x, (gain, shift), EPSILON, output);
+    }
+}
+
+/// What is added to a product.
+fn added(skip: &[f32]) -> Tail<'_> {
+    Tail {
+        skip: Some(skip),
+        relu: false,
+    }
+}

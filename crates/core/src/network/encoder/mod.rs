@@ -1,0 +1,225 @@
+//! A vision transformer (Dosovitskiy et al. 2021) as a pretrained encoder, in the form of DINOv2 (Oquab et al. 2023)
+//! and of Depth Anything V2 (Yang et al. 2024), prepared for the CPU.
+//!
+//! An image is cut into patches; each becomes a token, beside one for the whole image. Every block adds attention to
+//! the tokens, then a multilayer perceptron. The tokens after some of the blocks, normalised, are the features.
+
+mod block;
+mod position;
+
+use super::tensors::Tensors;
+use crate::error::{Error, FitError, WeightsError};
+use crate::weights::Tensor;
+use block::{Block, Room};
+use lsdc_kernels::attention::layer_norm;
+use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
+use position::positions;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Pixels of a side of a patch.
+pub const PATCH: usize = 14;
+/// What layer normalisation adds to variances.
+const EPSILON: f32 = 1e-6;
+/// Tokens that a task takes of so many: an even number of tasks of at most 84 tokens.
+fn share(tokens: usize) -> usize {
+    const MOST: usize = 56;
+    tokens.div_ceil(2 * tokens.div_ceil(2 * MOST).max(1)).max(1)
+}
+
+/// The sizes of an encoder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EncoderConfig {
+    /// Channels of a token.
+    pub width: usize,
+    /// Heads of attention, which divide the channels.
+    pub heads: usize,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Channels between the two layers of a perceptron.
+    pub hidden: usize,
+    /// Patches of a side of the images that positions were learned for.
+    pub side: usize,
+    /// The blocks, from 0, whose tokens are features.
+    pub taps: Vec<usize>,
+}
+
+impl EncoderConfig {
+    /// ViT-S/14, as in DINOv2 and Depth Anything V2 Small: 22,056,576 parameters.
+    pub fn small() -> Self {
+        Self {
+            width: 384,
+            heads: 6,
+            blocks: 12,
+            hidden: 1536,
+            side: 37,
+            taps: vec![2, 5, 8, 11],
+        }
+    }
+
+    fn check(&self) -> Result<(), WeightsError> {
+        let fine = self.heads > 0
+            && self.width > 0
+            && self.width.is_multiple_of(self.heads)
+            && self.side > 0
+            && self.hidden > 0
+            && !self.taps.is_empty()
+            && self.taps.is_sorted()
+            && self.taps.iter().all(|tap| *tap < self.blocks);
+        if fine {
+            Ok(())
+        } else {
+            Err(WeightsError::Unsupported("an encoder of such sizes"))
+        }
+    }
+}
+
+/// An encoder, prepared for one instruction set.
+#[derive(Debug)]
+pub struct Encoder {
+    config: EncoderConfig,
+    level: Level,
+    patches: Packed,
+    whole: Vec<f32>,
+    /// `[side x side, width]`, and that of the token for the whole image before it.
+    positions: Vec<f32>,
+    blocks: Vec<Block>,
+    last: (Vec<f32>, Vec<f32>),
+    scratch: Scratch,
+}
+
+/// The features of an image: for each tap `[rows, columns, width]`.
+#[derive(Clone, Debug)]
+pub struct Features {
+    /// Patches across.
+    pub columns: usize,
+    /// Patches down.
+    pub rows: usize,
+    /// Features after each of the blocks that are taps.
+    pub taps: Vec<Vec<f32>>,
+}
+
+impl Encoder {
+    /// Prepares an encoder from tensors by the names that DINOv2 gives them.
+    ///
+    /// # Errors
+    /// Sizes that make no encoder, and tensors that are missing, superfluous or of the wrong shape.
+    pub fn new(
+        config: EncoderConfig,
+        tensors: &BTreeMap<String, Tensor>,
+        level: Level,
+    ) -> Result<Self, Error> {
+        config.check()?;
+        let tensors = Tensors::new(tensors, level);
+        let (width, depth) = (config.width, 3 * PATCH * PATCH);
+        let kernel = tensors.values("patch_embed.proj.weight", &[width, 3, PATCH, PATCH])?;
+        let bias = tensors.values("patch_embed.proj.bias", &[width])?;
+        let blocks = (0..config.blocks).map(|i| Block::new(&config, i, &tensors));
+        let values = |name: &str| tensors.values(name, &[width]).map(<[f32]>::to_vec);
+        let count = 1 + config.side * config.side;
+        let encoder = Self {
+            level,
+            patches: Packed::new(level, (depth, width), bias, |row, column| {
+                // Rows are (y, x, channel), as images are stored.
+                let (pixel, channel) = (row / 3, row % 3);
+                kernel[(column * 3 + channel) * PATCH * PATCH + pixel]
+            }),
+            whole: tensors.values("cls_token", &[1, 1, width])?.to_vec(),
+            positions: tensors.values("pos_embed", &[1, count, width])?.to_vec(),
+            blocks: blocks.collect::<Result<_, _>>()?,
+            last: (values("norm.weight")?, values("norm.bias")?),
+            scratch: Scratch::new(),
+            config,
+        };
+        // It stands for patches that training hid.
+        tensors.ignore("mask_token");
+        tensors.check_all_used()?;
+        Ok(encoder)
+    }
+
+    /// The sizes.
+    pub fn config(&self) -> &EncoderConfig {
+        &self.config
+    }
+
+    /// The features of a normalised image `[height, width, 3]`.
+    ///
+    /// # Errors
+    /// A height or width that is no multiple of [`PATCH`], or another number of values.
+    pub fn features(
+        &self,
+        image: &[f32],
+        (height, width): (usize, usize),
+    ) -> Result<Features, FitError> {
+        let whole = |length: usize| length > 0 && length.is_multiple_of(PATCH);
+        if !(whole(height) && whole(width) && image.len() == 3 * height * width) {
+            return Err(FitError::Shape(format!(
+                "{} values are no image of {width}x{height} pixels whose sides are multiples of {PATCH}",
+                image.len()
+            )));
+        }
+        let size = (height / PATCH, width / PATCH);
+        let channels = self.config.width;
+        // On a thread of the pool, which need not be awaited for each step.
+        Ok(rayon::scope(|_| {
+            let mut tokens = self.tokens(image, size);
+            let count = tokens.len() / channels;
+            let mut rows = vec![0.0; 3 * tokens.len()];
+            let mut answers = vec![0.0; tokens.len()];
+            let mut taps = Vec::new();
+            let room = Room {
+                level: self.level,
+                scratch: &self.scratch,
+            };
+            for (i, block) in self.blocks.iter().enumerate() {
+                block.attend(room, &tokens, &mut rows, &mut answers);
+                block.transform(room, &answers, &mut tokens);
+                if self.config.taps.contains(&i) {
+                    let mut tap = vec![0.0; (count - 1) * channels];
+                    let last = (&self.last.0[..], &self.last.1[..]);
+                    let part = share(count) * channels;
+                    let parts = tap.par_chunks_mut(part);
+                    let tokens = tokens[channels..].par_chunks(part);
+                    parts
+                        .zip(tokens)
+                        .for_each(|(tap, x)| layer_norm(self.level, x, last, EPSILON, tap));
+                    taps.push(tap);
+                }
+            }
+            Features {
+                columns: size.1,
+                rows: size.0,
+                taps,
+            }
+        }))
+    }
+
+    /// The tokens of the image and of its patches, with their positions.
+    fn tokens(&self, image: &[f32], size: (usize, usize)) -> Vec<f32> {
+        let channels = self.config.width;
+        let mut tokens = positions(&self.positions, self.config.side, channels, size);
+        let first = tokens[..channels].iter_mut().zip(&self.whole);
+        first.for_each(|(token, whole)| *token += whole);
+        let (row, depth) = (3 * PATCH * size.1, 3 * PATCH * PATCH);
+        let rows = tokens[channels..].par_chunks_mut(size.1 * channels);
+        rows.enumerate().for_each(|(y, tokens)| {
+            self.scratch.with(size.1 * depth + tokens.len(), |memory| {
+                let (patches, output) = memory.split_at_mut(size.1 * depth);
+                for (x, patch) in patches.chunks_exact_mut(depth).enumerate() {
+                    for (i, line) in patch.chunks_exact_mut(3 * PATCH).enumerate() {
+                        let from = (y * PATCH + i) * row + x * 3 * PATCH;
+                        line.copy_from_slice(&image[from..][..3 * PATCH]);
+                    }
+                }
+                let skip = Some(&*tokens);
+                self.patches
+                    .apply(patches, Tail { skip, relu: false }, output);
+                tokens.copy_from_slice(output);
+            });
+        });
+        tokens
+    }
+}
+
+#[cfg(test)]
+mod tests;
