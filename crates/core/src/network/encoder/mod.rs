@@ -1,4 +1,4 @@
-//! A vision transformer (Dosovitskiy et al. 2021) as a pretrained encoder, in the form of DINOv2 (Oquab et al. 2023)
+//! A vision transformer (Dosovitskiy et al. 2021) as a pretrained encoder, in the form of `DINOv2` (Oquab et al. 2023)
 //! and of Depth Anything V2 (Yang et al. 2024), prepared for the CPU.
 //!
 //! An image is cut into patches; each becomes a token, beside one for the whole image. Every block adds attention to
@@ -45,7 +45,7 @@ pub struct EncoderConfig {
 }
 
 impl EncoderConfig {
-    /// ViT-S/14, as in DINOv2 and Depth Anything V2 Small: 22,056,576 parameters.
+    /// ViT-S/14, as in `DINOv2` and Depth Anything V2 Small: 22,056,576 parameters.
     pub fn small() -> Self {
         Self {
             width: 384,
@@ -100,7 +100,7 @@ pub struct Features {
 }
 
 impl Encoder {
-    /// Prepares an encoder from tensors by the names that DINOv2 gives them.
+    /// Prepares an encoder from tensors by the names that `DINOv2` gives them.
     ///
     /// # Errors
     /// Sizes that make no encoder, and tensors that are missing, superfluous or of the wrong shape.

@@ -1,6 +1,6 @@
 //! The position of each token, interpolated from those that were learned.
 
-/// What DINOv2 adds to a number of patches before it divides by that of the table, so that rounding loses none.
+/// What `DINOv2` adds to a number of patches before it divides by that of the table, so that rounding loses none.
 const OFFSET: f64 = 0.1;
 
 /// `[1 + rows x columns, channels]` from a table `[1 + side x side, channels]`, by cubic convolution (Keys 1981).
@@ -47,7 +47,7 @@ fn axis(to: usize, from: usize) -> Vec<([usize; 4], [f64; 4])> {
     (0..to).map(place).collect()
 }
 
-/// The kernel of cubic convolution with the slope that PyTorch and OpenCV have.
+/// The kernel of cubic convolution with the slope that `PyTorch` and `OpenCV` have.
 fn cubic(distance: f64) -> f64 {
     const SLOPE: f64 = -0.75;
     let d = distance;
