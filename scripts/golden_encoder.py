@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Makes crates/core/src/network/encoder/golden.json: what `transformers` and PyTorch answer where the encoder must
-agree with them.
+"""Makes crates/core/src/network/encoder/golden.json, what `transformers` and PyTorch answer where the encoder must
+agree with them, and tests/golden/encoder.*: the same tiny network in half precision, as PyTorch saves it with the
+names of Depth Anything, and as `transformers` saves it.
 
 Needs torch and transformers 5 (names of layers change with it):
 
@@ -12,12 +13,15 @@ The weights of the tiny network are sines, which the test computes too; only ans
 """
 
 import json
+import tempfile
 from pathlib import Path
 
 import torch
 from transformers import Dinov2Config, Dinov2Model
 
-OUT = Path(__file__).resolve().parent.parent / "crates/core/src/network/encoder/golden.json"
+ROOT = Path(__file__).resolve().parent.parent
+OUT = ROOT / "crates/core/src/network/encoder/golden.json"
+FILES = ROOT / "tests/golden"
 WIDTH, HEADS, BLOCKS, RATIO, SIDE, PATCH = 16, 2, 3, 2, 4, 14
 TAPS = [0, 2]
 
@@ -106,6 +110,12 @@ def main() -> None:
         positions.append({"size": [rows, columns], "values": [float(f"{v:.9g}") for v in values]})
     plain = [[float(f"{v:.9g}") for v in tap.flatten().tolist()] for tap in taps]
     OUT.write_text(json.dumps({"taps": plain, "positions": positions}) + "\n")
+    theirs = {f"pretrained.{name}": value.half() for name, value in tensors.items()}
+    theirs["depth_head.scratch"] = torch.ones(3)
+    torch.save(theirs, FILES / "encoder.pth")
+    with tempfile.TemporaryDirectory() as folder:
+        net.half().save_pretrained(folder)
+        (FILES / "encoder.safetensors").write_bytes((Path(folder) / "model.safetensors").read_bytes())
 
 
 if __name__ == "__main__":

@@ -1,0 +1,78 @@
+//! `PyTorch`'s files: an archive of a pickle, which says what tensors there are, and of their values.
+
+use super::pickle::{Value, run};
+use super::stored::Stored;
+use crate::error::{Error, Result};
+use lsdc_core::weights::Tensor;
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read as _};
+use std::path::Path;
+use std::rc::Rc;
+use zip::ZipArchive;
+
+/// Longer descriptions are not those of a few hundred tensors.
+const MOST_BYTES: u64 = 1 << 26;
+
+/// The tensors of a file by their names.
+///
+/// # Errors
+/// A damaged file, or one that describes something else than tensors by name.
+pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
+    let damaged =
+        |e: zip::result::ZipError| Error::format(path, "is no sound archive of PyTorch").because(e);
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(damaged)?;
+    let folder = archive
+        .file_names()
+        .find_map(|name| Some(name.ok()?.strip_suffix("data.pkl")?.to_owned()))
+        .ok_or_else(|| Error::format(path, "is an archive without `data.pkl`"))?;
+    let mut entry = |name: &str, most: u64| -> Result<Vec<u8>> {
+        let entry = archive
+            .by_name(&format!("{folder}{name}"))
+            .map_err(damaged)?;
+        let length = entry.size();
+        if length > most {
+            let what = format!("`{name}` declares {length} bytes, more than {most}");
+            return Err(Error::format(path, what));
+        }
+        let mut bytes = Vec::new();
+        let read = entry.take(most).read_to_end(&mut bytes);
+        read.map_err(|e| damaged(e.into()))?;
+        Ok(bytes)
+    };
+    let program = entry("data.pkl", MOST_BYTES)?;
+    let found = run(&program).map_err(|what| Error::format(path, what))?;
+    let mut stored = Vec::new();
+    collect(found, &mut stored);
+    let mut storages: BTreeMap<Rc<str>, Vec<u8>> = BTreeMap::new();
+    let mut tensors = BTreeMap::new();
+    for (name, of) in stored {
+        let Some(kind) = of.kind else { continue };
+        if !storages.contains_key(&of.storage) {
+            // Stored as they are, so that there cannot be more than the file has.
+            let values = entry(&format!("data/{}", of.storage), bytes.len() as u64)?;
+            storages.insert(of.storage.clone(), values);
+        }
+        let values = storages.get(&of.storage).map_or(&[][..], Vec::as_slice);
+        let tensor = of.tensor(kind, values).ok_or_else(|| {
+            Error::format(path, format!("`{name}` has fewer values than it should"))
+        })?;
+        tensors.insert(name, tensor);
+    }
+    Ok(tensors)
+}
+
+/// The tensors of a dictionary, and of those in it that files of a training have.
+pub(super) fn collect(value: Value, found: &mut Vec<(String, Rc<Stored>)>) {
+    let Value::Names(entries) = value else { return };
+    for (key, value) in entries {
+        match (key, value) {
+            (Value::Text(name), Value::Tensor(tensor)) => found.push((name.to_string(), tensor)),
+            (Value::Text(name), inner @ Value::Names(_))
+                if ["state_dict", "model", "teacher"].contains(&&*name) =>
+            {
+                collect(inner, found);
+            }
+            _ => {}
+        }
+    }
+}
