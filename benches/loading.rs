@@ -49,6 +49,7 @@ fn loading(criterion: &mut Criterion) {
         let sampler = SamplerConfig {
             protocol: Protocol::nyu(),
             augment: AugmentConfig::default(),
+            views: 0,
             supervision: SupervisionConfig::default(),
             batch: 1,
             seed: 0,

@@ -16,6 +16,7 @@ fn batch(device: &Device) -> Batch {
     let config = SamplerConfig {
         protocol: Protocol::default(),
         augment: AugmentConfig::default(),
+        views: 0,
         supervision: SupervisionConfig::default(),
         batch: 2,
         seed: 0,

@@ -24,6 +24,8 @@ pub enum Preset {
     Sharp,
     /// The same at half the widths, with half as many basis functions: 0.3 M.
     Small,
+    /// `sharp` on top of a pretrained encoder: 2.1 M beside its 22 M.
+    Anything,
 }
 
 /// A configuration file.
@@ -82,7 +84,7 @@ fn unfit(e: impl Display) -> Error {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 6] = [
+const BUILT_IN: [(&str, &str); 7] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
@@ -91,6 +93,10 @@ const BUILT_IN: [(&str, &str); 6] = [
         include_str!("../configs/nyu-affinities.toml"),
     ),
     ("nyu-joint.toml", include_str!("../configs/nyu-joint.toml")),
+    (
+        "nyu-anything.toml",
+        include_str!("../configs/nyu-anything.toml"),
+    ),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
 
@@ -128,6 +134,7 @@ impl Config {
             Preset::Medium => NetworkConfig::medium(),
             Preset::Sharp => NetworkConfig::sharp(),
             Preset::Small => NetworkConfig::small(),
+            Preset::Anything => NetworkConfig::anything(),
         })
     }
 

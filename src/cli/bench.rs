@@ -129,6 +129,7 @@ fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
     let sampler = SamplerConfig {
         protocol: Protocol::default(),
         augment: AugmentConfig::default(),
+        views: 0,
         supervision: config.supervision,
         batch: config.batch,
         seed: config.seed,

@@ -7,7 +7,7 @@ use super::layers::{Conv, ConvNorm, Init};
 use super::resample::enlarging;
 use burn::module::Module;
 use burn::tensor::Tensor;
-use lsdc_core::network::{CHANGES, NetworkConfig};
+use lsdc_core::network::{CHANGES, EncoderConfig, NetworkConfig};
 use lsdc_kernels::conv::ConvSpec;
 
 /// The network with its weights.
@@ -15,6 +15,8 @@ use lsdc_kernels::conv::ConvSpec;
 pub(super) struct AffinityNet {
     /// From full resolution down, each at half the resolution of the one before.
     pub(super) down: Vec<[ConvNorm; 2]>,
+    /// From the features of a pretrained encoder to what is added at the lowest resolution: nothing before training.
+    pub(super) encoded: Option<Conv>,
     /// From the lowest resolution up.
     pub(super) up: Vec<Rise>,
     pub(super) last: Conv,
@@ -46,6 +48,10 @@ impl AffinityNet {
             ]);
             from = width;
         }
+        let encoded = (config.extractor.encoder > 0).then(|| {
+            let channels = EncoderConfig::small().channels();
+            Conv::zero(channels, from, 1, pointwise, init)
+        });
         let pairs = widths.windows(2).rev();
         let up = pairs.map(|pair| Rise {
             narrow: Conv::init(pair[1], pair[0], 1, pointwise, init),
@@ -53,6 +59,7 @@ impl AffinityNet {
         });
         Self {
             down,
+            encoded,
             up: up.collect(),
             last: Conv::zero(config.affinities, CHANGES, 1, pointwise, init),
         }
@@ -60,7 +67,7 @@ impl AffinityNet {
 
     /// Images `[batch, height, width, 3]` to how edges differ from those of the colours `[batch,
     /// height, width, CHANGES]`.
-    pub(super) fn forward(&self, images: Tensor<4>) -> Tensor<4> {
+    pub(super) fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
         let run = |x, layers: &[ConvNorm; 2]| layers.iter().fold(x, |x, l| l.forward_relu(x));
         let mut x = images;
         let mut levels = Vec::new();
@@ -69,6 +76,10 @@ impl AffinityNet {
             levels.push(x.clone());
         }
         levels.pop();
+        if let (Some(conv), Some(encoded)) = (&self.encoded, encoded) {
+            let size = (x.dims()[1], x.dims()[2]);
+            x = x + enlarging(conv.forward(encoded), size);
+        }
         for (rise, level) in self.up.iter().zip(levels.into_iter().rev()) {
             let size = (level.dims()[1], level.dims()[2]);
             x = run(enlarging(rise.narrow.forward(x), size) + level, &rise.mix);

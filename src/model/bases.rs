@@ -4,12 +4,15 @@ use super::layers::{Hidden, Init, Linear};
 use super::{NetworkConfig, encoding, grid};
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
+use lsdc_core::network::STEEPEST;
 
 /// The MLP from features and position to N basis functions (paper section 3.2).
 #[derive(Module, Debug)]
 pub struct BasisHead {
     pub(super) hidden: Vec<Hidden>,
     pub(super) last: Linear,
+    /// To the logarithm of the first function, if that is not the constant 1: 0 before training.
+    pub(super) mean: Option<Linear>,
     #[module(skip)]
     pub(super) octaves: usize,
 }
@@ -25,14 +28,19 @@ impl BasisHead {
         Self {
             hidden,
             last: Linear::init(width, config.bases, init),
+            mean: config.mean.then(|| Linear::zero(width, 1, init)),
             octaves: config.octaves,
         }
     }
 
-    /// `[rows, features + position]` to `[rows, N]`.
+    /// `[rows, features + position]` to `[rows, N + 1]`, the constant or the mean first.
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        self.last
-            .forward(self.hidden.iter().fold(x, |x, layer| layer.forward(x)))
+        let x = self.hidden.iter().fold(x, |x, layer| layer.forward(x));
+        let first = match &self.mean {
+            None => Tensor::ones([x.dims()[0], 1], &x.device()),
+            Some(mean) => mean.forward(x.clone()).clamp(-STEEPEST, STEEPEST).exp(),
+        };
+        Tensor::cat(vec![first, self.last.forward(x)], 1)
     }
 }
 
@@ -50,7 +58,7 @@ impl Bases {
     }
 
     /// Values at pixels of an output of `size` (height, width): `[batch, pixels, N + 1]`, the
-    /// first function being the constant 1.
+    /// first function being the constant 1 or the mean.
     ///
     /// `pixels[b]` lists `y * width + x` for image `b`, equally many for each.
     pub fn at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<3> {
@@ -84,13 +92,11 @@ impl Bases {
         self.evaluate(input, [1, places.len()])
     }
 
-    /// The MLP on rows of features and position, behind the constant.
+    /// The MLP on rows of features and position.
     fn evaluate(&self, input: Tensor<2>, [batch, count]: [usize; 2]) -> Tensor<3> {
-        let device = input.device();
-        let learned = self.head.forward(input);
-        let functions = learned.dims()[1];
-        let one = Tensor::ones([batch, count, 1], &device);
-        Tensor::cat(vec![one, learned.reshape([batch, count, functions])], 2)
+        let values = self.head.forward(input);
+        let functions = values.dims()[1];
+        values.reshape([batch, count, functions])
     }
 
     /// Bases x weights over the whole output, for one image: `size.0 * size.1` depths.

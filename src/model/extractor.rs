@@ -9,14 +9,14 @@ use super::layers::{Conv, ConvNorm, Init};
 use super::resample::{enlarging, pooling};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use lsdc_core::network::{ExtractorConfig, StageConfig};
+use lsdc_core::network::{EncoderConfig, ExtractorConfig, StageConfig};
 use lsdc_kernels::conv::ConvSpec;
 
 /// Builds the extractor with its weights.
 pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
     let plain = ConvSpec::same(1);
     let [first, second, third, fourth] = config.stages;
-    let merged = second.width + fourth.width + config.pools.len() * config.branch;
+    let merged = second.width + fourth.width + config.pools.len() * config.branch + config.encoder;
     Extractor {
         stem: vec![
             ConvNorm::init(3, config.stem, 3, ConvSpec::halving(), init),
@@ -38,6 +38,16 @@ pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
             .iter()
             .map(|_| ConvNorm::init(fourth.width, config.branch, 1, ConvSpec::pointwise(), init))
             .collect(),
+        encoded: (config.encoder > 0).then(|| Encoded {
+            reduce: ConvNorm::init(
+                EncoderConfig::small().channels(),
+                config.encoder,
+                1,
+                ConvSpec::pointwise(),
+                init,
+            ),
+            mix: ConvNorm::init(config.encoder, config.encoder, 3, plain, init),
+        }),
         merge: ConvNorm::init(merged, config.merge, 3, plain, init),
         project: Conv::init(
             config.merge,
@@ -72,11 +82,19 @@ pub struct Extractor {
     pub(super) wide: Vec<Block>,
     pub(super) dilated: Vec<Block>,
     pub(super) branches: Vec<ConvNorm>,
+    pub(super) encoded: Option<Encoded>,
     pub(super) merge: ConvNorm,
     pub(super) project: Conv,
     pub(super) sharpen: Option<Sharpen>,
     #[module(skip)]
     pub(super) pools: Vec<usize>,
+}
+
+/// The branch that reads the features of a pretrained encoder, at their resolution.
+#[derive(Module, Debug)]
+pub(super) struct Encoded {
+    pub(super) reduce: ConvNorm,
+    pub(super) mix: ConvNorm,
 }
 
 /// What is added to the features, enlarged to half the image's resolution: nothing before training.
@@ -90,8 +108,9 @@ pub(super) struct Sharpen {
 
 impl Extractor {
     /// `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`; to
-    /// half the resolution if features are sharpened.
-    pub fn forward(&self, images: Tensor<4>) -> Tensor<4> {
+    /// half the resolution if features are sharpened. `encoded [batch, rows, columns, channels]` is what a pretrained
+    /// encoder says of the images, for networks trained on one.
+    pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
         let x = self
             .stem
@@ -105,7 +124,12 @@ impl Extractor {
             let pooled = pooling(skip.clone(), pool);
             enlarging(conv.forward_relu(pooled), (height, width))
         });
-        let all = [raw, skip.clone()].into_iter().chain(pooled).collect();
+        let mut all: Vec<Tensor<4>> = [raw, skip.clone()].into_iter().chain(pooled).collect();
+        if let (Some(branch), Some(encoded)) = (&self.encoded, encoded) {
+            let [_, height, width, _] = skip.dims();
+            let reduced = branch.reduce.forward_relu(encoded);
+            all.push(enlarging(branch.mix.forward_relu(reduced), (height, width)));
+        }
         let merged = self.merge.forward_relu(Tensor::cat(all, 3));
         let features = self.project.forward(merged);
         match &self.sharpen {

@@ -211,6 +211,13 @@ impl Linear {
         }
     }
 
+    /// Yields 0 before any training.
+    pub(super) fn zero(from: usize, to: usize, init: &mut Init) -> Self {
+        Self {
+            weight: init.normal([from, to], 0.0),
+        }
+    }
+
     /// `[rows, from]` to `[rows, to]`.
     pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         linear(x, self.weight.val())

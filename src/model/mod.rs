@@ -23,7 +23,7 @@ pub use encoding::encode;
 pub use extractor::Extractor;
 pub use lsdc_core::network::{ExtractorConfig, NetworkConfig, NormKind, StageConfig};
 pub use lsdc_core::weights::{Normalisation, Tensor as Table};
-pub use on_device::OnDevice;
+pub use on_device::{OnDevice, encoded_tensor};
 pub use weights::{Precision, load, to_bytes, transfer, weights_of};
 
 use crate::error::Result;
@@ -83,17 +83,29 @@ pub struct BasisNet {
 }
 
 impl BasisNet {
-    /// Computes the basis functions of normalised images `[batch, height, width, 3]`.
-    pub fn bases(&self, images: Tensor<4>) -> Bases {
-        Bases::new(self.extractor.forward(images), self.head.clone())
+    /// Computes the basis functions of normalised images `[batch, height, width, 3]`. `encoded [batch, rows, columns,
+    /// channels]` is what a pretrained encoder says of them, for networks trained on one.
+    pub fn bases(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Bases {
+        Bases::new(self.extractor.forward(images, encoded), self.head.clone())
     }
 
     /// How strongly each pixel of normalised images `[batch, height, width, 3]` is joined to its
     /// right and lower neighbour, `[batch, height, width, 2]`, above 0: 1 where nothing tells them
     /// apart.
-    pub fn affinities(&self, images: Tensor<4>) -> Tensor<4> {
-        let changes = self.edges.as_ref().map(|net| net.forward(images.clone()));
+    pub fn affinities(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
+        let edges = self.edges.as_ref();
+        let changes = edges.map(|net| net.forward(images.clone(), encoded));
         affinities::affinities(images, changes)
+    }
+
+    /// Keeps the affinity network, its statistics included, as it is from now on.
+    #[must_use]
+    pub fn fix_affinities(self) -> Self {
+        let fixed = |net: AffinityNet| net.no_grad().map(&mut layers::FreezeStatistics);
+        Self {
+            edges: self.edges.map(fixed),
+            ..self
+        }
     }
 
     /// Lets batch normalisation use its running statistics from now on, in training too, so that

@@ -2,23 +2,49 @@
 
 use super::{Bases, BasisNet};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{Basis, Network};
+use lsdc_core::network::{Basis, Encoded, Encoder, Network};
+use lsdc_core::{Error, Result, WeightsError};
+use std::sync::Arc;
 
 /// A network as it was trained, on a device: the plain reference of the prepared one.
 #[derive(Clone, Debug)]
 pub struct OnDevice {
     net: BasisNet,
+    encoder: Option<Arc<Encoder>>,
     device: Device,
 }
 
 impl OnDevice {
-    /// A network whose weights are on that device.
-    pub fn new(net: BasisNet, device: &Device) -> Self {
+    /// A network whose weights are on that device, on top of an encoder, which runs on the CPU, if it was trained on
+    /// one.
+    pub fn new(net: BasisNet, encoder: Option<Arc<Encoder>>, device: &Device) -> Self {
         Self {
             net,
+            encoder,
             device: device.clone(),
         }
     }
+
+    fn encoded(&self, image: &[f32], size: (usize, usize)) -> Result<Option<Tensor<4>>> {
+        if self.net.extractor.encoded.is_none() {
+            return Ok(None);
+        }
+        let encoder = self.encoder.as_ref().ok_or(WeightsError::NoEncoder)?;
+        let found = encoder.encode(image, size)?;
+        Ok(Some(encoded_tensor(&[&found], &self.device)))
+    }
+}
+
+/// What an encoder says of some images of one size, `[images, rows, columns, channels]`.
+pub fn encoded_tensor(images: &[&Encoded], device: &Device) -> Tensor<4> {
+    let values: Vec<f32> = images
+        .iter()
+        .flat_map(|e| e.values.iter().copied())
+        .collect();
+    let (rows, columns) = images.first().map_or((0, 0), |e| (e.rows, e.columns));
+    let channels = values.len() / (images.len() * rows * columns).max(1);
+    let shape = [images.len(), rows, columns, channels];
+    Tensor::from_data(TensorData::new(values, shape), device)
 }
 
 /// What it says of one image.
@@ -27,17 +53,20 @@ struct OfImage {
     bases: Bases,
     net: BasisNet,
     image: Tensor<4>,
+    encoded: Option<Tensor<4>>,
 }
 
 impl Network for OnDevice {
-    fn basis(&self, image: &[f32], (height, width): (usize, usize)) -> Box<dyn Basis> {
-        let image = TensorData::new(image.to_vec(), [1, height, width, 3]);
+    fn basis(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Basis>, Error> {
+        let encoded = self.encoded(image, size)?;
+        let image = TensorData::new(image.to_vec(), [1, size.0, size.1, 3]);
         let image = Tensor::<4>::from_data(image, &self.device);
-        Box::new(OfImage {
-            bases: self.net.bases(image.clone()),
+        Ok(Box::new(OfImage {
+            bases: self.net.bases(image.clone(), encoded.clone()),
             net: self.net.clone(),
             image,
-        })
+            encoded,
+        }))
     }
 }
 
@@ -56,7 +85,9 @@ impl Basis for OfImage {
     }
 
     fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
-        let values = self.net.affinities(self.image.clone());
+        let values = self
+            .net
+            .affinities(self.image.clone(), self.encoded.clone());
         let [_, height, width, _] = values.dims();
         (values.into_data().iter::<f32>().collect(), (height, width))
     }

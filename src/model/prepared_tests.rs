@@ -2,15 +2,17 @@
 
 use super::{
     BasisNet, ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind, Normalisation, OnDevice,
-    weights_of,
+    Table, encoded_tensor, weights_of,
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{Basis, Network as _, Prepared};
+use lsdc_core::network::{Basis, Encoder, EncoderConfig, Network as _, Prepared};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 fn image(height: usize, width: usize) -> Vec<f32> {
     let mut rng = Rng::stream(0, &["image"]);
@@ -30,10 +32,14 @@ fn net(config: &NetworkConfig) -> BasisNet {
     let net = config.init(3, &device).unwrap();
     let image = TensorData::new(image(40, 56), [1, 40, 56, 3]);
     let pixels = vec![(0..40 * 56).collect()];
+    let encoded = (config.extractor.encoder > 0).then(|| {
+        let encoded = encoder().encode(&self::image(40, 56), (40, 56)).unwrap();
+        encoded_tensor(&[&encoded], &device)
+    });
     for _ in 0..20 {
         let image = Tensor::from_data(image.clone(), &device);
-        let _ = net.affinities(image.clone());
-        let _ = net.bases(image).at((40, 56), &pixels);
+        let _ = net.affinities(image.clone(), encoded.clone());
+        let _ = net.bases(image, encoded.clone()).at((40, 56), &pixels);
     }
     net.valid()
 }
@@ -61,13 +67,61 @@ fn difference(a: &[f32], b: &[f32]) -> f32 {
 /// A network with its sizes.
 struct Trained {
     net: BasisNet,
+    encoder: Option<Arc<Encoder>>,
     config: NetworkConfig,
+}
+
+/// An encoder of random weights with as many channels as the one that networks are trained on.
+fn encoder() -> Arc<Encoder> {
+    let config = EncoderConfig {
+        blocks: 4,
+        hidden: 32,
+        side: 5,
+        taps: vec![0, 1, 2, 3],
+        ..EncoderConfig::small()
+    };
+    let (width, hidden) = (config.width, config.hidden);
+    let mut tensors = BTreeMap::new();
+    let mut add = |name: &str, shape: &[usize], mean: f32| {
+        let mut rng = Rng::stream(4, &["encoder", name]);
+        let count = shape.iter().product();
+        let values = (0..count).map(|_| mean + 0.05 * rng.normal()).collect();
+        tensors.insert(name.to_owned(), Table::new(shape.to_vec(), values).unwrap());
+    };
+    add("patch_embed.proj.weight", &[width, 3, 14, 14], 0.0);
+    add("patch_embed.proj.bias", &[width], 0.0);
+    add("cls_token", &[1, 1, width], 0.0);
+    add("pos_embed", &[1, 26, width], 0.0);
+    for block in 0..config.blocks {
+        let mut add = |name: &str, shape: &[usize], mean: f32| {
+            add(&format!("blocks.{block}.{name}"), shape, mean);
+        };
+        for norm in ["norm1", "norm2"] {
+            add(&format!("{norm}.weight"), &[width], 1.0);
+            add(&format!("{norm}.bias"), &[width], 0.0);
+        }
+        for (layer, to, from) in [
+            ("attn.qkv", 3 * width, width),
+            ("attn.proj", width, width),
+            ("mlp.fc1", hidden, width),
+            ("mlp.fc2", width, hidden),
+        ] {
+            add(&format!("{layer}.weight"), &[to, from], 0.0);
+            add(&format!("{layer}.bias"), &[to], 0.0);
+        }
+        add("ls1.gamma", &[width], 1.0);
+        add("ls2.gamma", &[width], 1.0);
+    }
+    add("norm.weight", &[width], 1.0);
+    add("norm.bias", &[width], 0.0);
+    Arc::new(Encoder::new(config, &tensors, Level::here()).unwrap())
 }
 
 impl Trained {
     fn new(config: NetworkConfig) -> Self {
         Self {
             net: net(&config),
+            encoder: None,
             config,
         }
     }
@@ -76,19 +130,21 @@ impl Trained {
     fn filled(config: NetworkConfig) -> Self {
         Self {
             net: net(&config).map(&mut Fill),
+            encoder: (config.extractor.encoder > 0).then(encoder),
             config,
         }
     }
 
     fn prepared(&self, level: Level, size: (usize, usize)) -> Box<dyn Basis> {
         let weights = weights_of(&self.net, self.config.clone(), Normalisation::default());
-        let network = Prepared::new(&self.config, &weights.tensors, level).unwrap();
-        network.basis(&image(size.0, size.1), size)
+        let network =
+            Prepared::new(&self.config, &weights.tensors, self.encoder.clone(), level).unwrap();
+        network.basis(&image(size.0, size.1), size).unwrap()
     }
 
     fn plain(&self, size: (usize, usize)) -> Box<dyn Basis> {
-        let network = OnDevice::new(self.net.clone(), &Device::flex());
-        network.basis(&image(size.0, size.1), size)
+        let network = OnDevice::new(self.net.clone(), self.encoder.clone(), &Device::flex());
+        network.basis(&image(size.0, size.1), size).unwrap()
     }
 
     fn agrees(&self, level: Level, size: (usize, usize), output: (usize, usize)) {
@@ -130,7 +186,7 @@ impl Trained {
 /// Pixels are read as places are, in training too.
 #[test]
 fn pixels_are_places_on_their_centres() {
-    let bases = net(&tiny()).bases(tensor(image(20, 30), (20, 30)));
+    let bases = net(&tiny()).bases(tensor(image(20, 30), (20, 30)), None);
     let pixels: Vec<u32> = (0..1200).step_by(11).collect();
     let place = |pixel: &u32| [f64::from(pixel % 40), f64::from(pixel / 40)];
     let places: Vec<_> = pixels.iter().map(place).collect();
@@ -240,6 +296,7 @@ fn every_preset_agrees() {
         NetworkConfig::medium(),
         NetworkConfig::sharp(),
         NetworkConfig::small(),
+        NetworkConfig::anything(),
     ] {
         let trained = Trained::filled(config);
         trained.agrees(Level::here(), (57, 76), (57, 76));
@@ -255,6 +312,14 @@ fn group_normalisation_cannot_be_prepared() {
     };
     let net = config.init(0, &Device::flex()).unwrap();
     let weights = weights_of(&net, config.clone(), Normalisation::default());
-    let error = Prepared::new(&config, &weights.tensors, Level::here()).unwrap_err();
+    let error = Prepared::new(&config, &weights.tensors, None, Level::here()).unwrap_err();
     assert!(error.to_string().contains("group normalisation"), "{error}");
+}
+
+#[test]
+fn a_network_without_its_encoder_is_refused() {
+    let config = NetworkConfig::anything();
+    let weights = weights_of(&net(&config), config.clone(), Normalisation::default());
+    let error = Prepared::new(&config, &weights.tensors, None, Level::here()).unwrap_err();
+    assert!(error.to_string().contains("encoder"), "{error}");
 }

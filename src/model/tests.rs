@@ -48,7 +48,9 @@ fn every_input_size_works() {
             .unwrap();
         for (height, width) in [(1, 1), (3, 5), (32, 32), (37, 61), (57, 130)] {
             let pixels = vec![(0..(height * width) as u32).collect()];
-            let bases = net.bases(image(height, width)).at((height, width), &pixels);
+            let bases = net
+                .bases(image(height, width), None)
+                .at((height, width), &pixels);
             assert_eq!(bases.dims(), [1, height * width, 13]);
             let values: Vec<f32> = bases.into_data().iter::<f32>().collect();
             assert!(values.iter().all(|v| v.is_finite()));
@@ -60,7 +62,7 @@ fn every_input_size_works() {
 #[test]
 fn the_dense_map_is_bases_times_weights() {
     let net = tiny().init(0, &Device::flex()).unwrap();
-    let bases = net.bases(image(20, 30));
+    let bases = net.bases(image(20, 30), None);
     let weights: Vec<f32> = (0..13).map(|i| i as f32 - 5.0).collect();
     let size = (40, 60);
     let dense = bases.combine(size, &weights);
@@ -84,7 +86,7 @@ fn the_dense_map_is_bases_times_weights() {
 fn a_seed_names_the_weights() {
     let values = |seed| {
         let net = tiny().init(seed, &Device::flex()).unwrap();
-        let bases = net.bases(image(16, 16)).at((16, 16), &[vec![7]]);
+        let bases = net.bases(image(16, 16), None).at((16, 16), &[vec![7]]);
         bases.into_data().iter::<f32>().collect::<Vec<_>>()
     };
     assert_eq!(values(1), values(1));

@@ -1,10 +1,12 @@
 //! Image and sparse depths to dense depth: `lsdc-core`'s completer on any device, and methods without
 //! training, by name.
 
+mod encoder;
 mod method;
 mod preserve;
 mod weights;
 
+pub use encoder::encoder_of;
 pub use lsdc_classic::Classic;
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
@@ -36,7 +38,12 @@ pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
     let network = &weights.network;
     let prepared = network.norm == NormKind::Batch && !network.hidden.is_empty();
     if *device == Device::flex() && prepared {
-        return Ok(Completer::new(weights)?);
+        let builder = Completer::builder(weights);
+        return Ok(match encoder_of(network)? {
+            None => builder,
+            Some(encoder) => builder.encoder(encoder),
+        }
+        .build()?);
     }
     plain_completer(weights, device)
 }
@@ -46,7 +53,8 @@ pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
 /// # Errors
 /// Weights that do not belong to their network.
 pub fn plain_completer(weights: &Weights, device: &Device) -> Result<Completer> {
-    let network = OnDevice::new(load(weights, device)?, device);
+    let encoder = encoder_of(&weights.network)?;
+    let network = OnDevice::new(load(weights, device)?, encoder, device);
     Ok(Completer::builder(weights)
         .network(Arc::new(network))
         .build()?)

@@ -61,6 +61,15 @@ pub fn read_encoder(path: &Path) -> Result<BTreeMap<String, Tensor>> {
     names::dinov2(path, all)
 }
 
+/// The encoder that the user has added.
+///
+/// # Errors
+/// None has been added.
+pub fn installed() -> Result<BTreeMap<String, Tensor>> {
+    let path = std::env::var_os("LSDC_ENCODER").unwrap_or_default();
+    read_encoder(Path::new(&path))
+}
+
 fn from_safetensors(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
     let file = SafeTensors::deserialize(bytes).map_err(|e| {
         Error::format(path, "is neither a PyTorch nor a safetensors file")

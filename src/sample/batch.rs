@@ -2,14 +2,18 @@
 
 use super::patches::Sample;
 use crate::error::{Error, Result};
+use crate::model::encoded_tensor;
 use burn::tensor::{Device, Tensor, TensorData};
 use image::RgbImage;
+use lsdc_core::network::Encoded;
 
 /// A batch of equally large samples on a device.
 #[derive(Clone, Debug)]
 pub struct Batch {
     /// Normalised colours `[batch, height, width, 3]`.
     pub images: Tensor<4>,
+    /// What a pretrained encoder says of the images, `[batch, rows, columns, channels]`.
+    pub encoded: Option<Tensor<4>>,
     /// Rows and columns of the images.
     pub size: (usize, usize),
     /// Pixels at which basis functions are needed, for each image.
@@ -50,6 +54,7 @@ impl Batch {
                 .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
         }
         let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
+        let encoded: Option<Vec<&Encoded>> = samples.iter().map(|s| s.encoded.as_ref()).collect();
         let depths = samples
             .iter()
             .flat_map(|s| s.depths.iter().copied())
@@ -63,6 +68,7 @@ impl Batch {
         Ok(Self {
             maps: Tensor::from_data(maps, device),
             images: image_tensor(&images, mean, deviation, device)?,
+            encoded: encoded.map(|encoded| encoded_tensor(&encoded, device)),
             size: (height, width),
             pixels: samples.iter().map(|s| s.pixels.clone()).collect(),
             depths: matrix(depths, [samples.len(), pixels], device),

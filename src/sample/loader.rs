@@ -1,7 +1,7 @@
 //! Batches of samples in a fixed order, prepared ahead by worker threads.
 
 use super::patches::Sample;
-use super::{AugmentConfig, Protocol, SupervisionConfig};
+use super::{AugmentConfig, Encoding, Protocol, SupervisionConfig};
 use crate::data::{Dataset, Frame};
 use crate::error::{Cause, Error, Result};
 use lsdc_rng::Rng;
@@ -16,6 +16,8 @@ pub struct SamplerConfig {
     pub protocol: Protocol,
     /// Random changes.
     pub augment: AugmentConfig,
+    /// The number of different views of each frame that these make; 0: a new one in every pass.
+    pub views: usize,
     /// Points and patches.
     pub supervision: SupervisionConfig,
     /// Samples per batch.
@@ -31,6 +33,7 @@ pub struct Sampler {
     /// The frames of the dataset that take part.
     indices: Arc<[usize]>,
     config: SamplerConfig,
+    encoding: Option<Encoding>,
     kept: Arc<Kept>,
 }
 
@@ -53,8 +56,15 @@ impl Sampler {
             frames,
             indices: indices.into(),
             config,
+            encoding: None,
             kept: Arc::default(),
         })
+    }
+
+    /// Encodes the image of each sample.
+    #[must_use]
+    pub fn encoded(self, encoding: Option<Encoding>) -> Self {
+        Self { encoding, ..self }
     }
 
     /// The samples of a step: every frame comes once before any comes again.
@@ -68,11 +78,21 @@ impl Sampler {
                 let pass = position / self.indices.len();
                 let index = self.order(pass)[position % self.indices.len()];
                 let frame = self.scaled(index)?;
-                let keys = ["sample", &frame.id, &pass.to_string()];
-                let mut rng = Rng::stream(self.config.seed, &keys);
                 let config = &self.config;
-                let frame = config.augment.apply(&frame, &config.protocol, &mut rng)?;
-                Ok(Sample::draw(&frame, &config.supervision, &mut rng))
+                let stream = |what: &str, pass: usize| {
+                    Rng::stream(config.seed, &[what, &frame.id, &pass.to_string()])
+                };
+                let mut rng = stream("sample", pass);
+                let (augment, protocol) = (&config.augment, &config.protocol);
+                let frame = match config.views {
+                    0 => augment.apply(&frame, protocol, &mut rng)?,
+                    views => augment.apply(&frame, protocol, &mut stream("view", pass % views))?,
+                };
+                let encoding = self.encoding.as_ref();
+                Ok(Sample {
+                    encoded: encoding.map(|e| e.of(&frame.rgb)).transpose()?,
+                    ..Sample::draw(&frame, &config.supervision, &mut rng)
+                })
             })
             .collect()
     }
@@ -211,6 +231,7 @@ mod tests {
         let config = SamplerConfig {
             protocol: Protocol::default(),
             augment: AugmentConfig::default(),
+            views: 0,
             supervision: SupervisionConfig {
                 points: 50,
                 fewest: 20,

@@ -3,6 +3,7 @@
 mod augment;
 mod batch;
 mod corners;
+mod encoding;
 mod loader;
 mod noise;
 mod patches;
@@ -13,6 +14,7 @@ mod resize;
 
 pub use augment::AugmentConfig;
 pub use batch::{Batch, image_tensor, image_values};
+pub use encoding::Encoding;
 pub use loader::{Loader, Sampler, SamplerConfig};
 pub use noise::Noise;
 pub use patches::{Sample, SupervisionConfig};

@@ -3,6 +3,7 @@
 use crate::data::{DepthMap, Frame};
 use crate::error::{Error, Result};
 use image::RgbImage;
+use lsdc_core::network::Encoded;
 use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -57,6 +58,8 @@ impl SupervisionConfig {
 pub struct Sample {
     /// The colour image.
     pub rgb: RgbImage,
+    /// What a pretrained encoder says of it, for networks trained on one.
+    pub encoded: Option<Encoded>,
     /// Pixels `y * width + x`: first the candidate points, then the patches row by row.
     pub pixels: Vec<u32>,
     /// The depth of each pixel in metres; 0 = none.
@@ -105,6 +108,7 @@ impl Sample {
         depths[found..config.points].fill(0.0);
         Self {
             rgb: frame.rgb.clone(),
+            encoded: None,
             map: depth.values().to_vec(),
             pixels,
             depths,

@@ -17,6 +17,8 @@ pub enum Part {
     /// What judges edges, through a field without basis functions; the others stay as they are.
     #[serde(alias = "edges")]
     Affinities,
+    /// The basis functions, through the fit; what judges edges stays as it is.
+    Bases,
 }
 
 /// What turns gradients into steps.
@@ -74,6 +76,11 @@ pub struct TrainConfig {
     pub protocol: Protocol,
     /// Random changes of the frames.
     pub augment: AugmentConfig,
+    /// The number of different views of each frame that these make; 0: a new one in every pass.
+    pub views: usize,
+    /// Where what a pretrained encoder says of each view is kept, for networks trained on one; absent: it is
+    /// computed in every step.
+    pub features: Option<PathBuf>,
     /// Points and patches.
     pub supervision: SupervisionConfig,
     /// Fits that do not follow outliers, in training; absent = plain ones.
@@ -105,6 +112,8 @@ impl Default for TrainConfig {
             start: None,
             protocol: Protocol::nyu(),
             augment: AugmentConfig::default(),
+            views: 0,
+            features: None,
             supervision: SupervisionConfig::default(),
             robust: None,
             loss: LossConfig::default(),

@@ -45,6 +45,10 @@ impl Learner {
                 optimiser.with_group(ParamGroup::from_predicate("weight"), Flattened::new(), None)
             }
         };
+        let net = match config.part {
+            Part::All | Part::Affinities => net,
+            Part::Bases => net.fix_affinities(),
+        };
         Self {
             average: config.average.map(|decay| (net.clone(), decay)),
             net,
@@ -92,7 +96,7 @@ impl Learner {
         part: f64,
     ) -> Result<(GradientsParams, Step)> {
         let losses = match self.part {
-            Part::All => losses(net, batch, &self.fit, self.robust, &self.loss),
+            Part::All | Part::Bases => losses(net, batch, &self.fit, self.robust, &self.loss),
             Part::Affinities => field_losses(net, batch, &self.fit, &self.loss),
         };
         let step = Step::of(&losses);

@@ -23,6 +23,9 @@ pub struct LossConfig {
     pub gradient: f64,
     /// Mean absolute weight of a basis function, in metres.
     pub regularisation: f64,
+    /// The absolute and root mean squared errors of a fit to n points are multiplied by (n / `supervision.points`)
+    /// to this power, so that fits to few points, whose errors are larger by nature, do not drown the others.
+    pub balance: f64,
     /// How unlikely the steps of the true depth are, if edges say how far neighbours may differ;
     /// for fits with a field.
     #[serde(alias = "edges")]
@@ -37,6 +40,7 @@ impl Default for LossConfig {
             rmse: 0.0,
             gradient: 1.0,
             regularisation: 1e-3,
+            balance: 0.0,
             affinities: 0.0,
         }
     }
@@ -53,12 +57,13 @@ impl LossConfig {
             self.affinities,
         ];
         if all.iter().all(|w| *w >= 0.0 && w.is_finite())
+            && (0.0..=1.0).contains(&self.balance)
             && self.l1 + self.l2 + self.rmse + self.affinities > 0.0
         {
             Ok(())
         } else {
             Err(Error::config(
-                "`loss`: weights must be at least 0, and `l1`, `l2`, `rmse` or \
+                "`loss`: weights must be at least 0, `balance` from 0 to 1, and `l1`, `l2`, `rmse` or \
                  `affinities` above 0",
             ))
         }
@@ -90,7 +95,7 @@ pub fn losses(
     let [images, _] = batch.depths.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
-    let bases = net.bases(batch.images.clone());
+    let bases = net.bases(batch.images.clone(), batch.encoded.clone());
     let bases = bases.at(batch.size, &batch.pixels);
     let functions = bases.dims()[2];
 
@@ -103,9 +108,9 @@ pub fn losses(
     let solver = fit.solver();
     let (weights, field) = match (fit.method, robust) {
         (FitMethod::Joint, _) => {
-            let edges = net.affinities(batch.images.clone());
+            let edges = net.affinities(batch.images.clone(), batch.encoded.clone());
             let places = candidates(batch);
-            let found = joint(at_points, depths, draw, edges.clone(), places, fit.joint);
+            let found = joint(at_points, depths, draw, edges.clone(), places, fit);
             let field = at_pixels(found.field, &batch.pixels);
             (found.weights, Some((field, edges)))
         }
@@ -123,7 +128,8 @@ pub fn losses(
     if let Some((field, _)) = &field {
         fitted = fitted + field.clone();
     }
-    let mut losses = compared(fitted, &batch.depths, (points, batch.patch), config);
+    let shares = shares(batch, config);
+    let mut losses = compared(fitted, &batch.depths, shares, (points, batch.patch), config);
     if config.affinities > 0.0
         && let Some((_, edges)) = &field
     {
@@ -145,7 +151,7 @@ pub(super) fn field_losses(
     let [images, height, width] = batch.maps.dims();
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
-    let edges = net.affinities(batch.images.clone());
+    let edges = net.affinities(batch.images.clone(), batch.encoded.clone());
     let device = edges.device();
     let mut losses = if config.l1 + config.l2 + config.rmse + config.gradient > 0.0 {
         let depths = batch.depths.clone().slice([0..images, 0..points]);
@@ -155,13 +161,17 @@ pub(super) fn field_losses(
             batch.draws.clone(),
             edges.clone(),
             candidates(batch),
-            fit.joint.alone(),
+            &FitConfig {
+                joint: fit.joint.alone(),
+                ..*fit
+            },
         );
         let field = found.field.reshape([draws, images, height * width]);
         let maps = batch.maps.clone().reshape([images, height * width]);
         compared(
             field.permute([1, 2, 0]),
             &maps,
+            shares(batch, config),
             (0, (height, width)),
             config,
         )
@@ -185,11 +195,25 @@ fn candidates(batch: &Batch) -> Vec<Vec<u32>> {
     lists.map(|list| list[..batch.points].to_vec()).collect()
 }
 
+/// What the errors of each fit are multiplied by, `[images, 1, draws]`; nothing if all count the same.
+fn shares(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
+    if config.balance == 0.0 {
+        return None;
+    }
+    let images = batch.maps.dims()[0];
+    let problems = batch.draws.dims()[0];
+    let counts = batch.draws.clone().sum_dim(1) / batch.points as f64;
+    let shares = counts.clamp_min(1e-6).powf_scalar(config.balance);
+    let shares = shares.reshape([problems / images, images, 1]);
+    Some(shares.permute([1, 2, 0]))
+}
+
 /// Compares `fitted [images, pixels, draws]` with `depths [images, pixels]`, 0 = none. After a
 /// number of pixels, the others are patches of a height and width.
 fn compared(
     fitted: Tensor<3>,
     depths: &Tensor<2>,
+    shares: Option<Tensor<3>>,
     (points, patch): (usize, (usize, usize)),
     config: &LossConfig,
 ) -> Losses {
@@ -199,14 +223,22 @@ fn compared(
     let error = (fitted - depths) * valid.clone();
     let count = (valid.clone().sum() * draws as f64).clamp_min(1.0);
     let l1 = error.clone().abs().sum() / count.clone();
-    let l2 = error.clone().square().sum() / count;
-    let mut total = l1.clone() * config.l1 + l2.clone() * config.l2;
+    let l2 = error.clone().square().sum() / count.clone();
+    let shared = |errors: Tensor<3>| match &shares {
+        None => errors,
+        Some(shares) => errors * shares.clone(),
+    };
+    let absolute = match &shares {
+        None => l1.clone(),
+        Some(_) => shared(error.clone().abs()).sum() / count.clone(),
+    };
+    let mut total = absolute * config.l1 + l2.clone() * config.l2;
     if config.rmse > 0.0 {
         // Smooth where an image is met exactly.
         const LEAST: f64 = 1e-6;
         let counts = valid.clone().sum_dim(1).clamp_min(1.0);
         let means = error.clone().square().sum_dim(1) / counts;
-        total = total + (means + LEAST).sqrt().mean() * config.rmse;
+        total = total + shared((means + LEAST).sqrt()).mean() * config.rmse;
     }
     if config.gradient > 0.0 {
         total = total + gradient(error, valid, points, patch) * config.gradient;

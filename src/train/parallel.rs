@@ -87,6 +87,7 @@ mod tests {
         let maps = TensorData::new(depths.clone(), [count, SIZE.0, SIZE.1]);
         Batch {
             images: Tensor::from_data(colours, device),
+            encoded: None,
             size: SIZE,
             pixels: vec![(0..PIXELS as u32).collect(); count],
             depths: Tensor::from_data(TensorData::new(depths, [count, PIXELS]), device),

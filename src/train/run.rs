@@ -10,11 +10,12 @@ use crate::model::{
     BasisNet, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision, to_bytes,
     transfer, weights_of,
 };
-use crate::predict::{complete, completer, open_weights};
-use crate::sample::{Batch, Loader, Pattern, Protocol, Sample, Sampler, SamplerConfig};
+use crate::predict::{complete, completer, encoder_of, open_weights};
+use crate::sample::{Batch, Encoding, Loader, Pattern, Protocol, Sample, Sampler, SamplerConfig};
 use burn::module::Module as _;
 use burn::tensor::Device;
 use lsdc_core::fit::FitConfig;
+use lsdc_core::network::Encoder;
 use lsdc_core::{Completer, Weights};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -75,6 +76,8 @@ pub struct Trainer {
     config: TrainConfig,
     frames: Arc<dyn Dataset>,
     normalisation: Normalisation,
+    /// What the network reads beside the image, if it was made for that.
+    encoder: Option<Arc<Encoder>>,
     /// At least one.
     devices: Vec<Device>,
 }
@@ -112,6 +115,7 @@ impl Trainer {
         }
         Ok(Self {
             folder: folder.to_owned(),
+            encoder: encoder_of(&network)?,
             network,
             fit,
             normalisation: normalisation(&config.protocol, frames.as_ref())?,
@@ -142,6 +146,7 @@ impl Trainer {
         };
         let (training, held_out) = divide(self.frames.as_ref(), self.config.held_out);
         let sampler = Sampler::new(self.frames.clone(), training, self.sampler_config())?;
+        let sampler = sampler.encoded(self.encoding());
         let mut loader = Loader::start(&sampler, step, self.config.workers)?;
         while step < self.config.steps {
             let started = Instant::now();
@@ -214,10 +219,17 @@ impl Trainer {
         SamplerConfig {
             protocol: self.config.protocol,
             augment: self.config.augment,
+            views: self.config.views,
             supervision: self.config.supervision,
             batch: self.config.batch,
             seed: self.config.seed,
         }
+    }
+
+    fn encoding(&self) -> Option<Encoding> {
+        let encoder = self.encoder.clone()?;
+        let folder = self.config.features.clone();
+        Some(Encoding::new(encoder, self.normalisation, folder))
     }
 
     fn rate(&self, step: usize) -> f64 {
@@ -227,7 +239,7 @@ impl Trainer {
 
     fn completer(&self, net: &BasisNet) -> Result<Completer> {
         let weights = Weights::new(self.network.clone(), self.normalisation, BTreeMap::new());
-        let network = OnDevice::new(net.valid(), self.device());
+        let network = OnDevice::new(net.valid(), self.encoder.clone(), self.device());
         let completer = Completer::builder(&weights).network(Arc::new(network));
         Ok(completer.fit(self.fit).build()?)
     }

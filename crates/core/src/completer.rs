@@ -3,7 +3,7 @@
 use crate::error::{Result, SettingsError};
 use crate::fit::{ErrorModel, FitConfig, Prior};
 use crate::image::Image;
-use crate::network::{Network, Prepared};
+use crate::network::{Encoder, Network, Prepared};
 use crate::scene::Scene;
 use crate::weights::{Calibration, Normalisation, Weights};
 use lsdc_kernels::simd::Level;
@@ -79,6 +79,7 @@ const MOST_THREADS: usize = 4096;
 #[must_use]
 pub struct CompleterBuilder<'a> {
     weights: &'a Weights,
+    encoder: Option<Arc<Encoder>>,
     network: Option<Arc<dyn Network>>,
     fit: Option<FitConfig>,
     working_size: Option<(usize, usize)>,
@@ -124,6 +125,15 @@ impl<'a> CompleterBuilder<'a> {
         }
     }
 
+    /// The pretrained encoder that the network was trained on, if it was.
+    #[doc(hidden)]
+    pub fn encoder(self, encoder: Arc<Encoder>) -> Self {
+        Self {
+            encoder: Some(encoder),
+            ..self
+        }
+    }
+
     /// Uses another implementation of the network, for example on another device.
     #[doc(hidden)]
     pub fn network(self, network: Arc<dyn Network>) -> Self {
@@ -154,7 +164,11 @@ impl<'a> CompleterBuilder<'a> {
             }
         };
         let weights: &'a Weights = self.weights;
-        let prepare = || Prepared::new(&weights.network, &weights.tensors, Level::here());
+        let encoder = self.encoder;
+        let prepare = || {
+            let tensors = &weights.tensors;
+            Prepared::new(&weights.network, tensors, encoder, Level::here())
+        };
         let network: Arc<dyn Network> = match (self.network, &pool) {
             (Some(network), _) => network,
             // Working memory is counted by the threads of the pool.
@@ -215,6 +229,7 @@ impl Completer {
     pub fn builder(weights: &Weights) -> CompleterBuilder<'_> {
         CompleterBuilder {
             weights,
+            encoder: None,
             network: None,
             fit: None,
             working_size: None,

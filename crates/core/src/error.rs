@@ -121,6 +121,9 @@ pub enum WeightsError {
     /// The prior over the weights of the basis functions is damaged or belongs to other basis functions.
     #[error("the prior over the weights of basis functions {0}")]
     Prior(String),
+    /// The network was trained on top of a pretrained encoder, which was not given.
+    #[error("the network reads the features of a pretrained encoder, which was not given")]
+    NoEncoder,
     /// This kind of network cannot be run here.
     #[error("this network cannot be prepared for the CPU: {0}")]
     Unsupported(&'static str),
@@ -135,6 +138,7 @@ impl WeightsError {
             Self::Tensor { .. } | Self::Prior(_) => {
                 Some("the file is damaged or was edited; train or download it again")
             }
+            Self::NoEncoder => Some("give it to `CompleterBuilder::encoder`"),
             Self::Read { .. } | Self::Unsupported(_) => None,
         }
     }

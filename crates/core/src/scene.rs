@@ -69,7 +69,7 @@ impl Scene {
         let rgb = image.rgb()?;
         let colours = resized(&rgb, (height, width), working)?;
         let values = normalised(&colours, normalisation.mean, normalisation.deviation);
-        let basis = completer.run(|| completer.network().basis(&values, working));
+        let basis = completer.run(|| completer.network().basis(&values, working))?;
         let cosines = CosineBasis::up_to(completer.fit_config().cosines());
         let guide = match completer.fit_config().method {
             FitMethod::Lse => None,
@@ -202,8 +202,8 @@ impl Scene {
         ))
     }
 
-    /// The basis functions that the network found, `[places, N + 1]`, the first being the constant 1, at
-    /// positions (u, v) of the image in pixels, where (0, 0) is the centre of the first pixel.
+    /// The basis functions that the network found, `[places, N + 1]`, the first being the constant 1, or what the
+    /// weights take in its place, at positions (u, v) of the image in pixels, where (0, 0) is the centre of the first pixel.
     pub fn basis_functions(&self, places: &[[f64; 2]]) -> Vec<f32> {
         let inner = &*self.0;
         inner.completer.run(|| inner.basis.at(inner.size, places))

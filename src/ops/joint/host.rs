@@ -15,7 +15,12 @@ pub(super) fn forward<B: Backend>(
     affinities: FloatTensor<B>,
     scenes: &Scenes,
 ) -> FloatTensor<B> {
-    let Inner { pixels, config, .. } = &*scenes.0;
+    let Inner {
+        pixels,
+        config,
+        free,
+        ..
+    } = &*scenes.0;
     let (device, dtype) = (bases.device(), bases.dtype());
     let [problems, points, k] = bases.shape().dims();
     let [images, height, width, _] = affinities.shape().dims();
@@ -47,7 +52,7 @@ pub(super) fn forward<B: Backend>(
             values.push(depths[first + i]);
         }
         let field = (grids[image], priors[image].as_ref());
-        Adjoint::solve(field, (rows, points), pixels, values, *config)
+        Adjoint::solve(field, (rows, points), pixels, values, *config, *free)
     };
     let solved: Vec<Option<Adjoint>> = (0..problems).into_par_iter().map(solve).collect();
     let length = k + height * width;

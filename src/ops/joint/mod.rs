@@ -11,7 +11,7 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::{Tensor, s};
 use columns::Columns;
-use lsdc_core::fit::{Adjoint, JointConfig};
+use lsdc_core::fit::{Adjoint, FitConfig, JointConfig, PriorKind};
 use std::sync::{Arc, Mutex};
 
 /// The problems of a batch, as far as they are not tensors.
@@ -23,6 +23,8 @@ struct Inner {
     /// Candidate points `y * width + x` of each image.
     pixels: Vec<Vec<u32>>,
     config: JointConfig,
+    /// The number of basis functions, the first ones, whose weights are not penalised.
+    free: usize,
     /// What the way back needs, problem by problem.
     solved: Mutex<Vec<Option<Adjoint>>>,
 }
@@ -97,16 +99,18 @@ pub struct JointFit {
 /// points]` at candidate points, whose pixels `y * width + x` are `pixels[image]`, all different
 /// where `draws [problems, points]` is above 0. `affinities [images, height, width, 2]` says how
 /// strongly each pixel is joined to its right and lower neighbour. Cosines are part of the field. Solved
-/// on the host in f64; differentiable in `bases` and `affinities` by the adjoint equations. A problem without
-/// a solution yields NaN.
+/// on the host in f64; differentiable in `bases` and `affinities` by the adjoint equations. With the flat prior the
+/// weight of the first basis function is free, otherwise all have the same ridge. A problem without a solution yields
+/// NaN.
 pub fn joint(
     bases: Tensor<3>,
     depths: Tensor<2>,
     draws: Tensor<2>,
     affinities: Tensor<4>,
     pixels: Vec<Vec<u32>>,
-    config: JointConfig,
+    fit: &FitConfig,
 ) -> JointFit {
+    let config = fit.joint;
     let [problems, _, k] = bases.dims();
     let [images, height, width, _] = affinities.dims();
     let cosines = Columns::new(&config, (height, width), &bases);
@@ -120,6 +124,7 @@ pub fn joint(
     let scenes = Scenes(Arc::new(Inner {
         pixels,
         config,
+        free: usize::from(fit.prior == PriorKind::Flat),
         solved: Mutex::default(),
     }));
     let result: Tensor<2> = Tensor::from_dispatch(Dispatch::joint(

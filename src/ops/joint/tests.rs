@@ -4,7 +4,7 @@ use super::joint;
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
-use lsdc_core::fit::{CosineBasis, JointConfig};
+use lsdc_core::fit::{CosineBasis, FitConfig, JointConfig, PriorKind};
 use lsdc_rng::Rng;
 
 const HEIGHT: usize = 9;
@@ -21,6 +21,8 @@ const CONFIG: JointConfig = JointConfig {
     cosines: 1.0,
     bending: 0.5,
 };
+/// All weights have a ridge, or all but the first.
+const PRIORS: [PriorKind; 2] = [PriorKind::None, PriorKind::Flat];
 const LENGTH: usize = FUNCTIONS + HEIGHT * WIDTH;
 
 fn random(count: usize, name: &str) -> Vec<f64> {
@@ -53,13 +55,21 @@ fn affinities() -> Vec<f64> {
         .collect()
 }
 
+fn fit(prior: PriorKind) -> FitConfig {
+    FitConfig {
+        joint: CONFIG,
+        prior,
+        ..FitConfig::default()
+    }
+}
+
 struct Values {
     bases: Tensor<3>,
     affinities: Tensor<4>,
 }
 
 /// The sum of the results times fixed numbers.
-fn objective(values: &Values) -> Tensor<1> {
+fn objective(values: &Values, prior: PriorKind) -> Tensor<1> {
     let device = values.bases.device();
     let tensor = |v: Vec<f64>, shape: [usize; 2]| {
         Tensor::<2>::from_data(TensorData::new(v, shape), (&device, DType::F64))
@@ -72,7 +82,7 @@ fn objective(values: &Values) -> Tensor<1> {
         tensor(draws(), shape),
         values.affinities.clone(),
         places(),
-        CONFIG,
+        &fit(prior),
     );
     let all = Tensor::cat(vec![found.weights, found.field], 1);
     let factors = random(DRAWS * IMAGES * LENGTH, "factors");
@@ -90,18 +100,22 @@ fn values(bases: Vec<f64>, affinities: Vec<f64>, device: &Device) -> Values {
 
 #[test]
 fn gradients_are_those_of_central_differences() {
+    PRIORS.into_iter().for_each(gradients_are_right);
+}
+
+fn gradients_are_right(prior: PriorKind) {
     const STEP: f64 = 1e-5;
     let bases = random(DRAWS * IMAGES * POINTS * FUNCTIONS, "bases");
     let device = Device::flex();
     let mut tracked = values(bases.clone(), affinities(), &device.clone().autodiff());
     tracked.bases = tracked.bases.require_grad();
     tracked.affinities = tracked.affinities.require_grad();
-    let grads = objective(&tracked).backward();
+    let grads = objective(&tracked, prior).backward();
     let read = |data: TensorData| data.iter::<f64>().collect::<Vec<f64>>();
     let of_bases = read(tracked.bases.grad(&grads).unwrap().into_data());
     let of_affinities = read(tracked.affinities.grad(&grads).unwrap().into_data());
     let value = |bases: Vec<f64>, affinities: Vec<f64>| {
-        objective(&values(bases, affinities, &device)).into_scalar::<f64>()
+        objective(&values(bases, affinities, &device), prior).into_scalar::<f64>()
     };
     for i in (0..bases.len()).step_by(7) {
         let moved = |by: f64| {
@@ -149,6 +163,10 @@ fn precision(affinities: &[f64], level: f64, size: usize) -> Mat<f64> {
 
 #[test]
 fn the_op_minimises_over_field_cosines_and_weights() {
+    PRIORS.into_iter().for_each(the_sum_is_least);
+}
+
+fn the_sum_is_least(prior: PriorKind) {
     let place = |i: usize| [(i % WIDTH) as f64, (i / WIDTH) as f64];
     let bases_at = |places: &[[f64; 2]]| -> Vec<f32> {
         let row = |[x, y]: &[f64; 2]| [1.0, (x / 6.0 - 1.0) as f32, (y / 3.0).sin() as f32];
@@ -175,7 +193,7 @@ fn the_op_minimises_over_field_cosines_and_weights() {
         tensor(vec![1.0; POINTS]).reshape([1, POINTS]),
         tensor(affinities()[..2 * HEIGHT * WIDTH].to_vec()).reshape([1, HEIGHT, WIDTH, 2]),
         vec![pixels_of_points.clone()],
-        CONFIG,
+        &fit(prior),
     );
     let read = |values: Tensor<2>| values.into_data().iter::<f64>().collect::<Vec<_>>();
     let (weights, field) = (read(found.weights), read(found.field));
@@ -188,7 +206,12 @@ fn the_op_minimises_over_field_cosines_and_weights() {
     let size = pixels + columns;
     let mut precision = precision(&affinities(), CONFIG.level, size);
     let ridges = cosines.ridges(CONFIG.bending);
-    for (i, ridge) in [CONFIG.ridge; 3].iter().chain(&ridges).enumerate() {
+    let first = match prior {
+        PriorKind::Flat => 0.0,
+        _ => CONFIG.ridge,
+    };
+    let penalties = [first, CONFIG.ridge, CONFIG.ridge];
+    for (i, ridge) in penalties.iter().chain(&ridges).enumerate() {
         precision[(pixels + i, pixels + i)] = *ridge;
     }
     let mut right = Mat::<f64>::zeros(size, 1);

@@ -11,6 +11,8 @@ use lsdc_kernels::conv::{ConvSpec, Layer};
 #[derive(Debug)]
 pub(super) struct AffinityNet {
     down: Vec<[Layer; 2]>,
+    /// From the encoder's features to what is added at the lowest resolution.
+    encoded: Option<Layer>,
     up: Vec<Rise>,
     last: Layer,
 }
@@ -22,7 +24,12 @@ struct Rise {
 }
 
 impl AffinityNet {
-    pub(super) fn new(config: &NetworkConfig, tensors: &Tensors<'_>) -> Result<Self, WeightsError> {
+    /// `channels` are those of the encoder's features, if there is an encoder.
+    pub(super) fn new(
+        config: &NetworkConfig,
+        channels: Option<usize>,
+        tensors: &Tensors<'_>,
+    ) -> Result<Self, WeightsError> {
         let (same, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
         let widths = config.levels();
         let down = |level: usize| {
@@ -51,13 +58,16 @@ impl AffinityNet {
         let last = [CHANGES, config.affinities, 1];
         Ok(Self {
             down: (0..widths.len()).map(down).collect::<Result<_, _>>()?,
+            encoded: channels
+                .map(|from| tensors.conv("edges.encoded", [widths[4], from, 1], pointwise))
+                .transpose()?,
             up: pairs.map(up).collect::<Result<_, _>>()?,
             last: tensors.conv("edges.last", last, pointwise)?,
         })
     }
 
     /// How affinities differ from those given by the colours, `[height, width, CHANGES]`.
-    pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Map {
+    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, run: Run<'_>) -> Map {
         let next = |x: Map, layer: &Layer| {
             let output = run.layer(layer, &x, None, true);
             run.pool.give(x);
@@ -68,7 +78,12 @@ impl AffinityNet {
             let x = run.layer(first, levels.last().unwrap_or(image), None, true);
             levels.push(next(x, second));
         }
-        let lowest = levels.pop().unwrap_or_default();
+        let mut lowest = levels.pop().unwrap_or_default();
+        if let (Some(layer), Some(map)) = (&self.encoded, encoded) {
+            let more = run.layer(layer, map, None, false);
+            lowest.add_enlarged(&more);
+            run.pool.give(more);
+        }
         let pairs = self.up.iter().zip(levels.into_iter().rev());
         let x = pairs.fold(lowest, |x, (rise, mut level)| {
             let narrow = run.layer(&rise.narrow, &x, None, false);

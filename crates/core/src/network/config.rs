@@ -61,6 +61,11 @@ pub struct ExtractorConfig {
     /// Number of convolutions that sharpen the features at half the image's resolution, using the output of
     /// the first stage there; 0: the features stay at quarter resolution, as in PSMNet.
     pub sharpening: usize,
+    /// Channels of the branch that reads the tokens of a pretrained encoder ([`EncoderConfig::small`]); 0: there is
+    /// no encoder.
+    ///
+    /// [`EncoderConfig::small`]: super::EncoderConfig::small
+    pub encoder: usize,
 }
 
 impl Default for ExtractorConfig {
@@ -81,6 +86,7 @@ impl ExtractorConfig {
             merge: 128,
             features: 32,
             sharpening: 0,
+            encoder: 0,
         }
     }
 
@@ -102,6 +108,7 @@ impl ExtractorConfig {
             merge: 64,
             features: 64,
             sharpening: 2,
+            encoder: 0,
         }
     }
 
@@ -126,7 +133,8 @@ impl ExtractorConfig {
             && channels(&self.features)
             && self.stages.iter().all(|stage| blocks(stage.blocks))
             && self.pools.len() <= MOST_BLOCKS
-            && self.sharpening <= MOST_BLOCKS;
+            && self.sharpening <= MOST_BLOCKS
+            && self.encoder <= MOST_CHANNELS;
         if sound {
             return Ok(());
         }
@@ -142,6 +150,9 @@ impl ExtractorConfig {
         widths.extend([self.stem, self.branch, self.merge]);
         if self.sharpening > 0 {
             widths.push(self.features);
+        }
+        if self.encoder > 0 {
+            widths.push(self.encoder);
         }
         widths
     }
@@ -160,6 +171,9 @@ pub struct NetworkConfig {
     pub hidden: Vec<usize>,
     /// N, the number of learned basis functions, not counting the constant 1.
     pub bases: usize,
+    /// Whether the first function is a positive map that the network predicts, the exponential of a linear function
+    /// of its last hidden layer, instead of the constant 1: the depth that the image suggests, up to scale.
+    pub mean: bool,
     /// Number of channels at full resolution of the affinity network, which tells depth edges from colour
     /// edges, for fits with a field; 0: affinities come from colours alone.
     #[serde(alias = "edges")]
@@ -182,6 +196,7 @@ impl NetworkConfig {
             octaves: 5,
             hidden: vec![512, 128, 128],
             bases: 128,
+            mean: false,
             affinities: 0,
             norm: NormKind::Batch,
         }
@@ -216,6 +231,19 @@ impl NetworkConfig {
             bases: 64,
             affinities: 8,
             ..Self::paper()
+        }
+    }
+
+    /// `sharp` on top of a pretrained encoder, whose parameters are not counted: 2.1 M parameters.
+    pub fn anything() -> Self {
+        Self {
+            extractor: ExtractorConfig {
+                merge: 128,
+                encoder: 128,
+                ..ExtractorConfig::slim()
+            },
+            mean: true,
+            ..Self::sharp()
         }
     }
 

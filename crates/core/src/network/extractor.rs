@@ -17,6 +17,8 @@ pub(super) struct Extractor {
     skip: Vec<Block>,
     /// Pool size and convolution of each branch.
     branches: Vec<(usize, Layer)>,
+    /// Of the encoder's features, at their resolution.
+    encoded: Vec<Layer>,
     merge: Layer,
     project: Layer,
     sharpen: Option<Sharpen>,
@@ -94,8 +96,10 @@ impl Run<'_> {
 }
 
 impl Extractor {
+    /// `channels` are those of the encoder's features, if there is an encoder.
     pub(super) fn new(
         config: &ExtractorConfig,
+        channels: Option<usize>,
         tensors: &Tensors<'_>,
     ) -> Result<Self, WeightsError> {
         let (plain, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
@@ -124,7 +128,18 @@ impl Extractor {
             let sizes = [config.branch, fourth.width, 1];
             Ok((pool, tensors.conv_norm(&name, sizes, pointwise)?))
         };
-        let merged = second.width + fourth.width + config.pools.len() * config.branch;
+        let encoded = |channels: usize| {
+            let (name, width) = (
+                |part: &str| format!("extractor.encoded.{part}"),
+                config.encoder,
+            );
+            Ok::<_, WeightsError>(vec![
+                tensors.conv_norm(&name("reduce"), [width, channels, 1], pointwise)?,
+                tensors.conv_norm(&name("mix"), [width, width, 3], plain)?,
+            ])
+        };
+        let merged =
+            second.width + fourth.width + config.pools.len() * config.branch + config.encoder;
         let project = [config.features, config.merge, 1];
         Ok(Self {
             stem: stems.into_iter().map(stem).collect::<Result<_, _>>()?,
@@ -137,6 +152,7 @@ impl Extractor {
                 .enumerate()
                 .map(branch)
                 .collect::<Result<_, _>>()?,
+            encoded: channels.map(encoded).transpose()?.unwrap_or_default(),
             merge: tensors.conv_norm("extractor.merge", [config.merge, merged, 3], plain)?,
             project: tensors.conv("extractor.project", project, pointwise)?,
             sharpen: match config.sharpening {
@@ -147,7 +163,7 @@ impl Extractor {
     }
 
     /// Features at a quarter of the image's resolution, or at half of it if they are sharpened.
-    pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Map {
+    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, run: Run<'_>) -> Map {
         let pool = run.pool;
         let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
             let output = run.layer(layer, &x, None, true);
@@ -162,7 +178,7 @@ impl Extractor {
             .fold(half, |x, block| run.block(block, x));
         let copy = raw.copied(pool);
         let skip = self.skip.iter().fold(copy, |x, block| run.block(block, x));
-        let branches: Vec<Map> = self
+        let mut branches: Vec<Map> = self
             .branches
             .iter()
             .map(|(size, layer)| {
@@ -172,6 +188,13 @@ impl Extractor {
                 output
             })
             .collect();
+        branches.extend(encoded.map(|map| {
+            self.encoded.iter().fold(map.copied(pool), |x, layer| {
+                let output = run.layer(layer, &x, None, true);
+                pool.give(x);
+                output
+            })
+        }));
         let all = gather(&raw, &skip, &branches, pool);
         for map in branches.into_iter().chain([raw, skip]) {
             pool.give(map);

@@ -23,8 +23,13 @@ pub(super) struct Head {
     last: Packed,
     /// The same weights as `[width, N]`.
     weights: Vec<f32>,
+    /// From the last hidden layer to the logarithm of the first function, if that is not the constant 1.
+    mean: Option<Vec<f32>>,
     grids: Grids,
 }
+
+/// The logarithm of the first function is kept within this of 0.
+pub const STEEPEST: f32 = 4.0;
 
 /// Pixels of one piece: whole register tiles of every level, and small enough for caches.
 const PIECE: usize = 84;
@@ -68,6 +73,10 @@ impl Head {
             hidden,
             last: Packed::new(level, (from, functions), &[], last),
             weights: weights.to_vec(),
+            mean: match config.mean {
+                false => None,
+                true => Some(tensors.values("head.mean.weight", &[from, 1])?.to_vec()),
+            },
             grids: Grids::default(),
         })
     }
@@ -82,7 +91,7 @@ impl Head {
         map
     }
 
-    /// Values `[places, N + 1]`, the constant first, at positions (u, v) of an image of `size` (height,
+    /// Values `[places, N + 1]`, the constant or the mean first, at positions (u, v) of an image of `size` (height,
     /// width).
     pub(super) fn at(
         &self,
@@ -128,6 +137,14 @@ impl Head {
                     for (row, values) in targets.zip(values.chunks_exact(functions)) {
                         row[1..].copy_from_slice(values);
                     }
+                    if let Some(weights) = &self.mean {
+                        let mut first = [0.0; PIECE];
+                        let first = &mut first[..places.len()];
+                        dot_rows(self.level, activations, weights, 0.0, first);
+                        let targets = rows.chunks_exact_mut(functions + 1);
+                        let pairs = targets.zip(first);
+                        pairs.for_each(|(row, logarithm)| row[0] = positive(*logarithm));
+                    }
                 });
             });
     }
@@ -143,7 +160,7 @@ impl Head {
     ) -> Vec<f32> {
         let grid = self.grids.get(self, (inputs.height, inputs.width), size);
         let functions = self.last.columns();
-        let (constant, weights) = weights.split_first().unwrap_or((&0.0, &[]));
+        let (first, weights) = weights.split_first().unwrap_or((&0.0, &[]));
         let folded: Vec<f32> = self
             .weights
             .chunks_exact(functions)
@@ -158,11 +175,20 @@ impl Head {
         let pieces = depths.par_chunks_mut(PIECE).enumerate();
         pieces.for_each(|(i, depths)| {
             scratch.with(self.memory(depths.len()), |memory| {
-                let first = i * PIECE;
-                let pixels = first..first + depths.len();
+                let start = i * PIECE;
+                let pixels = start..start + depths.len();
                 let cells = pixels.map(|pixel| (pixel / size.1, pixel % size.1));
                 let activations = self.activations(&grid, inputs, cells, memory);
-                dot_rows(self.level, activations, &folded, *constant as f32, depths);
+                let Some(mean) = &self.mean else {
+                    dot_rows(self.level, activations, &folded, *first as f32, depths);
+                    return;
+                };
+                dot_rows(self.level, activations, &folded, 0.0, depths);
+                let mut logarithms = [0.0; PIECE];
+                let logarithms = &mut logarithms[..depths.len()];
+                dot_rows(self.level, activations, mean, 0.0, logarithms);
+                let pairs = depths.iter_mut().zip(logarithms);
+                pairs.for_each(|(depth, v)| *depth += *first as f32 * positive(*v));
             });
         });
         depths
@@ -200,4 +226,9 @@ impl Head {
         }
         x
     }
+}
+
+/// The first function from its logarithm.
+fn positive(logarithm: f32) -> f32 {
+    logarithm.clamp(-STEEPEST, STEEPEST).exp()
 }

@@ -22,8 +22,9 @@ pub use colours::{CONTRAST, LEAST, MOST_CHANGE};
 pub use config::{
     CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
 };
-pub use encoder::{Encoder, EncoderConfig, Features, PATCH};
+pub use encoder::{Encoded, Encoder, EncoderConfig, Features, PATCH};
 pub use encoding::{channels, codes};
+pub use head::STEEPEST;
 
 use crate::error::{Error, WeightsError};
 use crate::weights::Tensor;
@@ -43,7 +44,10 @@ use tensors::Tensors;
 pub trait Network: Debug + Send + Sync {
     /// The basis functions and affinities of a normalised image `[height, width, 3]` of `size` (height,
     /// width).
-    fn basis(&self, image: &[f32], size: (usize, usize)) -> Box<dyn Basis>;
+    ///
+    /// # Errors
+    /// An image that cannot be encoded.
+    fn basis(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Basis>, Error>;
 }
 
 /// The basis functions and affinities of one image.
@@ -66,6 +70,7 @@ pub struct Prepared(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
+    encoder: Option<Arc<Encoder>>,
     extractor: Extractor,
     head: Head,
     affinities: Option<AffinityNet>,
@@ -74,25 +79,34 @@ struct Inner {
 }
 
 impl Prepared {
-    /// Prepares a network from the tensors of a weights file.
+    /// Prepares a network from the tensors of a weights file, on top of an encoder if it was trained on one.
     ///
     /// # Errors
-    /// Sizes that are out of range, a tensor that is missing, unexpected or of the wrong shape, and networks
-    /// without fixed statistics to fold (group normalisation) or without hidden layers.
+    /// Sizes that are out of range, a tensor that is missing, unexpected or of the wrong shape, a missing encoder,
+    /// and networks without fixed statistics to fold (group normalisation) or without hidden layers.
     pub fn new(
         config: &NetworkConfig,
         tensors: &BTreeMap<String, Tensor>,
+        encoder: Option<Arc<Encoder>>,
         level: Level,
     ) -> Result<Self, Error> {
         config.check()?;
+        let encoder = match (config.extractor.encoder, encoder) {
+            (0, _) => None,
+            (_, Some(encoder)) => Some(encoder),
+            (_, None) => return Err(WeightsError::NoEncoder.into()),
+        };
         if config.norm == NormKind::Group {
             let why = "group normalisation depends on the image";
             return Err(WeightsError::Unsupported(why).into());
         }
         let tensors = Tensors::new(tensors, level);
-        let affinities = (config.affinities > 0).then(|| AffinityNet::new(config, &tensors));
+        let channels = encoder.as_ref().map(|encoder| encoder.config().channels());
+        let affinities =
+            (config.affinities > 0).then(|| AffinityNet::new(config, channels, &tensors));
         let inner = Inner {
-            extractor: Extractor::new(&config.extractor, &tensors)?,
+            extractor: Extractor::new(&config.extractor, channels, &tensors)?,
+            encoder,
             head: Head::new(config, &tensors)?,
             affinities: affinities.transpose()?,
             scratch: Scratch::new(),
@@ -104,28 +118,38 @@ impl Prepared {
 }
 
 impl Network for Prepared {
-    fn basis(&self, image: &[f32], size: (usize, usize)) -> Box<dyn Basis> {
+    fn basis(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Basis>, Error> {
         let Inner {
+            encoder,
             extractor,
             head,
             scratch,
             pool,
             ..
         } = &*self.0;
+        let encode = |encoder: &Arc<Encoder>| -> Result<Map, Error> {
+            let encoded = encoder.encode(image, size)?;
+            let channels = encoder.config().channels();
+            let mut map = pool.take(encoded.rows, encoded.columns, channels);
+            map.values.copy_from_slice(&encoded.values);
+            Ok(map)
+        };
+        let encoded = encoder.as_ref().map(encode).transpose()?;
         let mut map = pool.take(size.0, size.1, 3);
         map.values.copy_from_slice(image);
         // On a thread of the pool, or each of some sixty layers would wake and await it anew.
         let inputs = rayon::scope(|_| {
-            let features = extractor.forward(&map, Run { scratch, pool });
+            let features = extractor.forward(&map, encoded.as_ref(), Run { scratch, pool });
             let inputs = head.enter(&features, pool);
             pool.give(features);
             inputs
         });
-        Box::new(PreparedBasis {
+        Ok(Box::new(PreparedBasis {
             network: self.clone(),
             inputs,
             image: map,
-        })
+            encoded,
+        }))
     }
 }
 
@@ -136,12 +160,14 @@ struct PreparedBasis {
     /// What the features add to the first hidden layer, at their resolution.
     inputs: Map,
     image: Map,
+    /// What the encoder says of the image.
+    encoded: Option<Map>,
 }
 
 impl Drop for PreparedBasis {
     fn drop(&mut self) {
         let maps = [&mut self.inputs, &mut self.image].map(std::mem::take);
-        for map in maps {
+        for map in maps.into_iter().chain(self.encoded.take()) {
             self.network.0.pool.give(map);
         }
     }
@@ -166,7 +192,8 @@ impl Basis for PreparedBasis {
             pool: &inner.pool,
         };
         let network = inner.affinities.as_ref();
-        let changes = rayon::scope(|_| Some(network?.forward(&self.image, run)));
+        let encoded = self.encoded.as_ref();
+        let changes = rayon::scope(|_| Some(network?.forward(&self.image, encoded, run)));
         let values = changes.as_ref().map(|map| &map.values[..]);
         let values = affinities(&self.image.values, size, values);
         if let Some(map) = changes {

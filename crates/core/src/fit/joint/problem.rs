@@ -76,12 +76,14 @@ impl Form {
 impl Adjoint {
     /// Solves the problem for the points at `rows` of the candidates. `values` holds basis functions and
     /// depth of each of these points. `prior` is the field of the grid before any observation, if there is one.
+    /// The weights of the first `free` basis functions are not penalised.
     pub fn solve(
         (grid, prior): (Grid<'_>, Option<&FieldPrior>),
         (rows, candidates): (Vec<usize>, usize),
         pixels: Vec<u32>,
         values: Vec<f64>,
         config: JointConfig,
+        free: usize,
     ) -> Option<Self> {
         let taps: Vec<Taps> = pixels.iter().map(|&pixel| Taps::pixel(pixel)).collect();
         let seen = Observations {
@@ -94,7 +96,7 @@ impl Adjoint {
         let moments = field.moments(&seen);
         let k = moments.ncols() - 1;
         let mut normal = moments.get(..k, ..k).to_owned();
-        for i in 0..k {
+        for i in free..k {
             normal[(i, i)] += config.ridge;
         }
         let normal = normal.llt(Side::Lower).ok()?;

@@ -5,12 +5,14 @@
 //! the tokens, then a multilayer perceptron. The tokens after some of the blocks, normalised, are the features.
 
 mod block;
+mod encoded;
 mod position;
 
 use super::tensors::Tensors;
 use crate::error::{Error, FitError, WeightsError};
 use crate::weights::Tensor;
 use block::{Block, Room};
+pub use encoded::Encoded;
 use lsdc_kernels::attention::layer_norm;
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 use position::positions;
@@ -55,6 +57,11 @@ impl EncoderConfig {
             side: 37,
             taps: vec![2, 5, 8, 11],
         }
+    }
+
+    /// Channels of all taps together.
+    pub fn channels(&self) -> usize {
+        self.taps.len() * self.width
     }
 
     fn check(&self) -> Result<(), WeightsError> {

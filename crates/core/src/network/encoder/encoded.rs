@@ -1,0 +1,89 @@
+//! Images of any size, encoded.
+
+use super::{Encoder, PATCH};
+use crate::error::{FitError, ImageError, Result};
+use fast_image_resize::images::{TypedImage, TypedImageRef};
+use fast_image_resize::pixels::F32x3;
+use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
+
+/// About as many patches as an image is cut into, whatever its size: 448x336 pixels.
+const PATCHES: f64 = 768.0;
+
+/// What an encoder says of an image, as a map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Encoded {
+    /// Patches down.
+    pub rows: usize,
+    /// Patches across.
+    pub columns: usize,
+    /// The features of all taps side by side, `[rows, columns, channels]`.
+    pub values: Vec<f32>,
+}
+
+impl Encoded {
+    /// Rows and columns of patches for an image of a height and width.
+    pub fn size((height, width): (usize, usize)) -> (usize, usize) {
+        let aspect = height as f64 / width.max(1) as f64;
+        let side = |length: f64| (length.round() as usize).clamp(1, PATCHES as usize);
+        let rows = side((PATCHES * aspect).sqrt());
+        (rows, side((PATCHES / aspect).sqrt()))
+    }
+}
+
+impl Encoder {
+    /// Encodes a normalised image `[height, width, 3]` of any size, which is resized to whole patches by cubic
+    /// convolution.
+    ///
+    /// # Errors
+    /// An image without pixels, or another number of values.
+    pub fn encode(&self, image: &[f32], size: (usize, usize)) -> Result<Encoded> {
+        if size.0 * size.1 == 0 || image.len() != 3 * size.0 * size.1 {
+            let what = format!(
+                "{} values are no image of {}x{} pixels",
+                image.len(),
+                size.1,
+                size.0
+            );
+            return Err(FitError::Shape(what).into());
+        }
+        let (rows, columns) = Encoded::size(size);
+        let image = resized(image, size, (rows * PATCH, columns * PATCH))?;
+        let features = self.features(&image, (rows * PATCH, columns * PATCH))?;
+        let width = self.config().width;
+        let mut values = Vec::with_capacity(rows * columns * self.config().channels());
+        for patch in 0..rows * columns {
+            for tap in &features.taps {
+                values.extend_from_slice(&tap[patch * width..][..width]);
+            }
+        }
+        Ok(Encoded {
+            rows,
+            columns,
+            values,
+        })
+    }
+}
+
+fn resized(image: &[f32], from: (usize, usize), to: (usize, usize)) -> Result<Vec<f32>> {
+    if from == to {
+        return Ok(image.to_vec());
+    }
+    let failed = || ImageError::Size {
+        width: to.1,
+        height: to.0,
+    };
+    let sides = |(height, width): (usize, usize)| [width, height].map(u32::try_from);
+    let ([Ok(width), Ok(height)], [Ok(new_width), Ok(new_height)]) = (sides(from), sides(to))
+    else {
+        return Err(failed().into());
+    };
+    let (pixels, _) = image.as_chunks::<3>();
+    let pixels: Vec<F32x3> = pixels.iter().map(|pixel| F32x3::new(*pixel)).collect();
+    let source = TypedImageRef::new(width, height, &pixels).map_err(|_| failed())?;
+    let mut target = TypedImage::<F32x3>::new(new_width, new_height);
+    let cubic = ResizeAlg::Convolution(FilterType::CatmullRom);
+    let options = ResizeOptions::new().resize_alg(cubic);
+    let done = Resizer::new().resize_typed(&source, &mut target, &options);
+    done.map_err(|_| failed())?;
+    Ok(target.pixels().iter().flat_map(|pixel| pixel.0).collect())
+}
