@@ -10,22 +10,27 @@ pub use encoder::encoder_of;
 pub use lsdc_classic::Classic;
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
-pub use weights::{Embedded, embedded, open_weights, weights_hash, weights_name};
+pub use weights::{
+    Embedded, are_none, embedded, open_weights, weights_fit, weights_hash, weights_name,
+};
 
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
 use crate::model::{NormKind, OnDevice, load};
 use burn::tensor::Device;
 use image::RgbImage;
-use lsdc_core::{Channels, Completer, Completion, Image, Observations, Scene, Weights};
+use lsdc_core::{Channels, Completer, Completion, DepthGuide, Image, Observations, Scene, Weights};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Opens weights from a file, or those that come with the program, on a device.
+/// Opens weights from a file, or those that come with the program, on a device; `none` is no network at all.
 ///
 /// # Errors
 /// A file that cannot be read or is no weights file.
 pub fn open_completer(weights: Option<&Path>, device: &Device) -> Result<Completer> {
+    if are_none(weights) {
+        return Ok(Completer::without_network(weights_fit(weights)?)?);
+    }
     completer(&open_weights(weights)?, device)
 }
 
@@ -65,9 +70,24 @@ pub fn plain_completer(weights: &Weights, device: &Device) -> Result<Completer> 
 /// # Errors
 /// An image without pixels.
 pub fn scene(completer: &Completer, rgb: &RgbImage) -> Result<Scene> {
+    guided_scene(completer, rgb, None)
+}
+
+/// The same beside a guide, if there is one.
+///
+/// # Errors
+/// An image without pixels.
+pub fn guided_scene(
+    completer: &Completer,
+    rgb: &RgbImage,
+    guide: Option<&DepthGuide>,
+) -> Result<Scene> {
     let (width, height) = (rgb.width() as usize, rgb.height() as usize);
     let image = Image::new(width, height, Channels::Rgb, rgb.as_raw())?;
-    Ok(completer.scene(&image)?)
+    Ok(match guide {
+        None => completer.scene(&image)?,
+        Some(guide) => completer.guided_scene(&image, guide)?,
+    })
 }
 
 /// Completes the measurements of a map under the guidance of an image of its size.

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use lsdc_core::Weights;
+use lsdc_core::fit::FitConfig;
 use lsdc_core::weights;
 use lsdc_rng::hash;
 use std::path::Path;
@@ -45,11 +46,31 @@ fn named(path: Option<&Path>) -> Option<&'static Embedded> {
     }
 }
 
+/// The name that stands for no network at all.
+const NONE: &str = "none";
+
+/// Whether `--weights` asks for no network at all: a constant, a guide, and a field along the colours of the image.
+pub fn are_none(path: Option<&Path>) -> bool {
+    path.is_some_and(|path| path == Path::new(NONE) && !path.exists())
+}
+
+/// The settings of the fit of weights; without a network, those of the default weights.
+///
+/// # Errors
+/// As for [`open_weights`].
+pub fn weights_fit(path: Option<&Path>) -> Result<FitConfig> {
+    let path = path.filter(|_| !are_none(path));
+    Ok(open_weights(path)?.fit()?.unwrap_or_default())
+}
+
 /// A short name of the weights that [`open_weights`] would read: changes with every bit of them.
 ///
 /// # Errors
 /// A file that cannot be read.
 pub fn weights_name(path: Option<&Path>) -> Result<String> {
+    if are_none(path) {
+        return Ok("no network".to_owned());
+    }
     let of = match (named(path), path) {
         (Some(own), _) => format!("`{}` of the program", own.name),
         (None, path) => format!("`{}`", path.unwrap_or(Path::new("")).display()),
@@ -62,6 +83,9 @@ pub fn weights_name(path: Option<&Path>) -> Result<String> {
 /// # Errors
 /// A file that cannot be read.
 pub fn weights_hash(path: Option<&Path>) -> Result<String> {
+    if are_none(path) {
+        return Ok(NONE.to_owned());
+    }
     let hashed = |bytes: &[u8]| format!("{:016x}", hash(&[bytes]));
     match named(path) {
         Some(own) => Ok(hashed(own.bytes)),

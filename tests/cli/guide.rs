@@ -1,7 +1,7 @@
 //! Every command of the user guide, on files of the names that it uses.
 
 use super::*;
-use lsdc::data::{Camera, read_rgb, write_depth_png};
+use lsdc::data::{Camera, read_rgb, write_depth_png, write_npy};
 use std::fmt::Write as _;
 
 /// Lines of the shell in the guide.
@@ -25,7 +25,14 @@ fn camera() -> String {
 fn prepared() -> tempfile::TempDir {
     let folder = room();
     let at = |name: &str| folder.path().join(name);
-    for name in ["images", "sparse/0", "frames", "points", "out"] {
+    for name in [
+        "images",
+        "sparse/0",
+        "frames",
+        "points",
+        "predictions",
+        "out",
+    ] {
         std::fs::create_dir_all(at(name)).unwrap();
     }
     let image = read_rgb(&at("rgb.png")).unwrap();
@@ -45,6 +52,13 @@ fn prepared() -> tempfile::TempDir {
     write_depth_png(&at("aligned_depth.png"), &sparse, 0.001).unwrap();
     for name in ["points/1.npy", "points/2.npy"] {
         std::fs::copy(at("sparse.npy"), at(name)).unwrap();
+    }
+    let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
+    let disparities = truth.values().iter().map(|d| 3.0 / d - 0.2).collect();
+    let prediction = DepthMap::new(width, height, disparities).unwrap();
+    write_npy(&at("prediction.npy"), &prediction).unwrap();
+    for name in ["predictions/1.npy", "predictions/2.npy"] {
+        write_npy(&at(name), &truth).unwrap();
     }
     std::fs::write(at("list.txt"), "frames/1.png\nframes/2.png points/1.npy\n").unwrap();
     let small = DepthMap::new(width / 2, height / 2, vec![2.0; width * height / 4]).unwrap();

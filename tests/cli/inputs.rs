@@ -3,6 +3,7 @@
 use super::*;
 use image::codecs::png::PngEncoder;
 use image::{ImageEncoder as _, Rgb, RgbImage};
+use lsdc::data::write_npy;
 
 /// `complete` by the nearest point, which is quick and shows where points lie.
 fn nearest(folder: &Path, args: &[&str]) -> assert_cmd::assert::Assert {
@@ -376,4 +377,67 @@ fn an_input_is_not_replaced_by_its_result() {
         &["`a.png` is the image", "-o"],
     );
     assert_eq!(std::fs::read(at("a.png")).unwrap(), before);
+}
+
+#[test]
+fn a_guide_is_used_or_said_not_to_be() {
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
+    let (width, height) = (truth.width(), truth.height());
+    write_npy(&at("good.npy"), &truth).unwrap();
+    // Stripes that have nothing to do with the room, of another shape.
+    let stripes = (0..200 * 50).map(|i| 2.0 + ((i % 200) as f32 / 3.0).sin());
+    write_npy(
+        &at("bad.npy"),
+        &DepthMap::new(200, 50, stripes.collect()).unwrap(),
+    )
+    .unwrap();
+    let run = |guide: &str, weights: &str| -> (serde_json::Value, f64) {
+        let output = lsdc(folder.path())
+            .args([
+                "complete",
+                "rgb.png",
+                "sparse.npy",
+                "-o",
+                "depth.npy",
+                "--force",
+                "--json",
+            ])
+            .args(["--guide", guide, "--weights", weights])
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{output:?}");
+        let report = serde_json::from_slice(&output.stdout).unwrap();
+        let found = read_npy(&at("depth.npy"), 1.0).unwrap();
+        let pairs = found.values().iter().zip(truth.values());
+        let squares: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        (report, (squares / (width * height) as f64).sqrt())
+    };
+    for weights in ["default", "none"] {
+        let (good, near) = run("good.npy", weights);
+        assert!(good["fit"]["guide_trust"].as_f64().unwrap() > 0.0);
+        let (bad, far) = run("bad.npy", weights);
+        assert_eq!(bad["fit"]["guide_trust"], 0.0);
+        assert!(bad["remarks"].to_string().contains("stretched"), "{bad}");
+        assert!(near < 0.5 * far, "{weights}: {near} {far}");
+    }
+    let refused_with = |args: &[&str], words: &[&str]| {
+        let all = [&["complete"], args, &["-o", "out"]].concat();
+        refused(folder.path(), &all, words);
+    };
+    let frame = ["rgb.png", "sparse.npy", "--guide"];
+    refused_with(&[&frame[..], &["none.npy"]].concat(), &["none.npy"]);
+    refused_with(
+        &[&frame[..], &["good.npy", "--method", "linear"]].concat(),
+        &["--guide"],
+    );
+    std::fs::create_dir_all(at("images")).unwrap();
+    std::fs::create_dir_all(at("points")).unwrap();
+    std::fs::copy(at("rgb.png"), at("images/a.png")).unwrap();
+    std::fs::copy(at("sparse.npy"), at("points/a.npy")).unwrap();
+    refused_with(
+        &["images", "points", "--guide", "good.npy"],
+        &["--guide", "folder"],
+    );
 }

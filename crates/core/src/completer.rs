@@ -1,9 +1,10 @@
 //! A trained network with the settings of the fit, ready to complete images.
 
+use crate::depth_guide::DepthGuide;
 use crate::error::{Result, SettingsError};
-use crate::fit::{ErrorModel, FitConfig, Prior};
+use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
 use crate::image::Image;
-use crate::network::{Encoder, Network, Prepared};
+use crate::network::{ColoursAlone, Encoder, Network, Prepared};
 use crate::scene::Scene;
 use crate::weights::{Calibration, Normalisation, Weights};
 use lsdc_kernels::simd::Level;
@@ -225,6 +226,50 @@ impl Completer {
         Self::builder(weights).build()
     }
 
+    /// A completer without a network, for scenes with a [guide](DepthGuide): depth is a constant, the guide, and a field
+    /// whose affinities follow from the colours of the image.
+    ///
+    /// # Errors
+    /// Settings that are out of range.
+    ///
+    /// ```
+    /// use lsdc_core::settings::{FitConfig, FitMethod, PriorKind};
+    /// use lsdc_core::{Channels, Completer, DepthGuide, GuideKind, Image, Observations};
+    ///
+    /// # fn main() -> lsdc_core::Result<()> {
+    /// let fit = FitConfig { method: FitMethod::Joint, prior: PriorKind::Learned, ..FitConfig::default() };
+    /// let completer = Completer::without_network(fit)?;
+    /// # let grey = vec![128_u8; 3 * 64 * 48];
+    /// # let image = Image::new(64, 48, Channels::Rgb, &grey)?;
+    /// let ramp: Vec<f32> = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32).collect();
+    /// let guide = DepthGuide::new(GuideKind::Depth, 64, 48, &ramp)?;
+    /// let mut points = Observations::new();
+    /// for (u, v) in [(3.0, 5.0), (20.0, 40.0), (33.0, 11.0), (47.0, 30.0), (60.0, 8.0), (11.0, 22.0)] {
+    ///     points.add(u, v, 1.0 + u as f32 / 32.0);
+    /// }
+    /// let depth = completer.guided_scene(&image, &guide)?.complete(&points)?.depth()?;
+    /// assert!((depth.at(31, 24) - 1.969).abs() < 0.1);
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn without_network(fit: FitConfig) -> Result<Self> {
+        fit.check()?;
+        let unknown = NoisePrior {
+            mean: 0.0,
+            deviation: None,
+            trust: 0.0,
+        };
+        Ok(Self {
+            network: Arc::new(ColoursAlone),
+            normalisation: Normalisation::default(),
+            fit,
+            prior: Some(Arc::new(Prior::new(&[1.0], &[0.0], unknown)?)),
+            deviation: 1.0,
+            errors: None,
+            pool: None,
+        })
+    }
+
     /// A builder for a completer with other settings.
     pub fn builder(weights: &Weights) -> CompleterBuilder<'_> {
         CompleterBuilder {
@@ -243,7 +288,37 @@ impl Completer {
     /// # Errors
     /// Colours that are not finite, settings that are out of range, or affinities of a damaged network.
     pub fn scene(&self, image: &Image<'_>) -> Result<Scene> {
-        Scene::new(self.clone(), image)
+        Scene::new(self.clone(), image, None)
+    }
+
+    /// The same with a dense prediction of the depth of the image by other means, which need not be of its size.
+    ///
+    /// # Errors
+    /// As for [`Self::scene`].
+    ///
+    /// ```
+    /// # #[cfg(feature = "weights")]
+    /// # fn main() -> lsdc_core::Result<()> {
+    /// # use lsdc_core::{Channels, Completer, DepthGuide, GuideKind, Image, Observations, Weights};
+    /// # let completer = Completer::new(&Weights::builtin_small())?;
+    /// # let grey = vec![128_u8; 3 * 64 * 48];
+    /// # let image = Image::new(64, 48, Channels::Rgb, &grey)?;
+    /// // A ramp, in no unit; in truth, depth goes from 1 to 3 m.
+    /// let ramp: Vec<f32> = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32).collect();
+    /// let guide = DepthGuide::new(GuideKind::Depth, 64, 48, &ramp)?;
+    /// let mut points = Observations::new();
+    /// for (u, v) in [(3.0, 5.0), (20.0, 40.0), (33.0, 11.0), (47.0, 30.0), (60.0, 8.0), (11.0, 22.0)] {
+    ///     points.add(u, v, 1.0 + 2.0 * u as f32 / 63.0);
+    /// }
+    /// let depth = completer.guided_scene(&image, &guide)?.complete(&points)?.depth()?;
+    /// assert!((depth.at(31, 24) - 1.984).abs() < 0.1);
+    /// # Ok(())
+    /// # }
+    /// # #[cfg(not(feature = "weights"))]
+    /// # fn main() {}
+    /// ```
+    pub fn guided_scene(&self, image: &Image<'_>, guide: &DepthGuide) -> Result<Scene> {
+        Scene::new(self.clone(), image, Some(guide.clone()))
     }
 
     /// The settings of the fit.

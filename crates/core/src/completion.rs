@@ -62,6 +62,9 @@ pub struct Report {
     /// The strength of the prior, if there is one: the ratio of the noise variance to the variance of the
     /// prior.
     pub lambda: Option<f64>,
+    /// How far the [guide](crate::DepthGuide) was trusted, if there was one: the expected size of the weights of its
+    /// functions, in units of the scene's scale; 0 if the points do not support it.
+    pub guide_trust: Option<f64>,
     /// Run time of the network.
     pub network: Duration,
     /// Run time of the fit, including the evaluation of the basis functions at the observations, and `field`.
@@ -134,6 +137,7 @@ impl Completion {
             rank: fit.rank,
             functions: fit.functions(),
             lambda: fit.lambda,
+            guide_trust: fit.trust,
             network,
             fit: fitting,
             field,

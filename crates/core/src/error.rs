@@ -67,6 +67,9 @@ pub enum ImageError {
         /// Rows.
         height: usize,
     },
+    /// A guide has no two different values.
+    #[error("the guide says nothing: all of its values are missing or the same")]
+    NoGuide,
     /// A colour of a float image is far above 1.
     #[error("the colour at column {x}, row {y} is {value}, but 1 is white")]
     TooBright {

@@ -58,6 +58,7 @@ mod camera;
 pub mod cloud;
 mod completer;
 mod completion;
+mod depth_guide;
 mod detail;
 mod error;
 #[doc(hidden)]
@@ -85,6 +86,7 @@ pub use camera::{Camera, Lens};
 pub use cloud::Cloud;
 pub use completer::{Completer, CompleterBuilder};
 pub use completion::{Completion, Outlier, Report};
+pub use depth_guide::{DepthGuide, GuideKind};
 pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError};
 pub use fit::RANGE;
 pub use image::{Channels, Image, MAX_PIXELS};

@@ -3,6 +3,7 @@
 use crate::bilinear::Taps;
 use crate::completer::Completer;
 use crate::completion::Completion;
+use crate::depth_guide::DepthGuide;
 use crate::error::{FitError, Result};
 use crate::fit::{
     Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Judgement, Points, Prior,
@@ -38,6 +39,8 @@ struct Inner {
     basis: Box<dyn Basis>,
     /// Computed immediately for a fit with a field, otherwise on first use.
     affinities: OnceLock<Affinities>,
+    /// A prediction of depth by other means, whose functions lie between those of the network and the cosines.
+    depth_guide: Option<DepthGuide>,
     cosines: CosineBasis,
     /// Height and width of the image.
     size: (usize, usize),
@@ -57,7 +60,11 @@ impl std::fmt::Debug for Scene {
 }
 
 impl Scene {
-    pub(crate) fn new(completer: Completer, image: &Image<'_>) -> Result<Self> {
+    pub(crate) fn new(
+        completer: Completer,
+        image: &Image<'_>,
+        depth_guide: Option<DepthGuide>,
+    ) -> Result<Self> {
         let started = Instant::now();
         completer.fit_config().check()?;
         let (height, width) = (image.height(), image.width());
@@ -81,6 +88,7 @@ impl Scene {
             completer,
             basis,
             affinities: OnceLock::new(),
+            depth_guide,
             cosines,
             size: (height, width),
             guide,
@@ -167,7 +175,7 @@ impl Scene {
             (None, _) => None,
             (Some(weights), Some(prior)) if drawn => {
                 config.lambda = config.lambda.times(CLOSER);
-                Some(prior.about(weights, inner.cosines.len())?)
+                Some(prior.about(weights, inner.guides() + inner.cosines.len())?)
             }
             (Some(_), _) => return Err(FitError::NearWithoutPrior.into()),
         };
@@ -312,7 +320,14 @@ impl Inner {
     }
 
     fn exactly_at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
-        let rows = self.basis.at(size, places);
+        let mut rows = self.basis.at(size, places);
+        if let Some(guide) = self.depth_guide.as_ref().filter(|_| !places.is_empty()) {
+            let before = rows.len() / places.len();
+            let pairs = rows.chunks_exact(before);
+            let more = guide.at(size, places);
+            let pairs = pairs.zip(more.chunks_exact(guide.count()));
+            rows = pairs.flat_map(|(own, more)| [own, more].concat()).collect();
+        }
         if self.cosines.is_empty() || places.is_empty() {
             return rows;
         }
@@ -321,10 +336,19 @@ impl Inner {
     }
 
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        let (network, smooth) = weights.split_at(weights.len().saturating_sub(self.cosines.len()));
+        let (others, smooth) = weights.split_at(weights.len().saturating_sub(self.cosines.len()));
+        let (network, guides) = others.split_at(others.len().saturating_sub(self.guides()));
         let mut values = self.basis.combine(size, network);
+        if let Some(guide) = &self.depth_guide {
+            guide.add_to(size, guides, &mut values);
+        }
         self.cosines.add_to(size, smooth, &mut values);
         values
+    }
+
+    /// The number of functions of the guide.
+    fn guides(&self) -> usize {
+        self.depth_guide.as_ref().map_or(0, DepthGuide::count)
     }
 
     /// The basis functions at observations, unless there are so many that they are evaluated at some only.
@@ -359,6 +383,7 @@ impl Inner {
         let size = self.size;
         Points {
             bases,
+            guides: self.guides(),
             depths: &usable.depths,
             deviations: usable.deviations.as_deref(),
             places: Some(&usable.places),

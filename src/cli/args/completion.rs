@@ -2,7 +2,7 @@
 
 use super::values::{Format, range, size, typed};
 use super::{FitFlags, Model};
-use crate::data::{Camera, Shard, Unit};
+use crate::data::{Camera, GuideSource, Shard, Unit};
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
 use clap::Args as ClapArgs;
@@ -97,6 +97,12 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) sigma: Option<PathBuf>,
+    /// A dense prediction of depth by another network or program, which need not be of the image's size: FILE:depth
+    /// (as without a kind), FILE:disparity (inverse depth) or FILE:log, as npy, npz, PNG, TIFF, EXR, PFM or HDF5. The
+    /// fit finds its scale and shift, and from the points how far to trust it. For several images: a folder of such
+    /// files with matching names. It shows the upright image.
+    #[arg(long, value_parser = typed::<GuideSource>, value_name = "FILE[:KIND]", help_heading = "Input")]
+    pub(in crate::cli) guide: Option<GuideSource>,
     /// Also write the standard deviation of every pixel of the result, in metres: half the width of the
     /// interval that holds 68.3 % of errors. The summary says how many of them hold 95 %.
     #[arg(long, help_heading = "Output", hide_short_help = true)]

@@ -92,7 +92,8 @@ impl Command {
 
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct Model {
-    /// Weights file, or a name listed by `lsdc weights list` [default: the most accurate of these].
+    /// Weights file, a name listed by `lsdc weights list`, or `none` for no network, to complete a --guide alone
+    /// [default: the most accurate of these].
     #[arg(
         long,
         value_name = "FILE",

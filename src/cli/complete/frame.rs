@@ -1,5 +1,6 @@
 //! One frame: an image and its points to depth, and what belongs to it.
 
+use super::inputs::Loaded as Frame;
 use crate::cli::args::{Complete, Format};
 use crate::data::{DepthMap, Sparse};
 use crate::device::device;
@@ -95,22 +96,24 @@ impl<'a> Engine<'a> {
     }
 
     /// Completes a frame.
-    pub(super) fn complete(&self, rgb: &RgbImage, points: &Sparse) -> Result<Completed> {
-        let fitted = self.prepare(rgb)?.fit(points, None)?;
-        self.finish(rgb, points, fitted)
+    pub(super) fn complete(&self, frame: &Frame) -> Result<Completed> {
+        let fitted = self.prepare(frame)?.fit(&frame.points, None)?;
+        self.finish(&frame.rgb, &frame.points, fitted)
     }
 
-    /// The first part of completing a frame, which depends on its image alone.
-    pub(super) fn prepare(&self, rgb: &RgbImage) -> Result<Prepared> {
+    /// The first part of completing a frame, which depends on its image and guide alone.
+    pub(super) fn prepare(&self, frame: &Frame) -> Result<Prepared> {
         let completer = match &self.method {
             Loaded::Trained(completer) => completer,
             Loaded::Untrained(method) => return Ok(Prepared::Untrained(*method)),
         };
+        let rgb = &frame.rgb;
         let scene = if self.args.full {
             let (width, height) = (rgb.width() as usize, rgb.height() as usize);
-            predict::scene(&completer.with_working_size(height, width)?, rgb)
+            let completer = completer.with_working_size(height, width)?;
+            predict::guided_scene(&completer, rgb, frame.guide.as_ref())
         } else {
-            predict::scene(completer, rgb)
+            predict::guided_scene(completer, rgb, frame.guide.as_ref())
         };
         scene.map(Prepared::Trained)
     }
@@ -212,6 +215,7 @@ impl Complete {
         let options = [
             ("`--size`", self.size.is_some()),
             ("`--sigma`", self.sigma.is_some()),
+            ("`--guide`", self.guide.is_some()),
             ("`--uncertainty`", self.uncertainty),
             ("`--max-sigma`", self.max_sigma.is_some()),
             ("`--outliers`", self.outliers),

@@ -7,6 +7,7 @@ use crate::cli::ui;
 use crate::data::{self, Camera, Colmap, Sparse, View};
 use crate::error::{Error, Result};
 use image::RgbImage;
+use lsdc_core::DepthGuide;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -17,6 +18,7 @@ pub(super) struct Job {
     /// What its results are called: a path below the folder of results.
     pub(super) name: PathBuf,
     points: Points,
+    guide: Option<PathBuf>,
 }
 
 enum Points {
@@ -29,17 +31,20 @@ pub(super) struct Loaded {
     pub(super) rgb: RgbImage,
     pub(super) points: Sparse,
     pub(super) camera: Option<Camera>,
+    pub(super) guide: Option<DepthGuide>,
     pub(super) reading: Duration,
 }
 
 impl Job {
     /// The files that it is read from, each with what it is: those of a model as one folder.
-    pub(super) fn files<'a>(&'a self, args: &'a Complete) -> [(&'static str, &'a Path); 2] {
+    pub(super) fn files<'a>(&'a self, args: &'a Complete) -> Vec<(&'static str, &'a Path)> {
         let points = match &self.points {
             Points::File(path) => path,
             Points::View(_) => &args.sparse,
         };
-        [("image", &self.image), ("points", points)]
+        let guide = self.guide.as_deref().map(|guide| ("guide", guide));
+        let files = [("image", self.image.as_path()), ("points", points)];
+        files.into_iter().chain(guide).collect()
     }
 
     pub(super) fn load(&self, args: &Complete) -> Result<Loaded> {
@@ -63,13 +68,45 @@ impl Job {
             points = points.with_sigma(path, image)?;
         }
         points.remarks.extend(assumed);
+        let guide = match (&args.guide, &self.guide) {
+            (Some(source), Some(file)) => {
+                let guide = source.read(file)?;
+                points.remarks.extend(doubts(&guide, image.upright()));
+                Some(guide)
+            }
+            _ => None,
+        };
         Ok(Loaded {
             rgb,
             points,
             camera,
+            guide,
             reading: started.elapsed(),
         })
     }
+}
+
+/// What should be checked of a guide for an image of (width, height).
+fn doubts(guide: &DepthGuide, (width, height): (usize, usize)) -> Vec<String> {
+    /// Sides are rounded, to multiples of 14 or 32 by many networks.
+    const UNLIKE: f64 = 1.1;
+    let mut doubts = Vec::new();
+    let aspect = |width: usize, height: usize| width as f64 / height as f64;
+    let ratio = aspect(guide.width(), guide.height()) / aspect(width, height);
+    if !(UNLIKE.recip()..=UNLIKE).contains(&ratio) {
+        doubts.push(format!(
+            "the guide is {}x{} but the image {width}x{height}: it is stretched to cover the image",
+            guide.width(),
+            guide.height()
+        ));
+    }
+    let (missing, pixels) = (guide.missing(), guide.width() * guide.height());
+    if missing > 0 {
+        doubts.push(format!(
+            "{missing} of the {pixels} pixels of the guide hold no prediction; gaps were filled from their sides"
+        ));
+    }
+    doubts
 }
 
 /// Whether one image is meant, whose results may lie beside it.
@@ -94,10 +131,17 @@ pub(super) fn one(args: &Complete) -> Result<Job> {
     };
     let name = PathBuf::from(image.file_name().unwrap_or_default());
     Ok(Job {
+        guide: guide_of(args, &name)?,
         image,
         name,
         points,
     })
+}
+
+/// The file of the guide for an image of this name.
+fn guide_of(args: &Complete, name: &Path) -> Result<Option<PathBuf>> {
+    let source = args.guide.as_ref();
+    source.map(|source| source.file_for(name)).transpose()
 }
 
 /// Every image of folders, patterns and lists that belongs to the shard, each with its points. What
@@ -108,7 +152,7 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
     if Colmap::is_at(&args.sparse) {
         views = Colmap::read(&args.sparse)?.views;
         if let ([folder], true) = (&args.rgb[..], args.rgb[0].is_dir()) {
-            let mut jobs = Jobs::new(failures);
+            let mut jobs = Jobs::new(args, failures);
             for view in views {
                 let name = PathBuf::from(&view.name);
                 if holds(&name) {
@@ -121,7 +165,7 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
         let what = "is no folder of points and no model of COLMAP";
         return Err(Error::format(&args.sparse, what));
     }
-    let mut jobs = Jobs::new(failures);
+    let mut jobs = Jobs::new(args, failures);
     let found = images(args, output)?;
     let shared = shared_points(&found, |one| {
         let view = view_of(&one.image, &views).map(|view| PathBuf::from(&view.name));
@@ -156,14 +200,16 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
 
 /// Images with their points, each of another name.
 struct Jobs<'a> {
+    args: &'a Complete,
     found: Vec<Job>,
     names: HashSet<PathBuf>,
     failures: &'a Failures,
 }
 
 impl<'a> Jobs<'a> {
-    fn new(failures: &'a Failures) -> Self {
+    fn new(args: &'a Complete, failures: &'a Failures) -> Self {
         Self {
+            args,
             found: Vec::new(),
             names: HashSet::new(),
             failures,
@@ -183,11 +229,13 @@ impl<'a> Jobs<'a> {
         } else {
             points
         };
-        match points {
-            Ok(points) => self.found.push(Job {
+        let found = points.and_then(|points| Ok((points, guide_of(self.args, &name)?)));
+        match found {
+            Ok((points, guide)) => self.found.push(Job {
                 image,
                 name,
                 points,
+                guide,
             }),
             Err(error) => self.failures.add(&name, &error),
         }

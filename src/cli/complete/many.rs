@@ -29,6 +29,14 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
         return Err(Error::config("`--sigma` is for one image")
             .hint("give lists with a fourth column, or a model of COLMAP"));
     }
+    if args
+        .guide
+        .as_ref()
+        .is_some_and(|guide| !guide.path.is_dir())
+    {
+        return Err(Error::config("one `--guide` is for one image")
+            .hint("give a folder of guides that are called as the images are"));
+    }
     if args.temporal && args.shard != Shard::WHOLE {
         return Err(Error::config(
             "`--temporal` cannot be combined with `--shard`: a frame needs the one before",
@@ -74,7 +82,7 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
         });
         let network = scope.spawn(move || {
             for (frame, inputs, loaded) in read {
-                match engine.prepare(&loaded.rgb) {
+                match engine.prepare(&loaded) {
                     Ok(prepared) => {
                         if send_prepared
                             .send((frame, inputs, loaded, prepared))

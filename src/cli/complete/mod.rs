@@ -40,7 +40,7 @@ fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
     outputs.check_writable()?;
     outputs.check_apart(job)?;
     let frame = job.load(args)?;
-    let found = Engine::new(args, true)?.complete(&frame.rgb, &frame.points)?;
+    let found = Engine::new(args, true)?.complete(&frame)?;
     let forms = outputs.forms(&frame, &found)?;
     let summary = Summary::new(&job.name, &frame, &found, &forms);
     for remark in summary.remarks() {

@@ -7,7 +7,7 @@ use super::summary::Summary;
 use crate::cli::args::{Complete, Format};
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
-use crate::predict::{Method, open_weights, weights_hash};
+use crate::predict::{Method, weights_fit, weights_hash};
 use crate::provenance::{self, differences};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -195,7 +195,7 @@ fn settings(args: &Complete) -> Result<Value> {
         Method::Classic(_) => (None, None),
         Method::Lsdc => {
             let path = args.model.weights.as_deref();
-            let mut fit = open_weights(path)?.fit()?.unwrap_or_default();
+            let mut fit = weights_fit(path)?;
             args.fit.apply(&mut fit);
             (Some(weights_hash(path)?), Some(fit))
         }
@@ -208,6 +208,7 @@ fn settings(args: &Complete) -> Result<Value> {
         "fit": fit,
         "device": weights.as_ref().map(|_| &args.model.device),
         "full": args.full,
+        "guide": args.guide.as_ref().map(|guide| format!("{:?}", guide.kind)),
         "temporal": args.temporal,
         "depth_unit": args.depth_unit.map(|unit| unit.to_string()),
         "camera": args.camera.as_ref().map(|camera| format!("{camera:?}")),

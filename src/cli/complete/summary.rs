@@ -89,6 +89,9 @@ struct Fit {
     rank: usize,
     /// Basis functions, of which that many directions at most are determined.
     functions: usize,
+    /// How far the guide was trusted, if there was one; 0: not at all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    guide_trust: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -160,6 +163,7 @@ impl Summary {
                     .and_then(|_| fit.completion.interval(0.95).ok()),
                 rank: report.rank,
                 functions: report.functions,
+                guide_trust: report.guide_trust,
             }),
             seconds: Seconds {
                 reading: seconds(frame.reading),
@@ -271,6 +275,13 @@ impl Summary {
                 "residual  {:.4} {m} rms at the points{left_out}, rank {} of {}",
                 fit.residual, fit.rank, fit.functions
             ));
+            match fit.guide_trust {
+                None => {}
+                Some(0.0) => {
+                    lines.push("guide     not used: the points do not support it".to_owned())
+                }
+                Some(trust) => lines.push(format!("guide     used, with weights of about {trust}")),
+            }
             if let Some(deviations) = fit.deviations_of_95 {
                 lines.push(format!(
                     "sigma     68.3 % of errors are expected within 1 standard deviation, 95 % within {deviations:.1}"

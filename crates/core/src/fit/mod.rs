@@ -4,6 +4,7 @@ mod affinities;
 mod config;
 mod cosines;
 mod errors;
+mod guided;
 mod joint;
 mod lstsq;
 mod measured;
@@ -118,13 +119,15 @@ impl Estimator<'_> {
 /// No points, values that are not finite, a required prior that is not given, or a decomposition that does
 /// not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
-    with_plain(points, config, prior, |rows, estimator, plain| {
+    let (mut fit, trust) = with_plain(points, config, prior, |rows, estimator, plain| {
         let (estimate, point_weights) = match config.robust {
             None => (plain, rows.weights.clone()),
             Some(settings) => robust::robust(rows, estimator, plain, settings)?,
         };
         Ok(Fit::new(rows, estimate, point_weights, config.space))
-    })
+    })?;
+    fit.trust = trust;
+    Ok(fit)
 }
 
 /// What the other points say of each point; errors and scales are in metres. `config.robust` does not matter.
@@ -136,20 +139,22 @@ pub fn judge(
     config: &FitConfig,
     prior: Option<&Prior>,
 ) -> Result<Vec<Judgement>> {
-    with_plain(points, config, prior, |rows, estimator, plain| {
+    let (judged, _) = with_plain(points, config, prior, |rows, estimator, plain| {
         let mut judged = robust::judge(rows, estimator, &plain)?;
         outcome::in_metres(&rows.values, &mut judged, config.space);
         Ok(judged)
-    })
+    })?;
+    Ok(judged)
 }
 
-/// Checks points and settings, and hands on what solves them, with the solution in which all points count.
+/// Checks points and settings, and hands on what solves them, with the solution in which all points count. Returns how
+/// far a guide is trusted too, if there is one.
 fn with_plain<T>(
     points: &Points<'_>,
     config: &FitConfig,
     prior: Option<&Prior>,
     then: impl FnOnce(&Rows<'_>, Estimator<'_>, Estimate) -> Result<T>,
-) -> Result<T> {
+) -> Result<(T, Option<f64>)> {
     config.check()?;
     let mut rows = points.rows(config.space)?;
     let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
@@ -161,33 +166,59 @@ fn with_plain<T>(
         ))
         .into());
     }
-    let prior = match config.prior {
+    let mut prior = match config.prior {
         PriorKind::Learned if config.method != FitMethod::Field => {
             Some(Cow::Borrowed(learned(prior, config.space)?))
         }
         PriorKind::None if config.method == FitMethod::Lse => None,
         _ => Some(Cow::Owned(Prior::flat(rows.columns() - ridges.len()))),
     };
-    let estimator = match (config.method, prior.as_deref()) {
-        (FitMethod::Lse, None) => Estimator::Plain(config.solver()),
-        (FitMethod::Lse, Some(prior)) => Estimator::Shrunk(prior, config.lambda),
-        (method, prior) => Estimator::Field(FieldEstimator {
+    let field = match config.method {
+        FitMethod::Lse => None,
+        method @ (FitMethod::Field | FitMethod::Joint) => Some(FieldEstimator {
             scene: points.scene.ok_or(FitError::NoAffinities(method.name()))?,
             joint: match method {
                 FitMethod::Field => config.joint.alone(),
                 _ => config.joint,
             },
-            prior: prior
-                .filter(|_| method == FitMethod::Joint)
-                .map(|prior| (prior, config.field_lambda())),
+            prior: None,
             ridges: &ridges,
+        }),
+    };
+    let mut trust = None;
+    if let (Some(network), true) = (
+        &prior,
+        points.guides > 0 && config.prior == PriorKind::Learned,
+    ) {
+        let (moments, lambda) = match field {
+            Some(field) => {
+                let (moments, count) = field.some_moments(&rows)?;
+                (moments, config.field_lambda().at(count))
+            }
+            None => {
+                let problem = Problem::new(&rows.bases(), &rows.values, &rows.weights);
+                (problem.moments(), config.lambda)
+            }
+        };
+        let (found, deviation) = guided::likeliest(network, points.guides, &moments, lambda)?;
+        prior = Some(Cow::Owned(found));
+        trust = Some(deviation);
+    }
+    let estimator = match (field, prior.as_deref()) {
+        (None, None) => Estimator::Plain(config.solver()),
+        (None, Some(prior)) => Estimator::Shrunk(prior, config.lambda),
+        (Some(field), prior) => Estimator::Field(FieldEstimator {
+            prior: prior
+                .filter(|_| config.method == FitMethod::Joint)
+                .map(|prior| (prior, config.field_lambda())),
+            ..field
         }),
     };
     let plain = estimator.solve(&rows, &rows.weights)?;
     let solve = |weights: &[f64]| estimator.solve(&rows, weights);
     let (plain, weights) = measured::weighed(plain, &rows.variances, estimator.data(), solve)?;
     rows.weights = weights;
-    then(&rows, estimator, plain)
+    Ok((then(&rows, estimator, plain)?, trust))
 }
 
 /// The learned prior describes weights of depth, and does not apply to weights of its logarithm or inverse.

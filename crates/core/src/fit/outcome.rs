@@ -29,6 +29,9 @@ pub struct Fit {
     /// The strength of the prior, if there was one: the ratio of the noise variance to the variance of the
     /// prior.
     pub lambda: Option<f64>,
+    /// How far the guide was trusted, if there was one and the prior is learned: the expected size of the weights of its
+    /// functions, in units of the scene's scale; 0 if the points do not support it.
+    pub trust: Option<f64>,
     /// What the basis functions represent.
     pub space: Space,
     /// The noise variance of a point of weight 1, in the squared unit of the space.
@@ -60,6 +63,7 @@ impl Fit {
             point_weights,
             rank: solution.rank,
             lambda,
+            trust: None,
             space,
             noise,
             values: rows.values.clone(),

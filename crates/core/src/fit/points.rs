@@ -33,6 +33,8 @@ pub enum Bases<'a> {
 pub struct Points<'a> {
     /// Basis functions.
     pub bases: Bases<'a>,
+    /// How many of them, the last ones before cosines, are those of a [guide](crate::DepthGuide).
+    pub guides: usize,
     /// Depths in metres, above 0.
     pub depths: &'a [f32],
     /// The standard deviation of each depth in metres, above 0, where it is known: that of the measurement, in
@@ -61,6 +63,7 @@ impl<'a> Points<'a> {
     pub fn new(bases: &'a [f32], depths: &'a [f32]) -> Self {
         Self {
             bases: Bases::Rows(bases),
+            guides: 0,
             depths,
             deviations: None,
             places: None,

@@ -95,6 +95,26 @@ impl Prior {
         })
     }
 
+    /// The same prior, its deviations times `share`, and `guides` more functions, whose weights have mean 0 and the
+    /// standard deviation `deviation`.
+    pub(super) fn with_guides(&self, share: f64, guides: usize, deviation: f64) -> Self {
+        let (columns, rank) = (self.columns(), self.factor.ncols());
+        let mut mean = self.mean.clone();
+        mean.resize(columns + guides, 0.0);
+        let more = if deviation > 0.0 { guides } else { 0 };
+        Self {
+            mean,
+            factor: Mat::from_fn(columns + guides, rank + more, |i, j| {
+                match (i.checked_sub(columns), j.checked_sub(rank)) {
+                    (None, None) => share * self.factor[(i, j)],
+                    (Some(i), Some(j)) if i == j => deviation,
+                    _ => 0.0,
+                }
+            }),
+            noise: self.noise,
+        }
+    }
+
     /// The number of weights.
     pub fn columns(&self) -> usize {
         self.mean.len()

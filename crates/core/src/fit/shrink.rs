@@ -108,18 +108,24 @@ impl Moments {
     /// Values that are not finite, or a prior for another number of weights.
     pub(super) fn shrunk(&self, prior: &Prior, lambda: Lambda) -> Result<Shrunk, Error> {
         let spectrum = Spectrum::new(self, prior)?;
-        let lambda = match lambda {
-            Lambda::Fixed(lambda) => lambda,
-            Lambda::ByCount(values) => by_count(&values, self.count),
-            Lambda::Evidence => spectrum.best(|lambda| spectrum.surprise(lambda)),
-            Lambda::Gcv => spectrum.best(|lambda| spectrum.cross_validation(lambda)),
-        };
+        let lambda = spectrum.strength(lambda, self.count);
         Ok(Shrunk {
             solution: spectrum.solution(lambda),
             noise: spectrum.noise(lambda),
             lambda,
             scale: spectrum.scale,
         })
+    }
+}
+
+impl Moments {
+    /// -2 ln p(depths | prior) for a strength of the prior, up to a constant that is the same for all priors.
+    ///
+    /// # Errors
+    /// As for [`Self::shrunk`].
+    pub(super) fn surprise(&self, prior: &Prior, lambda: Lambda) -> Result<f64, Error> {
+        let spectrum = Spectrum::new(self, prior)?;
+        Ok(spectrum.surprise(spectrum.strength(lambda, self.count)))
     }
 }
 
@@ -189,6 +195,16 @@ impl<'a> Spectrum<'a> {
             freedom: moments.count as f64 - f64::from(u8::from(seen)),
             overlap,
         })
+    }
+
+    /// The strength of the prior that is given or found for a number of points.
+    fn strength(&self, lambda: Lambda, count: usize) -> f64 {
+        match lambda {
+            Lambda::Fixed(lambda) => lambda,
+            Lambda::ByCount(values) => by_count(&values, count),
+            Lambda::Evidence => self.best(|lambda| self.surprise(lambda)),
+            Lambda::Gcv => self.best(|lambda| self.cross_validation(lambda)),
+        }
     }
 
     /// `|P (d - A L u)|^2 + lambda |u|^2` at its minimum.

@@ -8,6 +8,7 @@
 
 mod affinity_net;
 mod colours;
+mod colours_alone;
 mod config;
 mod encoder;
 mod encoding;
@@ -19,6 +20,7 @@ mod run;
 mod tensors;
 
 pub use colours::{CONTRAST, LEAST, MOST_CHANGE};
+pub use colours_alone::ColoursAlone;
 pub use config::{
     CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
 };

@@ -80,6 +80,15 @@ impl FieldEstimator<'_> {
         })
     }
 
+    /// The moments of some of the points, with field and cosines integrated out, and the number of all.
+    pub(in crate::fit) fn some_moments(self, rows: &Rows<'_>) -> Result<(Moments, usize)> {
+        let sites = Sites::new(rows, &rows.weights, self.scene, &self.joint)?;
+        let sample = sites.sample(START, rows)?;
+        let field = self.smoothness().untied().kriged(&sample, &[])?;
+        let all = moments(field.moments(), sample.columns(), sample.len());
+        Ok((all.without_last(self.ridges)?.0, sites.len()))
+    }
+
     /// The field without basis functions.
     fn alone(self, sites: &Sites, rows: &Rows<'_>) -> Result<Found, FitError> {
         let field = self.smoothness().observed(&sites.taps, &sites.weights)?;

@@ -278,6 +278,7 @@ fn errors_of_scenes_drawn_from_the_model_vary_as_predicted() {
             let sigmas = [Some(own as f32); POINTS];
             let points = Points {
                 bases: Bases::Rows(&bases),
+                guides: 0,
                 depths: &depths,
                 deviations: given.is_some().then_some(&sigmas[..]),
                 places: Some(&places),
@@ -442,6 +443,7 @@ fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
     };
     let points = Points {
         bases: Bases::Rows(&rows),
+        guides: 0,
         depths: &depths,
         deviations: None,
         places: Some(&places),
@@ -652,6 +654,7 @@ impl Many {
     fn fit(&self) -> Fit {
         let points = Points {
             bases: Bases::Rows(&self.rows),
+            guides: 0,
             depths: &self.depths,
             deviations: None,
             places: Some(&self.places),

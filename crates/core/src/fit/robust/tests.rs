@@ -189,6 +189,7 @@ impl Slope {
     fn points(&self) -> Points<'_> {
         Points {
             bases: Bases::Rows(&self.bases),
+            guides: 0,
             depths: &self.depths,
             deviations: None,
             places: Some(&self.places),

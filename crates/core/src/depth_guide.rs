@@ -1,0 +1,249 @@
+//! A dense prediction of depth by other means, as more basis functions.
+
+use crate::bilinear::Taps;
+use crate::error::{ImageError, Result};
+use crate::image::check_size;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+/// What the values of a guide mean, each up to scale and shift.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum GuideKind {
+    /// Depths, above 0; as of metric networks, of photogrammetry, or of yesterday.
+    #[default]
+    Depth,
+    /// Inverse depths: larger is nearer; as of `MiDaS` and Depth Anything.
+    Disparity,
+    /// Logarithms of depths, of any base.
+    Log,
+}
+
+/// A dense prediction of depth for an image, by any other network or program.
+///
+/// It becomes basis functions: a constant, the depths that it stands for under some shifts, and the first of these times
+/// low cosines. The fit finds their weights, so neither unit, scale nor shift need be known; how far the guide is to be
+/// trusted follows from the points.
+///
+/// ```
+/// use lsdc_core::{DepthGuide, GuideKind};
+///
+/// # fn main() -> Result<(), lsdc_core::Error> {
+/// // Any size; where there is no prediction, NaN.
+/// let disparity = [0.9, 0.8, f32::NAN, 0.4];
+/// let guide = DepthGuide::new(GuideKind::Disparity, 2, 2, &disparity)?;
+/// assert_eq!(guide.missing(), 1);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug)]
+pub struct DepthGuide(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    height: usize,
+    width: usize,
+    /// Functions of mean 0 and mean square 1 over the image, `[height, width, functions]`.
+    functions: Vec<f32>,
+    count: usize,
+    missing: usize,
+}
+
+/// Frequencies across and down of the cosines that the first function is multiplied by.
+const COSINES: [(f64, f64); 5] = [(1.0, 0.0), (0.0, 1.0), (2.0, 0.0), (1.0, 1.0), (0.0, 2.0)];
+/// How much less than the functions themselves their products with cosines are expected to weigh.
+const PRODUCTS: f32 = 0.3;
+/// Values are kept within this factor of their median.
+const EXTREME: f64 = 50.0;
+
+impl DepthGuide {
+    /// A guide of any size from `height` rows of `width` values. Where values are not finite, or depths not above 0,
+    /// there is no prediction: the gap is filled from its sides.
+    ///
+    /// # Errors
+    /// The number of values is not `width * height`, the guide is empty, or all of its values are missing or the same.
+    pub fn new(kind: GuideKind, width: usize, height: usize, values: &[f32]) -> Result<Self> {
+        check_size(width, height)?;
+        if values.len() != width * height {
+            return Err(ImageError::Length {
+                expected: width * height,
+                found: values.len(),
+                width,
+                height,
+            }
+            .into());
+        }
+        let usable = |v: f32| v.is_finite() && (kind != GuideKind::Depth || v > 0.0);
+        let missing = values.iter().filter(|v| !usable(**v)).count();
+        let known: Vec<Option<f32>> = values.iter().map(|&v| usable(v).then_some(v)).collect();
+        let filled = filled(known, width).ok_or(ImageError::NoGuide)?;
+        let maps = standardised(kind.depths(&filled));
+        if maps.is_empty() {
+            return Err(ImageError::NoGuide.into());
+        }
+        let pixels = 0..width * height;
+        let functions = pixels.flat_map(|i| maps.iter().map(move |map| map[i]));
+        Ok(Self(Arc::new(Inner {
+            height,
+            width,
+            functions: functions.collect(),
+            count: maps.len(),
+            missing,
+        })))
+    }
+
+    /// Number of columns.
+    pub fn width(&self) -> usize {
+        self.0.width
+    }
+
+    /// Number of rows.
+    pub fn height(&self) -> usize {
+        self.0.height
+    }
+
+    /// The number of pixels without a usable value.
+    pub fn missing(&self) -> usize {
+        self.0.missing
+    }
+
+    /// The number of basis functions.
+    pub(crate) fn count(&self) -> usize {
+        1 + self.0.count + COSINES.len()
+    }
+
+    /// The functions `[places, count]` at positions (u, v) of an image of `size` (height, width).
+    pub(crate) fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        let Inner {
+            height,
+            width,
+            functions,
+            count,
+            ..
+        } = &*self.0;
+        let mut rows = vec![0.0; places.len() * self.count()];
+        let pairs = rows.par_chunks_exact_mut(self.count()).zip(places);
+        pairs.for_each(|(row, &place)| {
+            row[0] = 1.0;
+            let (own, products) = row[1..].split_at_mut(*count);
+            for (pixel, share) in Taps::new(place, size, (*height, *width)).iter() {
+                let values = &functions[pixel as usize * count..][..*count];
+                let sums = own.iter_mut().zip(values);
+                sums.for_each(|(sum, value)| *sum += share as f32 * value);
+            }
+            let [x, y] = [(place[0], size.1), (place[1], size.0)]
+                .map(|(v, length)| PI * (v + 0.5) / length as f64);
+            for (product, (across, down)) in products.iter_mut().zip(COSINES) {
+                let cosine = (across * x).cos() * (down * y).cos();
+                *product = PRODUCTS * own[0] * cosine as f32;
+            }
+        });
+        rows
+    }
+
+    /// Adds the functions times weights to a map of `size` (height, width).
+    pub(crate) fn add_to(&self, size: (usize, usize), weights: &[f64], map: &mut [f32]) {
+        let rows = map.par_chunks_exact_mut(size.1.max(1)).enumerate();
+        rows.for_each(|(y, row)| {
+            let places: Vec<[f64; 2]> = (0..size.1).map(|x| [x as f64, y as f64]).collect();
+            let functions = self.at(size, &places);
+            for (value, functions) in row.iter_mut().zip(functions.chunks_exact(self.count())) {
+                let pairs = functions.iter().zip(weights);
+                *value += pairs.map(|(f, w)| f64::from(*f) * w).sum::<f64>() as f32;
+            }
+        });
+    }
+}
+
+impl GuideKind {
+    /// Maps that depth may be a combination of with a constant, the likeliest first.
+    fn depths(self, values: &[f32]) -> Vec<Vec<f64>> {
+        let middle = f64::from(median(values));
+        let each = |of: &dyn Fn(f64) -> f64| values.iter().map(|v| of(f64::from(*v))).collect();
+        match self {
+            Self::Depth => {
+                let ratio = |v: f64| (v / middle).clamp(EXTREME.recip(), EXTREME);
+                vec![
+                    each(&ratio),
+                    each(&|v| ratio(v).ln()),
+                    each(&|v| ratio(v).recip()),
+                ]
+            }
+            Self::Disparity => {
+                // Between 0 and 1 but for the nearest, so that shifts are shares of what is in the image.
+                let (low, high) = range(values);
+                let ratio = |v: f64| ((v - low) / (high - low)).max(0.0);
+                let shifted = |shift: f64| each(&|v: f64| (ratio(v) + shift).recip());
+                vec![shifted(0.3), shifted(0.1), shifted(1.0), each(&ratio)]
+            }
+            Self::Log => {
+                let (low, high) = range(values);
+                let ratio = |v: f64| ((v - middle) / (high - low)).clamp(-3.0, 3.0);
+                let power = |times: f64| each(&|v: f64| (times * ratio(v)).exp());
+                vec![power(1.5), power(3.0), each(&ratio)]
+            }
+        }
+    }
+}
+
+/// The values that 2 and 98 % are below.
+fn range(values: &[f32]) -> (f64, f64) {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let at = |share: f64| f64::from(sorted[((sorted.len() - 1) as f64 * share) as usize]);
+    let (low, high) = (at(0.02), at(0.98));
+    (low, if high > low { high } else { low + 1.0 })
+}
+
+fn median(values: &[f32]) -> f32 {
+    let mut sorted = values.to_vec();
+    let middle = sorted.len() / 2;
+    *sorted.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Maps with mean 0 and mean square 1, those that are constant left out.
+fn standardised(maps: Vec<Vec<f64>>) -> Vec<Vec<f32>> {
+    let standardise = |map: Vec<f64>| {
+        let count = map.len() as f64;
+        let mean = map.iter().sum::<f64>() / count;
+        let square = map.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / count;
+        let constant = square <= 1e-12 * mean * mean || square <= 0.0;
+        let scale = square.sqrt().recip();
+        let values = map.iter().map(|v| ((v - mean) * scale) as f32);
+        (!constant).then(|| values.collect())
+    };
+    maps.into_iter().filter_map(standardise).collect()
+}
+
+/// Values in the place of those that are missing: between the nearest to the left and right, or, in rows without any,
+/// those of the row above, or below. Nothing if all are missing.
+fn filled(values: Vec<Option<f32>>, width: usize) -> Option<Vec<f32>> {
+    let rows: Vec<Option<Vec<f32>>> = values.chunks(width).map(between).collect();
+    let mut last = rows.iter().flatten().next()?;
+    let mut filled = Vec::with_capacity(values.len());
+    for row in &rows {
+        last = row.as_ref().unwrap_or(last);
+        filled.extend_from_slice(last);
+    }
+    Some(filled)
+}
+
+/// A row with its gaps filled linearly; nothing if it is all gap.
+fn between(row: &[Option<f32>]) -> Option<Vec<f32>> {
+    let known: Vec<(usize, f32)> = row
+        .iter()
+        .enumerate()
+        .filter_map(|(x, v)| Some((x, (*v)?)))
+        .collect();
+    let (first, last) = (known.first()?, known.last()?);
+    let mut filled = vec![first.1; row.len()];
+    for pair in known.windows(2) {
+        let ((start, from), (end, to)) = (pair[0], pair[1]);
+        for x in start..=end {
+            let share = (x - start) as f32 / (end - start) as f32;
+            filled[x] = from * (1.0 - share) + to * share;
+        }
+    }
+    filled[last.0..].fill(last.1);
+    Some(filled)
+}

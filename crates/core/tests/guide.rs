@@ -1,0 +1,154 @@
+//! Guides: predictions of depth by other means, good and bad.
+#![allow(clippy::unwrap_used)]
+#![cfg(feature = "weights")]
+
+use lsdc_core::settings::{FitConfig, FitMethod, PriorKind};
+use lsdc_core::{
+    Channels, Completer, DepthGuide, DepthMap, GuideKind, Image, Observations, Weights,
+};
+
+const WIDTH: usize = 96;
+const HEIGHT: usize = 72;
+
+/// A floor that rises to a wall, and a box before them.
+fn truth() -> Vec<f32> {
+    let depth = |x: usize, y: usize| {
+        if (30..60).contains(&x) && (35..60).contains(&y) {
+            1.5
+        } else {
+            4.0 - 0.04 * (y as f32 - 30.0).max(0.0)
+        }
+    };
+    (0..WIDTH * HEIGHT)
+        .map(|i| depth(i % WIDTH, i / WIDTH))
+        .collect()
+}
+
+/// Scattered over the image.
+fn points(count: usize) -> Observations {
+    let truth = truth();
+    let mut points = Observations::new();
+    for i in 0..count {
+        let (x, y) = ((37 * i + 11) % WIDTH, (53 * i + 29) % HEIGHT);
+        points.add(x as f64, y as f64, truth[y * WIDTH + x]);
+    }
+    points
+}
+
+fn error(map: &DepthMap) -> f64 {
+    let pairs = map.values().iter().zip(truth());
+    let squares: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+    (squares / (WIDTH * HEIGHT) as f64).sqrt()
+}
+
+/// The error and the trust with a guide, or without one.
+fn completed(
+    completer: &Completer,
+    guide: Option<&DepthGuide>,
+    count: usize,
+) -> (f64, Option<f64>) {
+    let grey = vec![128_u8; 3 * WIDTH * HEIGHT];
+    let image = Image::new(WIDTH, HEIGHT, Channels::Rgb, &grey).unwrap();
+    let scene = match guide {
+        None => completer.scene(&image),
+        Some(guide) => completer.guided_scene(&image, guide),
+    };
+    let completion = scene.unwrap().complete(&points(count)).unwrap();
+    (
+        error(&completion.depth().unwrap()),
+        completion.report().guide_trust,
+    )
+}
+
+fn of(kind: GuideKind, value: impl Fn(f32) -> f32) -> DepthGuide {
+    let values: Vec<f32> = truth().into_iter().map(value).collect();
+    DepthGuide::new(kind, WIDTH, HEIGHT, &values).unwrap()
+}
+
+#[test]
+fn good_guides_of_any_kind_scale_and_shift_are_followed() {
+    let completer = Completer::new(&Weights::builtin_small()).unwrap();
+    let (without, none) = completed(&completer, None, 40);
+    assert!(none.is_none());
+    for guide in [
+        of(GuideKind::Depth, |d| d),
+        of(GuideKind::Depth, |d| 0.01 * d + 3.0),
+        of(GuideKind::Disparity, |d| 5.0 / d - 0.4),
+        of(GuideKind::Log, |d| 0.3 * d.ln() - 7.0),
+    ] {
+        let (with, trust) = completed(&completer, Some(&guide), 40);
+        assert!(trust.unwrap() > 0.0);
+        assert!(with < 0.3 * without, "{with} {without}");
+    }
+}
+
+#[test]
+fn guides_of_other_images_do_no_harm() {
+    let completer = Completer::new(&Weights::builtin_small()).unwrap();
+    let other = |x: usize, y: usize| 2.0 + (x as f32 / 7.0).sin() * (y as f32 / 11.0).cos();
+    let values: Vec<f32> = (0..WIDTH * HEIGHT)
+        .map(|i| other(i % WIDTH, i / WIDTH))
+        .collect();
+    let guide = DepthGuide::new(GuideKind::Depth, WIDTH, HEIGHT, &values).unwrap();
+    for count in [1, 5, 40, 300] {
+        let (without, _) = completed(&completer, None, count);
+        let (with, _) = completed(&completer, Some(&guide), count);
+        assert!(with < 1.05 * without, "{count}: {with} {without}");
+    }
+}
+
+#[test]
+fn the_scale_of_a_guide_changes_nothing() {
+    let completer = Completer::new(&Weights::builtin_small()).unwrap();
+    let (one, _) = completed(&completer, Some(&of(GuideKind::Depth, |d| d)), 12);
+    let (other, _) = completed(&completer, Some(&of(GuideKind::Depth, |d| 1024.0 * d)), 12);
+    assert!((one - other).abs() < 1e-4 * one, "{one} {other}");
+}
+
+#[test]
+fn a_guide_alone_needs_no_network() {
+    let fit = FitConfig {
+        method: FitMethod::Joint,
+        prior: PriorKind::Learned,
+        ..FitConfig::default()
+    };
+    let completer = Completer::without_network(fit).unwrap();
+    let guide = of(GuideKind::Disparity, |d| 1.0 / d + 0.1);
+    let (without, _) = completed(&completer, None, 30);
+    let (with, trust) = completed(&completer, Some(&guide), 30);
+    assert!(
+        trust.unwrap() > 0.0 && with < 0.3 * without,
+        "{with} {without}"
+    );
+}
+
+#[test]
+fn gaps_are_filled_and_counted() {
+    let mut values = truth();
+    for (i, value) in values.iter_mut().enumerate() {
+        if i % 7 == 0 || i / WIDTH == 20 {
+            *value = f32::NAN;
+        }
+    }
+    let missing = values.iter().filter(|v| v.is_nan()).count();
+    let guide = DepthGuide::new(GuideKind::Depth, WIDTH, HEIGHT, &values).unwrap();
+    assert_eq!(guide.missing(), missing);
+    let completer = Completer::new(&Weights::builtin_small()).unwrap();
+    let whole = of(GuideKind::Depth, |d| d);
+    let (filled, _) = completed(&completer, Some(&guide), 40);
+    assert!(filled < 1.5 * completed(&completer, Some(&whole), 40).0 + 0.05);
+}
+
+#[test]
+fn guides_that_say_nothing_are_refused() {
+    for (values, word) in [
+        (vec![f32::NAN; 6], "says nothing"),
+        (vec![2.0; 6], "says nothing"),
+        (vec![-1.0; 6], "says nothing"),
+        (vec![1.0; 5], "does not hold"),
+    ] {
+        let error = DepthGuide::new(GuideKind::Depth, 3, 2, &values).unwrap_err();
+        assert!(error.to_string().contains(word), "{error}");
+    }
+    assert!(DepthGuide::new(GuideKind::Log, 0, 2, &[]).is_err());
+}

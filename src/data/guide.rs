@@ -1,0 +1,166 @@
+//! Dense predictions of depth by other programs, as guides of a completion.
+
+use super::files::{has_ending, read_array, read_npz};
+use super::stored::{Stored, read_stored};
+use crate::error::{Error, Result};
+use lsdc_core::{DepthGuide, GuideKind};
+use std::fmt::{Display, Formatter};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// A file of a guide, or a folder of such files, and what the values mean.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GuideSource {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// What its values mean.
+    pub kind: GuideKind,
+}
+
+const KINDS: [(&str, GuideKind); 3] = [
+    ("depth", GuideKind::Depth),
+    ("disparity", GuideKind::Disparity),
+    ("log", GuideKind::Log),
+];
+
+/// The endings of guides.
+const ENDINGS: [&str; 9] = [
+    "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "h5", "hdf5",
+];
+
+impl FromStr for GuideSource {
+    type Err = Error;
+
+    /// `FILE`, `FILE:depth`, `FILE:disparity` or `FILE:log`.
+    fn from_str(text: &str) -> Result<Self> {
+        let named = text.rsplit_once(':').and_then(|(path, name)| {
+            let (_, kind) = KINDS.iter().find(|(known, _)| *known == name)?;
+            Some((path, *kind))
+        });
+        let (path, kind) = named.unwrap_or((text, GuideKind::Depth));
+        if path.is_empty() {
+            return Err(Error::config("the guide has no path").hint("as in map.npy:disparity"));
+        }
+        Ok(Self {
+            path: path.into(),
+            kind,
+        })
+    }
+}
+
+impl Display for GuideSource {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        let name = KINDS.iter().find(|(_, kind)| *kind == self.kind);
+        write!(
+            f,
+            "{}:{}",
+            self.path.display(),
+            name.map_or("", |(name, _)| name)
+        )
+    }
+}
+
+impl GuideSource {
+    /// The file for an image of this name below its folder; the file itself, if it is no folder.
+    ///
+    /// # Errors
+    /// A folder that has no guide of that name, or several.
+    pub fn file_for(&self, name: &Path) -> Result<PathBuf> {
+        if !self.path.is_dir() {
+            return Ok(self.path.clone());
+        }
+        let path = self.path.join(name);
+        let files = ENDINGS
+            .into_iter()
+            .map(|ending| path.with_extension(ending));
+        let files: Vec<PathBuf> = files.filter(|file| file.exists()).collect();
+        match &files[..] {
+            [file] => Ok(file.clone()),
+            [] => Err(Error::config(format!(
+                "there is no guide of that name in `{}`",
+                self.path.display()
+            ))
+            .hint(format!("guides end in {}", ENDINGS.join(", ")))),
+            [one, other, ..] => Err(Error::config(format!(
+                "`{}` and `{}` may both be its guide",
+                one.display(),
+                other.display()
+            ))
+            .hint("take one away")),
+        }
+    }
+
+    /// Reads a file as a guide. Values of 0 in files other than NumPy's mean that there is none.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is no map, or holds no two different values.
+    pub fn read(&self, file: &Path) -> Result<DepthGuide> {
+        let guide = if has_ending(file, "npy") || has_ending(file, "npz") {
+            let array = if has_ending(file, "npy") {
+                read_array(file)?
+            } else {
+                read_npz(file)?.0
+            };
+            DepthGuide::new(self.kind, array.columns, array.rows, &array.values)
+        } else if self.kind == GuideKind::Log {
+            return Err(Error::format(
+                file,
+                "cannot hold logarithms of depths, which may be negative",
+            )
+            .hint("save them with `numpy.save`"));
+        } else {
+            // Units do not matter.
+            let Stored::Map(map) = read_stored(file, None, |_| false)? else {
+                return Err(Error::format(file, "is a table of points, not a map"));
+            };
+            let value = |v: &f32| if *v > 0.0 { *v } else { f32::NAN };
+            let values: Vec<f32> = map.depth.values().iter().map(value).collect();
+            DepthGuide::new(self.kind, map.depth.width(), map.depth.height(), &values)
+        };
+        guide.map_err(|e| Error::of_core(e, format!("`{}`", file.display())))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{DepthMap, write_npy};
+
+    #[test]
+    fn the_kind_follows_the_last_colon() {
+        let parsed = |text: &str| text.parse::<GuideSource>().unwrap();
+        for (text, path, kind) in [
+            ("a.npy", "a.npy", GuideKind::Depth),
+            ("a.npy:disparity", "a.npy", GuideKind::Disparity),
+            ("c:/a.npy:log", "c:/a.npy", GuideKind::Log),
+            ("c:/a.npy", "c:/a.npy", GuideKind::Depth),
+        ] {
+            assert_eq!((parsed(text).path, parsed(text).kind), (path.into(), kind));
+        }
+        assert!(":log".parse::<GuideSource>().is_err());
+        assert_eq!(parsed("a.npy:log").to_string(), "a.npy:log");
+    }
+
+    #[test]
+    fn a_folder_holds_guides_by_the_names_of_images() {
+        let folder = tempfile::tempdir().unwrap();
+        let map = DepthMap::new(2, 1, vec![1.0, 3.0]).unwrap();
+        let file = folder.path().join("left.npy");
+        write_npy(&file, &map).unwrap();
+        let source: GuideSource = folder.path().to_str().unwrap().parse().unwrap();
+        assert_eq!(source.file_for(Path::new("left.jpg")).unwrap(), file);
+        let missing = source.file_for(Path::new("right.jpg")).unwrap_err();
+        assert!(missing.to_string().contains("no guide"), "{missing}");
+        std::fs::copy(&file, folder.path().join("left.npz")).unwrap();
+        let twice = source.file_for(Path::new("left.jpg")).unwrap_err();
+        assert!(twice.to_string().contains("may both"), "{twice}");
+        assert_eq!(source.read(&file).unwrap().missing(), 0);
+        let flat = folder.path().join("flat.npy");
+        write_npy(&flat, &DepthMap::new(2, 1, vec![2.0, 2.0]).unwrap()).unwrap();
+        let error = source.read(&flat).unwrap_err().to_string();
+        assert!(
+            error.contains("the same") && error.contains("flat.npy"),
+            "{error}"
+        );
+    }
+}
