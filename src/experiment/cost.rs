@@ -16,9 +16,9 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-const POINTS: usize = 500;
+pub(super) const POINTS: usize = 500;
 const RUNS: usize = 5;
-const SIZES: [Size; 2] = [
+pub(super) const SIZES: [Size; 2] = [
     Size {
         height: 228,
         width: 304,
@@ -96,18 +96,21 @@ fn room(size: Size) -> Result<Frame> {
 }
 
 /// What is measured, once.
-struct Timed<'a> {
-    lab: &'a Lab,
-    name: String,
-    label: String,
-    subject: Subject,
-    size: Size,
+pub(super) struct Timed<'a> {
+    pub(super) lab: &'a Lab,
+    pub(super) name: String,
+    /// Changes with everything that is not the lab's.
+    pub(super) label: String,
+    pub(super) subject: Subject,
+    pub(super) size: Size,
 }
 
-#[derive(Clone, Copy)]
-enum Subject {
+#[derive(Clone)]
+pub(super) enum Subject {
     /// The network of the lab, and whether it sees all pixels.
     Lab { full: bool },
+    /// Another network.
+    Other(Completer),
     /// The paper's network with random weights and the paper's fit.
     Paper,
     /// A method without training.
@@ -141,6 +144,11 @@ impl Timed<'_> {
         })
     }
 
+    /// The time of all, in milliseconds.
+    pub(super) fn total(&self) -> Result<f64> {
+        Ok(self.times()?.times.total_ms)
+    }
+
     fn times(&self) -> Result<KeptTimes> {
         let path = self.path();
         let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
@@ -162,8 +170,8 @@ impl Timed<'_> {
         let points = Pattern::Exactly(POINTS);
         let device = &self.lab.device.0;
         let size = (self.size.height, self.size.width);
-        match self.subject {
-            Subject::Lab { full } => {
+        match &self.subject {
+            &Subject::Lab { full } => {
                 let mut completer = self.lab.completer.clone();
                 let net = self.lab.network.init(0, device)?;
                 // Larger images are reduced to this before the network.
@@ -179,6 +187,12 @@ impl Timed<'_> {
                     multiply_adds: Some(net.multiply_adds((seen.height, seen.width))),
                 })
             }
+            Subject::Other(completer) => Ok(KeptTimes {
+                of: self.of(),
+                times: time(completer, &frame, &points, RUNS)?,
+                parameters: None,
+                multiply_adds: None,
+            }),
             Subject::Paper => {
                 let config = NetworkConfig::paper();
                 let net = config.init(0, device)?.valid();
@@ -196,7 +210,7 @@ impl Timed<'_> {
                     multiply_adds: Some(adds),
                 })
             }
-            Subject::Classic(method) => {
+            &Subject::Classic(method) => {
                 let sparse = points.draw(&frame, 0)?;
                 let mut times = Vec::new();
                 for _ in 0..RUNS {

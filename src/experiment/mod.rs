@@ -7,6 +7,7 @@ mod cell;
 mod cost;
 mod diode;
 mod kernels;
+mod knowledge;
 mod noise;
 mod points;
 mod published;
@@ -50,6 +51,8 @@ pub enum Experiment {
     Noise,
     /// Whether the predicted standard deviations hold.
     Uncertainty,
+    /// What the knowledge of a network is worth: all weights that there are, for few and many points.
+    Knowledge,
     /// What basis functions look like, and which pixels they take for alike.
     Kernels,
     /// Depth at three times the resolution of the image.
@@ -62,13 +65,14 @@ pub enum Experiment {
 
 impl Experiment {
     /// All of them, in the order of the page.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Benchmark,
         Self::Ablation,
         Self::Points,
         Self::Scale,
         Self::Noise,
         Self::Uncertainty,
+        Self::Knowledge,
         Self::Kernels,
         Self::Resolution,
         Self::Diode,
@@ -84,6 +88,7 @@ impl Experiment {
             Self::Scale => "scale",
             Self::Noise => "noise",
             Self::Uncertainty => "uncertainty",
+            Self::Knowledge => "knowledge",
             Self::Kernels => "kernels",
             Self::Resolution => "resolution",
             Self::Diode => "diode",
@@ -100,6 +105,7 @@ impl Experiment {
             Self::Scale => Box::new(scale::Scale::new(lab)),
             Self::Noise => Box::new(noise::NoiseStudy::new(lab)),
             Self::Uncertainty => Box::new(uncertainty::Uncertainty::new(lab)),
+            Self::Knowledge => Box::new(knowledge::Knowledge::new(lab)),
             Self::Kernels => Box::new(kernels::Kernels::new(lab)),
             Self::Resolution => Box::new(resolution::Resolution::new(lab)),
             Self::Diode => Box::new(diode::Diode::new(lab)?),

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 )]
 pub(in crate::cli) struct Experiments {
     /// Experiments to run: benchmark (table 1), ablation (of N and E, with training), points, scale, noise,
-    /// kernels, resolution (table 3), diode (table 4), cost (table 5), or all.
+    /// uncertainty, knowledge (the weights that there are), kernels, resolution (table 3), diode (table 4), cost (table 5), or all.
     #[arg(required = true, value_enum, hide_possible_values = true)]
     pub(in crate::cli) names: Vec<Chosen>,
     /// Folder for tables, figures and the page, and for the measurements, from which a repeated command

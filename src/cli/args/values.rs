@@ -80,8 +80,9 @@ impl Chosen {
 
 impl ValueEnum for Chosen {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [Chosen; 10] = {
-            let mut all = [Chosen(None); 10];
+        /// The experiments, then all of them.
+        const ALL: [Chosen; Experiment::ALL.len() + 1] = {
+            let mut all = [Chosen(None); Experiment::ALL.len() + 1];
             let mut i = 0;
             while i < Experiment::ALL.len() {
                 all[i] = Chosen(Some(Experiment::ALL[i]));
@@ -289,5 +290,22 @@ impl ValueEnum for Interpolation {
             Self::CvNearest => value.alias("nearest"),
             Self::PilNearest | Self::CvBilinear => value,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn experiments_are_named_one_by_one_or_all_at_once() {
+        let chosen = |name: &str| {
+            let chosen = <Chosen as ValueEnum>::from_str(name, false).unwrap();
+            Chosen::experiments(&[chosen])
+        };
+        assert_eq!(chosen("all"), Experiment::ALL);
+        for experiment in Experiment::ALL {
+            assert_eq!(chosen(experiment.name()), [experiment]);
+        }
     }
 }

@@ -1,0 +1,178 @@
+//! What the knowledge of a network is worth: the weights that there are, for few and many points.
+
+use super::cell::{Cell, Measured};
+use super::cost::{POINTS, SIZES, Subject, Timed};
+use super::{Lab, Study};
+use crate::error::Result;
+use crate::metrics::Metric;
+use crate::predict::{open_completer, open_weights, weights_name};
+use crate::report::{Chart, Column, Contest, Line, Row, Section, Table};
+use crate::sample::Pattern;
+use std::path::Path;
+
+const COUNTS: [usize; 9] = [1, 5, 20, 50, 100, 200, 500, 1000, 5000];
+/// From no knowledge to most.
+const WEIGHTS: [&str; 4] = ["none", "small", "default", "anything"];
+
+/// Some weights, measured.
+struct Contestant<'a> {
+    name: &'static str,
+    /// Parameters in millions, those of a pretrained encoder not counted.
+    parameters: f64,
+    errors: Vec<Measured<'a>>,
+    times: Vec<Timed<'a>>,
+}
+
+pub(super) struct Knowledge<'a> {
+    lab: &'a Lab,
+    contestants: Vec<Contestant<'a>>,
+    /// Weights that cannot be opened, and why.
+    missing: Vec<String>,
+}
+
+impl<'a> Knowledge<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let (mut contestants, mut missing) = (Vec::new(), Vec::new());
+        for name in WEIGHTS {
+            match Contestant::new(lab, name) {
+                Ok(contestant) => contestants.push(contestant),
+                Err(error) => missing.push(format!("`{name}` is left out: {error}.")),
+            }
+        }
+        Self {
+            lab,
+            contestants,
+            missing,
+        }
+    }
+
+    fn errors(&self, metric: Metric) -> Result<(Table, Vec<Line>)> {
+        let mut rows = COUNTS.map(|count| Row {
+            label: count.to_string(),
+            aside: false,
+            values: Vec::new(),
+        });
+        let mut lines = Vec::new();
+        for (colour, contestant) in self.contestants.iter().enumerate() {
+            let mut points = Vec::new();
+            for ((count, row), cell) in COUNTS.iter().zip(&mut rows).zip(&contestant.errors) {
+                let value = cell.first()?[metric];
+                row.values.push(Some(value));
+                points.push((*count as f64, value));
+            }
+            lines.push(Line {
+                name: Some(contestant.name.to_owned()),
+                colour,
+                dashed: false,
+                points,
+            });
+        }
+        let names = self.contestants.iter();
+        let table = Table {
+            title: metric.label().to_owned(),
+            rows_are: "points".to_owned(),
+            contest: Contest::Columns,
+            columns: names.map(|c| Column::named(c.name, metric)).collect(),
+            rows: rows.into(),
+        };
+        Ok((table, lines))
+    }
+
+    fn costs(&self) -> Result<Table> {
+        let mut rows = Vec::new();
+        for contestant in &self.contestants {
+            let mut values = vec![Some(contestant.parameters)];
+            for timed in &contestant.times {
+                values.push(Some(timed.total()?));
+            }
+            rows.push(Row {
+                label: contestant.name.to_owned(),
+                aside: false,
+                values,
+            });
+        }
+        let column = |label: String, unit, decimals| Column {
+            label,
+            unit,
+            decimals,
+            rising: false,
+        };
+        let times = SIZES.map(|size| column(format!("{}x{}", size.width, size.height), "ms", 0));
+        let parameters = column("parameters".to_owned(), "M", 2);
+        Ok(Table {
+            title: format!("Size, and time from an image to depth with {POINTS} points"),
+            rows_are: "weights".to_owned(),
+            contest: Contest::None,
+            columns: std::iter::once(parameters).chain(times).collect(),
+            rows,
+        })
+    }
+}
+
+impl<'a> Contestant<'a> {
+    fn new(lab: &'a Lab, name: &'static str) -> Result<Self> {
+        let path = Some(Path::new(name));
+        let completer = open_completer(path, &lab.device.0)?;
+        let label = weights_name(path)?;
+        let parameters = if name == "none" {
+            0
+        } else {
+            open_weights(path)?.parameters()
+        };
+        let error = |count: usize| {
+            Measured::new(lab, format!("knowledge-{name}-{count}"))
+                .completer(completer.clone(), label.clone())
+                .points(Pattern::Exactly(count))
+        };
+        let time = |size: crate::sample::Size| Timed {
+            lab,
+            name: format!("knowledge-{name}-{}", size.width),
+            label: label.clone(),
+            subject: Subject::Other(completer.clone()),
+            size,
+        };
+        Ok(Self {
+            name,
+            parameters: parameters as f64 / 1e6,
+            errors: COUNTS.map(error).into(),
+            times: SIZES.map(time).into(),
+        })
+    }
+}
+
+impl Study for Knowledge<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        let mut cells: Vec<&dyn Cell> = Vec::new();
+        for contestant in &self.contestants {
+            cells.extend(contestant.errors.iter().map(|cell| cell as &dyn Cell));
+            cells.extend(contestant.times.iter().map(|cell| cell as &dyn Cell));
+        }
+        cells
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("knowledge", "What the knowledge of a network is worth");
+        section.about.push(self.lab.about());
+        section.about.push(
+            "The weights that there are, each with its own fit. `none` has no network: a field along the colours of \
+             the image."
+                .into(),
+        );
+        for metric in [Metric::Rmse, Metric::Rel] {
+            let (table, lines) = self.errors(metric)?;
+            section.tables.push(table);
+            let drawing = Chart {
+                title: metric.label(),
+                across: "sparse points",
+                up: &super::points::axis(metric),
+                logarithmic: true,
+                lines,
+            };
+            let caption = format!("{} against the number of points.", metric.label());
+            section.show(metric.key(), &caption, drawing.draw());
+        }
+        section.tables.push(self.costs()?);
+        section.notes.extend(self.missing.iter().cloned());
+        Ok(section)
+    }
+}
