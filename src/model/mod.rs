@@ -13,6 +13,8 @@ mod layers;
 mod on_device;
 #[cfg(test)]
 mod prepared_tests;
+#[cfg(test)]
+mod random_encoder;
 mod resample;
 #[cfg(test)]
 mod tests;
@@ -24,6 +26,8 @@ pub use extractor::Extractor;
 pub use lsdc_core::network::{ExtractorConfig, NetworkConfig, NormKind, StageConfig};
 pub use lsdc_core::weights::{Normalisation, Tensor as Table};
 pub use on_device::{OnDevice, encoded_tensor};
+#[cfg(test)]
+pub(crate) use random_encoder::random_encoder;
 pub use weights::{Precision, load, to_bytes, transfer, weights_of};
 
 use crate::error::Result;

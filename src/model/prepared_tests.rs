@@ -1,17 +1,17 @@
 //! The prepared network against the plain one, with statistics far from the initial ones.
 
+use super::random_encoder;
 use super::{
     BasisNet, ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind, Normalisation, OnDevice,
-    Table, encoded_tensor, weights_of,
+    encoded_tensor, weights_of,
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{Basis, Encoder, EncoderConfig, Network as _, Prepared};
+use lsdc_core::network::{Basis, Encoder, Network as _, Prepared};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 fn image(height: usize, width: usize) -> Vec<f32> {
@@ -33,7 +33,9 @@ fn net(config: &NetworkConfig) -> BasisNet {
     let image = TensorData::new(image(40, 56), [1, 40, 56, 3]);
     let pixels = vec![(0..40 * 56).collect()];
     let encoded = (config.extractor.encoder > 0).then(|| {
-        let encoded = encoder().encode(&self::image(40, 56), (40, 56)).unwrap();
+        let encoded = random_encoder()
+            .encode(&self::image(40, 56), (40, 56))
+            .unwrap();
         encoded_tensor(&[&encoded], &device)
     });
     for _ in 0..20 {
@@ -71,52 +73,6 @@ struct Trained {
     config: NetworkConfig,
 }
 
-/// An encoder of random weights with as many channels as the one that networks are trained on.
-fn encoder() -> Arc<Encoder> {
-    let config = EncoderConfig {
-        blocks: 4,
-        hidden: 32,
-        side: 5,
-        taps: vec![0, 1, 2, 3],
-        ..EncoderConfig::small()
-    };
-    let (width, hidden) = (config.width, config.hidden);
-    let mut tensors = BTreeMap::new();
-    let mut add = |name: &str, shape: &[usize], mean: f32| {
-        let mut rng = Rng::stream(4, &["encoder", name]);
-        let count = shape.iter().product();
-        let values = (0..count).map(|_| mean + 0.05 * rng.normal()).collect();
-        tensors.insert(name.to_owned(), Table::new(shape.to_vec(), values).unwrap());
-    };
-    add("patch_embed.proj.weight", &[width, 3, 14, 14], 0.0);
-    add("patch_embed.proj.bias", &[width], 0.0);
-    add("cls_token", &[1, 1, width], 0.0);
-    add("pos_embed", &[1, 26, width], 0.0);
-    for block in 0..config.blocks {
-        let mut add = |name: &str, shape: &[usize], mean: f32| {
-            add(&format!("blocks.{block}.{name}"), shape, mean);
-        };
-        for norm in ["norm1", "norm2"] {
-            add(&format!("{norm}.weight"), &[width], 1.0);
-            add(&format!("{norm}.bias"), &[width], 0.0);
-        }
-        for (layer, to, from) in [
-            ("attn.qkv", 3 * width, width),
-            ("attn.proj", width, width),
-            ("mlp.fc1", hidden, width),
-            ("mlp.fc2", width, hidden),
-        ] {
-            add(&format!("{layer}.weight"), &[to, from], 0.0);
-            add(&format!("{layer}.bias"), &[to], 0.0);
-        }
-        add("ls1.gamma", &[width], 1.0);
-        add("ls2.gamma", &[width], 1.0);
-    }
-    add("norm.weight", &[width], 1.0);
-    add("norm.bias", &[width], 0.0);
-    Arc::new(Encoder::new(config, &tensors, Level::here()).unwrap())
-}
-
 impl Trained {
     fn new(config: NetworkConfig) -> Self {
         Self {
@@ -130,7 +86,7 @@ impl Trained {
     fn filled(config: NetworkConfig) -> Self {
         Self {
             net: net(&config).map(&mut Fill),
-            encoder: (config.extractor.encoder > 0).then(encoder),
+            encoder: (config.extractor.encoder > 0).then(random_encoder),
             config,
         }
     }

@@ -110,3 +110,46 @@ fn unsealed(mut bytes: Vec<u8>) -> Option<Vec<u8>> {
     bytes.truncate(bytes.len() - 8);
     sound.then_some(bytes)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::random_encoder;
+    use image::Rgb;
+
+    #[test]
+    fn features_are_kept_in_files_and_damaged_files_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let encoding = |folder: Option<PathBuf>| {
+            Encoding::new(random_encoder(), Normalisation::default(), folder)
+        };
+        let kept = encoding(Some(folder.path().join("features")));
+        let rgb = RgbImage::from_fn(40, 30, |x, y| Rgb([(x * 6) as u8, (y * 8) as u8, 90]));
+        let files = || -> Vec<PathBuf> {
+            let entries = std::fs::read_dir(folder.path().join("features")).unwrap();
+            entries.map(|entry| entry.unwrap().path()).collect()
+        };
+        let plain = encoding(None).of(&rgb).unwrap();
+        assert_eq!(kept.of(&rgb).unwrap(), plain);
+        // Read, not computed: another sound file in its place is believed.
+        let [file] = &files()[..] else {
+            panic!("{:?}", files());
+        };
+        let mut bytes = std::fs::read(file).unwrap();
+        let contents = bytes.len() - 8;
+        bytes[..2].copy_from_slice(&f16::from_f32(7.0).to_le_bytes());
+        let seal = hash(&[&bytes[..contents]]).to_le_bytes();
+        bytes[contents..].copy_from_slice(&seal);
+        std::fs::write(file, &bytes).unwrap();
+        assert_eq!(kept.of(&rgb).unwrap().values[0], 7.0);
+        bytes[4] ^= 1;
+        std::fs::write(file, &bytes).unwrap();
+        assert_eq!(kept.of(&rgb).unwrap(), plain);
+        std::fs::write(file, [1, 2]).unwrap();
+        assert_eq!(kept.of(&rgb).unwrap(), plain);
+        // Another image has another file.
+        let other = RgbImage::from_fn(40, 30, |x, _| Rgb([x as u8; 3]));
+        assert_ne!(kept.of(&other).unwrap(), plain);
+        assert_eq!(files().len(), 2);
+    }
+}

@@ -256,4 +256,34 @@ mod tests {
         }
         assert_eq!(frames.1.load(Ordering::Relaxed), 8);
     }
+
+    #[test]
+    fn a_number_of_views_comes_again_with_other_points() {
+        let rooms = RoomsConfig {
+            width: 64,
+            height: 48,
+            ..RoomsConfig::default()
+        };
+        let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
+        let config = SamplerConfig {
+            protocol: Protocol::default(),
+            augment: AugmentConfig::default(),
+            views: 2,
+            supervision: SupervisionConfig {
+                points: 50,
+                fewest: 20,
+                patches: 1,
+                patch: 8,
+                ..SupervisionConfig::default()
+            },
+            batch: 1,
+            seed: 0,
+        };
+        let sampler = Sampler::new(rooms, vec![0], config).unwrap();
+        let pass = |step| sampler.batch(step).unwrap().remove(0);
+        let [first, second, third] = [0, 1, 2].map(pass);
+        assert_ne!(first.rgb, second.rgb);
+        assert_eq!((&first.rgb, &first.map), (&third.rgb, &third.map));
+        assert_ne!(first.pixels, third.pixels);
+    }
 }

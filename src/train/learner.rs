@@ -110,3 +110,83 @@ impl Learner {
         Ok((GradientsParams::from_grads(gradients, net), step))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{Rooms, RoomsConfig, Split};
+    use crate::model::{
+        ExtractorConfig, InitNetwork as _, NetworkConfig, Normalisation, weights_of,
+    };
+    use crate::sample::{AugmentConfig, Protocol, Sampler, SamplerConfig, SupervisionConfig};
+    use burn::module::Module as _;
+    use burn::tensor::Device;
+    use lsdc_core::fit::FitMethod;
+    use std::sync::Arc;
+
+    #[test]
+    fn basis_functions_are_trained_without_the_affinities() {
+        let rooms = RoomsConfig {
+            width: 48,
+            height: 36,
+            ..RoomsConfig::default()
+        };
+        let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
+        let config = TrainConfig {
+            part: Part::Bases,
+            loss: LossConfig {
+                regularisation: 0.0,
+                ..LossConfig::default()
+            },
+            ..TrainConfig::default()
+        };
+        let sampler = SamplerConfig {
+            protocol: Protocol::default(),
+            augment: AugmentConfig::none(),
+            views: 0,
+            supervision: SupervisionConfig {
+                points: 40,
+                fewest: 5,
+                ..SupervisionConfig::default()
+            },
+            batch: 2,
+            seed: 0,
+        };
+        let samples = Sampler::new(rooms, vec![0, 1], sampler)
+            .unwrap()
+            .batch(0)
+            .unwrap();
+        let device = Device::flex().autodiff();
+        let Normalisation {
+            mean, deviation, ..
+        } = Normalisation::default();
+        let batch = Batch::new(&samples, mean, deviation, &device).unwrap();
+        let network = NetworkConfig {
+            extractor: ExtractorConfig {
+                // It begins with zeros, behind which nothing moves in the first step.
+                sharpening: 0,
+                ..ExtractorConfig::slimmer()
+            },
+            hidden: vec![16],
+            bases: 12,
+            affinities: 8,
+            ..NetworkConfig::sharp()
+        };
+        let fit = FitConfig {
+            method: FitMethod::Joint,
+            ..FitConfig::default()
+        };
+        let tensors = |net: &BasisNet| {
+            weights_of(&net.valid(), network.clone(), Normalisation::default()).tensors
+        };
+        let net = network.init(0, &device).unwrap();
+        let before = tensors(&net);
+        let learner = Learner::new(net, &fit, &config);
+        let (learner, _) = learner.step(&[batch], 1e-2, 1).unwrap();
+        let after = tensors(learner.net());
+        for (name, tensor) in &before {
+            let same = after[name] == *tensor;
+            assert_eq!(same, name.starts_with("edges."), "{name}");
+        }
+    }
+}

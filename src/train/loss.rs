@@ -355,4 +355,31 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn few_points_count_as_much_less_as_they_are_told_to() {
+        let device = Device::flex();
+        let tensor = |values: Vec<f32>, shape: [usize; 3]| {
+            Tensor::<3>::from_data(TensorData::new(values, shape), &device)
+        };
+        // Two pixels, off by 1 and 3 m in fits to all and to a sixteenth of the points.
+        let fitted = tensor(vec![3.0, 5.0, 3.0, 5.0], [1, 2, 2]);
+        let depths = Tensor::from_data(TensorData::new(vec![2.0_f32, 2.0], [1, 2]), &device);
+        let total = |shares: Option<Tensor<3>>, l1: f64, rmse: f64| {
+            let config = LossConfig {
+                l1,
+                l2: 0.0,
+                rmse,
+                gradient: 0.0,
+                ..LossConfig::default()
+            };
+            let found = compared(fitted.clone(), &depths, shares, (2, (0, 0)), &config);
+            f64::from(found.total.into_scalar::<f32>())
+        };
+        let shares = || Some(tensor(vec![1.0, (1.0_f32 / 16.0).powf(0.25)], [1, 1, 2]));
+        for (l1, rmse, error) in [(1.0, 0.0, 2.0), (0.0, 1.0, 5.0_f64.sqrt())] {
+            assert!((total(None, l1, rmse) - error).abs() < 1e-5);
+            assert!((total(shares(), l1, rmse) - 0.75 * error).abs() < 1e-5);
+        }
+    }
 }
