@@ -10,6 +10,8 @@ pub enum Cause {
     Read,
     /// A file or folder cannot be written.
     Write,
+    /// A server cannot be reached, or does not have what it should.
+    Network,
     /// A file is damaged or is not of the expected format.
     Format,
     /// Sizes or shapes do not go together.

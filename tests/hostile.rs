@@ -13,6 +13,7 @@ use lsdc::data::{
     read_mask, read_rgb, write_depth_png, write_exr, write_npy, write_npz, write_pfm, write_ply,
     write_rgb, write_tiff,
 };
+use lsdc::pretrained::read_encoder;
 use lsdc::report::Report;
 use lsdc_rng::Rng;
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, ValueKind, WriterInit};
@@ -499,4 +500,15 @@ fn lists() {
     let report = Report::new(lsdc::report::Heading::default());
     report.write_json(&path).unwrap();
     survive(&path, || Report::read_json(&path).is_ok());
+}
+
+#[test]
+fn encoders() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["encoder.pth", "encoder.safetensors"] {
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+        let path = folder.path().join(name);
+        std::fs::copy(golden.join(name), &path).unwrap();
+        survive(&path, || read_encoder(&path).is_ok());
+    }
 }

@@ -9,6 +9,7 @@ mod eval;
 mod experiment;
 mod export;
 mod inspect;
+mod install;
 mod manual;
 mod names;
 mod report;
@@ -41,7 +42,7 @@ enum Exit {
 impl From<&Error> for Exit {
     fn from(error: &Error) -> Self {
         match error.cause() {
-            Cause::Write => Self::Failed,
+            Cause::Write | Cause::Network => Self::Failed,
             _ => Self::Usage,
         }
     }

@@ -119,12 +119,31 @@ pub(super) fn start_log(verbose: u8) {
 /// A bar on the terminal; silent where stderr is none.
 pub(super) fn bar(total: usize, unit: &str) -> ProgressBar {
     let template = format!("{{bar:30}} {{pos}}/{{len}} {unit}, {{eta}} left {{msg}}");
+    styled(ProgressBar::new(total as u64), &template)
+}
+
+/// The same for bytes, of which there may be any number.
+#[cfg(feature = "download")]
+pub(super) fn byte_bar(total: Option<u64>) -> ProgressBar {
+    match total {
+        Some(total) => styled(
+            ProgressBar::new(total),
+            "{bar:30} {decimal_bytes} of {decimal_total_bytes}, {decimal_bytes_per_sec}, {eta} left",
+        ),
+        None => styled(
+            ProgressBar::no_length(),
+            "{decimal_bytes}, {decimal_bytes_per_sec}",
+        ),
+    }
+}
+
+fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
     let style =
-        ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     let bar = if is_quiet() {
         ProgressBar::hidden()
     } else {
-        ProgressBar::new(total as u64)
+        bar
     };
     bar.with_style(style)
 }

@@ -1,31 +1,70 @@
 //! `lsdc weights`: what weights there are, what they are, and in which precision.
 
 use super::args::{Convert, WeightsCommand};
-use super::{Exit, ui};
+use super::{Exit, install, ui};
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
 use crate::metrics::{Metric, Scores};
 use crate::model::to_bytes;
 use crate::predict::{embedded, open_weights, weights_name};
+use crate::pretrained::{KNOWN, Store, how_to_install};
 use crate::train::{SCORES_NOTE, TRAINING_NOTE, TrainConfig};
 use serde_json::{Value, json};
 use std::path::Path;
 
 pub(super) fn run(command: &WeightsCommand) -> Result<Exit> {
     match command {
-        WeightsCommand::List => {
-            for weights in embedded() {
-                let megabytes = weights.bytes.len() as f64 / 1e6;
-                ui::print(&format!(
-                    "{:<9} {megabytes:.1} MB, {}",
-                    weights.name, weights.about
-                ));
-            }
+        WeightsCommand::List { print_folder: true } => {
+            ui::print(&Store::open()?.folder().display().to_string());
         }
+        WeightsCommand::List { .. } => list()?,
+        #[cfg(feature = "download")]
+        WeightsCommand::Get(args) => install::get(args)?,
+        WeightsCommand::Add(args) => install::add(args)?,
         WeightsCommand::Info { file, json } => info(file.as_deref(), *json)?,
         WeightsCommand::Convert(args) => convert(args)?,
     }
     Ok(Exit::Done)
+}
+
+/// A line of each: name, size, licence, where it is, what it is.
+fn list() -> Result<()> {
+    let line = |name: &str, bytes: u64, licence: &str, place: &str, about: &str| {
+        let megabytes = format!("{:.1} MB", bytes as f64 / 1e6);
+        ui::print(&format!(
+            "{name:<9} {megabytes:<8} {licence:<18} {place:<14} {about}"
+        ));
+    };
+    for weights in embedded() {
+        let bytes = weights.bytes.len() as u64;
+        let licence = env!("CARGO_PKG_LICENSE");
+        line(weights.name, bytes, licence, "built in", weights.about);
+    }
+    let store = Store::open()?;
+    let mut remarks = Vec::new();
+    for known in &KNOWN {
+        let path = store.path(known);
+        let place = match store.load(known) {
+            Ok(_) => {
+                remarks.push(format!("`{}` is in {}", known.weights, path.display()));
+                "installed"
+            }
+            Err(_) if !path.exists() => {
+                remarks.push(how_to_install(known));
+                "not installed"
+            }
+            Err(error) => {
+                remarks.push(error.with_causes());
+                "damaged"
+            }
+        };
+        let about = format!("on {}; {}", known.name, known.cost);
+        line(known.weights, known.bytes(), known.licence, place, &about);
+    }
+    for remark in remarks {
+        ui::say(&remark);
+    }
+    Ok(())
 }
 
 pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {

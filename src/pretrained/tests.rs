@@ -1,9 +1,30 @@
 use super::*;
+use half::f16;
+use lsdc_core::network::EncoderConfig;
 use proptest::prelude::*;
 
 /// A tiny encoder in half precision, as other programs save it (`scripts/golden_encoder.py`).
-const PYTORCH: &[u8] = include_bytes!("../../tests/golden/encoder.pth");
-const TRANSFORMERS: &[u8] = include_bytes!("../../tests/golden/encoder.safetensors");
+pub(super) const PYTORCH: &[u8] = include_bytes!("../../tests/golden/encoder.pth");
+pub(super) const TRANSFORMERS: &[u8] = include_bytes!("../../tests/golden/encoder.safetensors");
+
+/// What is known of it. Its identity was computed in Python.
+pub(super) const TINY: Known = Known {
+    weights: "tiny",
+    name: "a tiny encoder",
+    licence: "CC0-1.0",
+    identity: "f1db05f0b25c0cdd80d92d270cd769caf7b70a93b6db76ad3aba0438e15f7dc1",
+    sizes: || EncoderConfig {
+        width: 16,
+        heads: 2,
+        blocks: 3,
+        hidden: 32,
+        side: 4,
+        taps: vec![0, 2],
+    },
+    places: &["https://example.org/tiny.pth"],
+    download: 60_000,
+    cost: "nothing",
+};
 
 fn read(bytes: &[u8], name: &str) -> Result<BTreeMap<String, Tensor>> {
     let folder = tempfile::tempdir().unwrap();
@@ -36,21 +57,87 @@ fn files_of_pytorch_and_of_transformers_hold_the_same_encoder() {
 
     let other = read(TRANSFORMERS, "b.safetensors").unwrap();
     assert_eq!(one, other);
-    assert_eq!(identity(&one), identity(&other));
+    assert_eq!(identity(&one), TINY.identity);
 }
 
 #[test]
-fn other_values_are_no_known_encoder() {
-    let mut tensors = read(PYTORCH, "a.pth").unwrap();
-    let before = identity(&tensors);
-    let shift = &tensors["norm.bias"];
-    let mut values = shift.values().to_vec();
-    values[3] += 0.01;
-    let changed = Tensor::new(shift.shape().to_vec(), values).unwrap();
-    tensors.insert("norm.bias".into(), changed);
-    assert_ne!(before, identity(&tensors));
-    let error = known(Path::new("a.pth"), &tensors).unwrap_err();
-    assert!(error.with_causes().contains("a.pth"));
+fn the_encoder_of_anything_has_the_published_size() {
+    let shapes = ANYTHING.shapes();
+    // DINOv2's table says 21 M parameters for ViT-S/14; its file has 22,056,576, of which 384 are `mask_token`.
+    assert_eq!(
+        (shapes.len(), ANYTHING.bytes()),
+        (174, 2 * (22_056_576 - 384))
+    );
+    let tensors = read(PYTORCH, "a.pth").unwrap();
+    let shapes = tensors
+        .iter()
+        .map(|(name, tensor)| (name.clone(), tensor.shape().to_vec()));
+    assert_eq!(TINY.shapes(), shapes.collect());
+}
+
+#[test]
+fn an_encoder_is_recognised_by_its_values() {
+    let path = Path::new("a.pth");
+    let sound = read(PYTORCH, "a.pth").unwrap();
+    let known = [ANYTHING, TINY];
+    assert_eq!(recognise(path, &sound, &known).unwrap().weights, "tiny");
+    let refused = |tensors: &BTreeMap<String, Tensor>, known: &[Known]| {
+        let error = recognise(path, tensors, known).unwrap_err();
+        format!("{error} {}", error.advice().unwrap())
+    };
+    let changed = |name: &str, change: &dyn Fn(&Tensor) -> Option<Tensor>| {
+        let mut tensors = sound.clone();
+        let tensor = change(&tensors[name]);
+        tensors.remove(name);
+        tensors.extend(tensor.map(|tensor| (name.to_owned(), tensor)));
+        tensors
+    };
+
+    // The least change that half precision has.
+    let other = changed("norm.bias", &|tensor| {
+        let mut values = tensor.values().to_vec();
+        values[3] = f32::from_bits(values[3].to_bits() + (1 << 13));
+        Tensor::new(tensor.shape().to_vec(), values)
+    });
+    let said = refused(&other, &known);
+    for words in [
+        "a.pth",
+        "other values",
+        "a tiny encoder",
+        "f1db05f0b25c",
+        "dinov2_vits14",
+    ] {
+        assert!(said.contains(words), "{said}");
+    }
+    // One that half precision does not have.
+    let finer = changed("norm.bias", &|tensor| {
+        let finer = tensor
+            .values()
+            .iter()
+            .map(|v| f32::from_bits(v.to_bits() + 1));
+        Tensor::new(tensor.shape().to_vec(), finer.collect())
+    });
+    assert!(recognise(path, &finer, &known).is_ok());
+
+    let reshaped = changed("cls_token", &|t| Tensor::new(vec![16], t.values().to_vec()));
+    for (tensors, words) in [
+        (reshaped, "has `cls_token` of shape 16 instead of 1x1x16"),
+        (changed("norm.bias", &|_| None), "has no `norm.bias`"),
+    ] {
+        let said = refused(&tensors, &[TINY]);
+        assert!(
+            said.contains(words) && said.contains("a tiny encoder"),
+            "{said}"
+        );
+    }
+    let mut more = sound.clone();
+    more.insert("blocks.3.norm1.bias".into(), sound["norm.bias"].clone());
+    assert!(refused(&more, &[TINY]).contains("has `blocks.3.norm1.bias` too"));
+    let said = refused(&sound, &KNOWN);
+    assert!(
+        said.contains("is not the encoder of Depth Anything V2 Small"),
+        "{said}"
+    );
 }
 
 #[test]

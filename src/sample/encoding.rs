@@ -3,7 +3,7 @@
 use super::image_values;
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
-use crate::pretrained::KNOWN;
+use crate::pretrained::ANYTHING;
 use half::f16;
 use image::RgbImage;
 use lsdc_core::network::{Encoded, Encoder};
@@ -73,17 +73,13 @@ impl Encoding {
 
     /// A number that changes with everything that the features depend on.
     fn key(&self, rgb: &RgbImage) -> u64 {
-        let known: Vec<u8> = KNOWN
-            .iter()
-            .flat_map(|k| k.identity.to_le_bytes())
-            .collect();
         let Normalisation {
             mean, deviation, ..
         } = self.normalisation;
         let colours = mean.iter().chain(&deviation).flat_map(|v| v.to_le_bytes());
         let colours: Vec<u8> = colours.collect();
         hash(&[
-            &known[..],
+            ANYTHING.identity.as_bytes(),
             &colours,
             &rgb.width().to_le_bytes(),
             rgb.as_raw(),

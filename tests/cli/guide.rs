@@ -108,6 +108,7 @@ fn every_command_works() {
             .args(["-c", &command])
             .current_dir(folder.path())
             .env("PATH", &path)
+            .env("LSDC_WEIGHTS", folder.path().join("nowhere"))
             .output()
             .unwrap();
         let said = String::from_utf8_lossy(&run.stderr);

@@ -10,6 +10,9 @@ mod forms;
 mod guide;
 mod inputs;
 mod looking;
+#[cfg(feature = "download")]
+#[path = "../loopback/mod.rs"]
+mod loopback;
 mod many;
 mod outputs;
 mod reuse;
@@ -24,7 +27,9 @@ fn lsdc(folder: &Path) -> Command {
     command
         .current_dir(folder)
         .env_remove("LSDC_DATA")
-        .env_remove("LSDC_DEVICE");
+        .env_remove("LSDC_DEVICE")
+        // Not the user's, and nothing is installed.
+        .env("LSDC_WEIGHTS", folder.join("nowhere"));
     command
 }
 
@@ -57,14 +62,19 @@ fn names(folder: &Path) -> Vec<String> {
 /// Runs a command that must fail with exit code 2, one `error:` line with `words`, and no output.
 fn refused(folder: &Path, args: &[&str], words: &[&str]) {
     let before = names(folder);
-    let output = lsdc(folder).args(args).output().unwrap();
+    failed(lsdc(folder).args(args), 2, words);
+    assert_eq!(names(folder), before, "{args:?} left files behind");
+}
+
+/// Runs a command that must fail with this exit code and these words.
+fn failed(command: &mut Command, code: i32, words: &[&str]) {
+    let output = command.output().unwrap();
     let text = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{args:?}: {text}");
+    assert_eq!(output.status.code(), Some(code), "{command:?}: {text}");
     assert!(!text.contains("panicked"), "{text}");
     for word in words {
         assert!(text.contains(word), "`{word}` is missing in: {text}");
     }
-    assert_eq!(names(folder), before, "{args:?} left files behind");
 }
 
 fn json(path: &Path) -> serde_json::Value {

@@ -62,10 +62,216 @@ fn all_weights_of_the_program_are_better_than_none() {
     };
     let linear = rmse(&["--method", "linear"], "linear");
     let list = text(&lsdc(at).args(["weights", "list"]).assert().success());
-    let names: Vec<&str> = list.lines().filter_map(|l| l.split(' ').next()).collect();
+    let built_in = list.lines().filter(|line| line.contains("built in"));
+    let names: Vec<&str> = built_in.filter_map(|l| l.split(' ').next()).collect();
     assert_eq!(names, ["default", "small"]);
     for name in names {
         let error = rmse(&["--weights", name], name);
         assert!(error < 0.9 * linear, "{name}: {error} m, linear {linear} m");
+    }
+}
+
+fn golden(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/golden")
+        .join(name)
+}
+
+#[test]
+fn weights_that_can_be_installed_are_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let list = lsdc(at).args(["weights", "list"]).assert().success();
+    let (table, said) = (text(&list), list.get_output().stderr.clone());
+    let line = table.lines().find(|line| line.starts_with("anything "));
+    for words in [
+        "44.1 MB",
+        "Apache-2.0",
+        "not installed",
+        "0.25 s more per image",
+    ] {
+        assert!(line.unwrap().contains(words), "{table}");
+    }
+    let said = String::from_utf8(said).unwrap();
+    assert!(said.contains("`lsdc weights add FILE`"), "{said}");
+
+    let print = ["weights", "list", "--print-folder"];
+    let printed = |command: &mut Command| text(&command.args(print).assert().success());
+    let folder = printed(&mut lsdc(at));
+    assert_eq!(Path::new(folder.trim_end()), at.join("nowhere"));
+    #[cfg(unix)]
+    {
+        let mut unset = lsdc(at);
+        unset.env_remove("LSDC_WEIGHTS").env("XDG_DATA_HOME", at);
+        assert_eq!(
+            Path::new(printed(&mut unset).trim_end()),
+            at.join("lsdc/weights")
+        );
+        let mut home = lsdc(at);
+        home.env("LSDC_WEIGHTS", "")
+            .env("HOME", at)
+            .env_remove("XDG_DATA_HOME");
+        let folder = at.join(".local/share/lsdc/weights");
+        assert_eq!(Path::new(printed(&mut home).trim_end()), folder);
+    }
+    assert_eq!(names(at), [""; 0]);
+}
+
+#[test]
+fn files_of_other_networks_are_not_installed() {
+    let folder = room();
+    let at = folder.path();
+    let tiny = golden("encoder.pth");
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/core/weights/small.safetensors");
+    for (file, words) in [
+        (&tiny, "is not the encoder of Depth Anything V2 Small"),
+        (&own, "no encoder in the form of DINOv2"),
+        (
+            &at.join("rgb.png"),
+            "neither a PyTorch nor a safetensors file",
+        ),
+        (&at.join("nothing.pth"), "nothing.pth"),
+    ] {
+        refused(at, &["weights", "add", file.to_str().unwrap()], &[words]);
+    }
+}
+
+/// `lsdc weights get`, from servers on this machine.
+#[cfg(feature = "download")]
+mod download {
+    use super::super::loopback::{Answer, Server, answer, length};
+    use super::*;
+
+    fn get(at: &Path, url: &str) -> Command {
+        let mut command = lsdc(at);
+        command.args(["weights", "get", "anything", "--url", url]);
+        command
+    }
+
+    /// A file that breaks off.
+    fn half() -> Answer {
+        let headers = [length(200_000), "ETag: \"a\"".to_owned()];
+        answer("200 OK", &headers, &vec![7; 100_000])
+    }
+
+    /// The parts of files that are left.
+    fn parts(at: &Path) -> Vec<u64> {
+        let files = names(&at.join("nowhere")).into_iter();
+        let paths = files.map(|name| at.join("nowhere").join(name));
+        let parts = paths.filter(|path| path.extension().is_some_and(|e| e == "part"));
+        parts.map(|path| path.metadata().unwrap().len()).collect()
+    }
+
+    #[test]
+    fn what_servers_do_wrong_is_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        let tiny = std::fs::read(golden("encoder.safetensors")).unwrap();
+        let moved = || answer("301 Moved", &[length(0), "Location: /".to_owned()], b"");
+        let cases: Vec<(Vec<Answer>, i32, &[&str])> = vec![
+            (
+                vec![answer("404 Not Found", &[length(0)], b"")],
+                1,
+                &[
+                    "404 Not Found",
+                    "http://127.0.0.1",
+                    "`lsdc weights add FILE`",
+                ],
+            ),
+            (vec![], 1, &["cannot reach `http://127.0.0.1"]),
+            (
+                vec![moved(), answer("200 OK", &[], b"<html>")],
+                2,
+                &["is not Depth Anything V2 Small", "caused by"],
+            ),
+            (
+                vec![answer("200 OK", &[length(tiny.len())], &tiny)],
+                2,
+                &["is not Depth Anything V2 Small", "instead of 384"],
+            ),
+            (
+                vec![answer("200 OK", &[length(1 << 40)], b"")],
+                1,
+                &["too much for an encoder"],
+            ),
+        ];
+        for (answers, code, words) in cases {
+            let server = Server::start(answers);
+            failed(&mut get(at, &server.url()), code, words);
+            assert_eq!(names(&at.join("nowhere")), [""; 0], "{words:?}");
+        }
+        refused(
+            at,
+            &["weights", "get", "default"],
+            &["'default'", "anything"],
+        );
+    }
+
+    #[test]
+    fn the_next_run_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        let busy = || answer("503 Service Unavailable", &[length(0)], b"");
+        let server = Server::start(vec![half(), busy(), busy()]);
+        let words = ["503", "0.1 MB are kept"];
+        failed(&mut get(at, &server.url()), 1, &words);
+        assert_eq!(parts(at), [100_000]);
+        failed(&mut get(at, &server.url()), 1, &words);
+        let request = server.requests().pop().unwrap();
+        assert!(request.contains("range: bytes=100000-"), "{request}");
+    }
+
+    /// A file that may not grow stands for a disk that is full.
+    #[cfg(unix)]
+    #[test]
+    fn a_full_disk_is_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        let server = Server::start(vec![half()]);
+        let script = "trap '' XFSZ; ulimit -f 160; exec \"$0\" weights get anything --url \"$1\"";
+        let mut command = Command::new("sh");
+        command
+            .args(["-c", script, env!("CARGO_BIN_EXE_lsdc"), &server.url()])
+            .env("LSDC_WEIGHTS", at.join("nowhere"));
+        failed(&mut command, 1, &["cannot write", ".part", "are kept"]);
+        // 160 blocks of 512 bytes.
+        assert_eq!(parts(at), [81_920]);
+    }
+
+    /// With `LSDC_ENCODER=FILE`, one of the published files.
+    #[allow(clippy::print_stderr)]
+    #[test]
+    fn the_published_file_is_installed() {
+        use lsdc::pretrained::{ANYTHING, Store};
+        let Some(file) = std::env::var_os("LSDC_ENCODER") else {
+            eprintln!("not tested: LSDC_ENCODER names no file");
+            return;
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        let bytes = std::fs::read(&file).unwrap();
+        let (all, middle) = (bytes.len(), bytes.len() / 3);
+        let tag = || "ETag: \"a\"".to_owned();
+        let range = format!("Content-Range: bytes {middle}-{}/{all}", all - 1);
+        let server = Server::start(vec![
+            answer("200 OK", &[length(all), tag()], &bytes[..middle]),
+            answer(
+                "206 Partial Content",
+                &[length(all - middle), tag(), range],
+                &bytes[middle..],
+            ),
+        ]);
+        let said = text(&get(at, &server.url()).assert().success());
+        assert!(
+            said.starts_with("installed Depth Anything V2 Small"),
+            "{said}"
+        );
+        let store = Store::at(at.join("nowhere"));
+        assert_eq!(names(store.folder()), ["anything-encoder.safetensors"]);
+        assert_eq!(store.load(&ANYTHING).unwrap().len(), 174);
+        let add = lsdc(at).args(["weights", "add"]).arg(&file).assert();
+        assert!(text(&add.success()).starts_with("unchanged "));
+        let list = text(&lsdc(at).args(["weights", "list"]).assert().success());
+        assert!(list.contains(" installed "), "{list}");
     }
 }

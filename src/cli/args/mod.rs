@@ -15,7 +15,9 @@ pub(super) use experiment::Experiments;
 use fit::FitFlags;
 pub(super) use looking::{Completions, Inspect, Manual};
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
-pub(super) use training::{Calibrate, Convert, Train, WeightsCommand};
+#[cfg(feature = "download")]
+pub(super) use training::Get;
+pub(super) use training::{Add, Calibrate, Convert, Train, WeightsCommand};
 pub(super) use values::{Chosen, Format};
 
 use crate::data::{DatasetKind, Split};
@@ -59,7 +61,7 @@ pub(super) enum Command {
     Report(ReportCommand),
     /// Train a network.
     Train(Train),
-    /// List, describe and convert weights.
+    /// List, install, describe and convert weights.
     #[command(subcommand)]
     Weights(WeightsCommand),
     /// Learn the prior over the weights of the basis functions and calibrate the standard deviations, as

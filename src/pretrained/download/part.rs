@@ -1,0 +1,154 @@
+//! A file that arrives in parts.
+
+use crate::data::write_atomically;
+use crate::error::{Cause, Error, Result};
+use crate::pretrained::Known;
+use serde::{Deserialize, Serialize};
+use std::fs::{File, TryLockError};
+use std::io::{Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+const ENDING: &str = ".part";
+
+/// What the part of a file was part of.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Origin {
+    pub(super) place: String,
+    /// What changes when the file at that place does. Without it, nothing can be added to a part.
+    pub(super) version: Option<String>,
+    /// Bytes of the whole file.
+    pub(super) total: Option<u64>,
+}
+
+/// The beginning of a file, and a record of its origin beside it. No other program adds to it.
+#[derive(Debug)]
+pub(super) struct Part {
+    path: PathBuf,
+    file: File,
+    length: u64,
+    origin: Origin,
+}
+
+impl Part {
+    /// Opens what is there of the file at `place`, if anything.
+    ///
+    /// # Errors
+    /// The folder cannot be written, or another program is at it.
+    pub(super) fn open(folder: &Path, known: &Known, place: &str) -> Result<Self> {
+        let path = part(folder, known, place);
+        let unwritable = |e| Error::write(&path, e);
+        std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+        let mut options = File::options();
+        options.read(true).write(true).create(true).truncate(false);
+        let file = options.open(&path).map_err(unwritable)?;
+        // Some file systems of networks have no locks.
+        if let Err(TryLockError::WouldBlock) = file.try_lock() {
+            let what = format!("another program is downloading `{}`", path.display());
+            return Err(Error::new(Cause::Write, what).hint("wait for it, or end it"));
+        }
+        let length = file.metadata().map_err(unwritable)?.len();
+        let mut part = Self {
+            origin: read_record(&path).unwrap_or_default(),
+            path,
+            file,
+            length,
+        };
+        let usable = part.origin.place == place
+            && (part.is_whole() || part.origin.version.is_some())
+            && part.origin.total.is_none_or(|total| part.length <= total);
+        if !usable {
+            part.begin(Origin::default())?;
+        }
+        Ok(part)
+    }
+
+    /// Forgets what is there, and begins a file of another origin.
+    pub(super) fn begin(&mut self, origin: Origin) -> Result<()> {
+        let emptied = self.file.set_len(0).and_then(|()| self.file.rewind());
+        emptied.map_err(|e| Error::write(&self.path, e))?;
+        self.length = 0;
+        self.origin = origin;
+        write_atomically(&record(&self.path), |out| {
+            Ok(serde_json::to_writer(out, &self.origin)?)
+        })
+    }
+
+    pub(super) fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        let end = SeekFrom::Start(self.length);
+        let mut write = || {
+            self.file.seek(end)?;
+            self.file.write_all(bytes)
+        };
+        write().map_err(|e| Error::write(&self.path, e))?;
+        self.length += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// On return, what is there outlives a power failure.
+    pub(super) fn sync(&self) -> Result<()> {
+        let synced = self.file.sync_all();
+        synced.map_err(|e| Error::write(&self.path, e))
+    }
+
+    pub(super) fn length(&self) -> u64 {
+        self.length
+    }
+
+    pub(super) fn version(&self) -> Option<&str> {
+        self.origin.version.as_deref()
+    }
+
+    pub(super) fn total(&self) -> Option<u64> {
+        self.origin.total
+    }
+
+    pub(super) fn is_whole(&self) -> bool {
+        self.origin.total == Some(self.length) && self.length > 0
+    }
+
+    /// Lets others read the file.
+    pub(super) fn close(self) -> PathBuf {
+        self.path
+    }
+
+    /// Removes the file and its record.
+    pub(super) fn remove(self) {
+        remove(&self.close());
+    }
+}
+
+/// Removes all parts of files of an encoder that no other program is at.
+pub(super) fn remove_parts(folder: &Path, known: &Known) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let is_part = name.starts_with(&format!("{}-", known.weights)) && name.ends_with(ENDING);
+        let is_free = || File::open(&path).is_ok_and(|file| file.try_lock().is_ok());
+        if is_part && is_free() {
+            remove(&path);
+        }
+    }
+}
+
+/// What cannot be removed does no harm.
+pub(super) fn remove(part: &Path) {
+    let _ = std::fs::remove_file(record(part));
+    let _ = std::fs::remove_file(part);
+}
+
+/// Where the part of the file at `place` is: each place has its own.
+fn part(folder: &Path, known: &Known, place: &str) -> PathBuf {
+    let place = lsdc_rng::hash(&[place]);
+    folder.join(format!("{}-{place:016x}{ENDING}", known.weights))
+}
+
+fn record(part: &Path) -> PathBuf {
+    part.with_extension("part.json")
+}
+
+/// `None` without a record, or if it is damaged: then the part is worth nothing.
+fn read_record(part: &Path) -> Option<Origin> {
+    let bytes = std::fs::read(record(part)).ok()?;
+    serde_json::from_slice(&bytes).ok()
+}
