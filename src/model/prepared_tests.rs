@@ -161,8 +161,10 @@ impl ModuleMapper for Fill {
             let mut values: Vec<f32> = data.iter::<f32>().collect();
             if D > 1 && values.iter().all(|v| *v == 0.0) {
                 let mut rng = Rng::stream(9, &["fill"]);
+                // The more there are, the more are added up.
+                let scale = 0.3 * (4096.0 / values.len() as f32).min(1.0).sqrt();
                 for value in &mut values {
-                    *value = 0.3 * rng.normal();
+                    *value = scale * rng.normal();
                 }
             }
             Tensor::from_data(TensorData::new(values, data.shape()), &tensor.device())
