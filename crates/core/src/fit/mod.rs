@@ -14,6 +14,7 @@ mod prior;
 mod robust;
 mod shrink;
 mod space;
+mod spectrum;
 pub mod student;
 #[cfg(test)]
 mod tests;
