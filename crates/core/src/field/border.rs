@@ -107,8 +107,10 @@ impl Border {
     pub(super) fn covariance(&self, factor: &Factor, more: &[Strip]) -> Vec<f64> {
         let size = self.order.len().next_multiple_of(PAD);
         let mut all = vec![0.0; size * size];
-        let chunks = all.par_chunks_mut(STRIP * size).enumerate();
-        chunks.for_each(|(i, columns)| {
+        let mut chunks: Vec<_> = all.chunks_mut(STRIP * size).enumerate().collect();
+        // The first columns are the longest: half of the work in each half.
+        chunks.sort_by_key(|(i, _)| i % 2);
+        chunks.into_par_iter().for_each(|(i, columns)| {
             let own = |strips: &[Strip]| strips.iter().position(|s| s.first / STRIP == i);
             let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
             for strips in lists {
@@ -223,23 +225,38 @@ impl Border {
     /// Adds `W x` to values in the order of pixels.
     pub(super) fn add_to(&self, factor: &Factor, x: &[f64], values: &mut [f64]) {
         let plan = &*factor.plan;
-        for (line, strips) in plan.lines.iter().zip(&self.lines) {
-            for strip in strips {
-                let x = strip.part(x);
-                let columns = strip.values.chunks_exact(strip.rows);
-                for (&pixel, column) in line.own.iter().zip(columns) {
-                    let products = column.iter().zip(x).map(|(a, b)| a * b);
-                    values[pixel as usize] += products.sum::<f64>();
-                }
+        let of_line = |(line, strips): (usize, &Vec<Strip>)| {
+            let own = &plan.lines[line].own;
+            let mut sums = vec![0.0; if strips.is_empty() { 0 } else { own.len() }];
+            strips
+                .iter()
+                .for_each(|strip| strip.add_products(x, &mut sums));
+            sums
+        };
+        let lines: Vec<_> = self.lines.par_iter().enumerate().map(of_line).collect();
+        for (line, sums) in plan.lines.iter().zip(&lines) {
+            for (&pixel, sum) in line.own.iter().zip(sums) {
+                values[pixel as usize] += sum;
             }
         }
-        for rows in &self.tiles {
+        let of_tile = |rows: &TileRows| {
+            let pixels = plan.program(rows.tile).order.len();
+            let mut sums = vec![0.0; pixels];
+            for (x, list) in x[rows.positions.clone()]
+                .iter()
+                .zip(rows.values.chunks_exact(pixels))
+            {
+                sums.iter_mut()
+                    .zip(list)
+                    .for_each(|(sum, value)| *sum += x * value);
+            }
+            sums
+        };
+        let tiles: Vec<_> = self.tiles.par_iter().map(of_tile).collect();
+        for (rows, sums) in self.tiles.iter().zip(&tiles) {
             let (tile, program) = (&plan.tiles[rows.tile], plan.program(rows.tile));
-            let lists = rows.values.chunks_exact(program.order.len());
-            for (x, list) in x[rows.positions.clone()].iter().zip(lists) {
-                for (&(u, v), value) in program.order.iter().zip(list) {
-                    values[(tile.top + v) * plan.width + tile.left + u] += x * value;
-                }
+            for (&(u, v), sum) in program.order.iter().zip(sums) {
+                values[(tile.top + v) * plan.width + tile.left + u] += sum;
             }
         }
     }
@@ -385,7 +402,7 @@ impl Strip {
         MatRef::from_column_major_slice(&self.values, self.rows, columns)
     }
 
-    fn block(&self) -> Block<'_> {
+    pub(super) fn block(&self) -> Block<'_> {
         Block {
             values: &self.values,
             stride: self.rows,
@@ -396,8 +413,7 @@ impl Strip {
     pub(super) fn add_products(&self, values: &[f64], products: &mut [f64]) {
         let values = self.part(values);
         for (sum, column) in products.iter_mut().zip(self.values.chunks_exact(self.rows)) {
-            let pairs = column.iter().zip(values);
-            *sum += pairs.map(|(a, b)| a * b).sum::<f64>();
+            *sum += dot(&column[..values.len()], values);
         }
     }
 
@@ -489,6 +505,15 @@ fn tile_rows(
     found.collect::<Vec<_>>().into_iter().flatten().collect()
 }
 
+/// Summed in lanes, which vector units can do.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    let (whole, others) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    let mut lanes = [0.0; 8];
+    for (a, b) in whole.0.iter().zip(others.0) {
+        for ((sum, a), b) in lanes.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
+        }
+    }
+    let rest = whole.1.iter().zip(others.1).map(|(a, b)| a * b);
+    lanes.iter().sum::<f64>() + rest.sum::<f64>()
 }

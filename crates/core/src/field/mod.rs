@@ -11,6 +11,7 @@
 //! with all observations in them: for any number.
 
 mod border;
+mod dense;
 mod factor;
 mod inverse;
 mod kriged;
