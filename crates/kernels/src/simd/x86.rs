@@ -93,7 +93,7 @@ vector!(
     __m512, lanes 16, rows 14, doubles __m512d,
     _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps
     _mm512_max_ps _mm512_fmadd_ps
-    total(sum) { _mm512_reduce_add_ps(sum) },
+    total(sum) _mm512_reduce_add_ps(sum),
     where_positive(a, b) {
         _mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(b, _mm512_setzero_ps()), a)
     }
