@@ -3,7 +3,7 @@
 //! They are stored column by column; of symmetric ones, the lower half counts. Rows and columns are worked on in
 //! strips, each of which is a task of its own.
 
-use super::border::{STRIP, Strip};
+use super::strip::{STRIP, Strip};
 use lsdc_kernels::cholesky::{Block, factorise, solve_rows, subtract_product};
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
@@ -79,14 +79,6 @@ pub(super) fn cholesky(
         );
     }
     true
-}
-
-impl Strip {
-    /// A column of it into one of the matrix.
-    fn put_back(&self, j: usize, column: &mut [f64]) {
-        column[self.first..][..self.rows]
-            .copy_from_slice(&self.values[j * self.rows..][..self.rows]);
-    }
 }
 
 /// `matrix matrix'`, lower half, of a matrix of so many rows, a multiple of

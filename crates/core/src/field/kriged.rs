@@ -6,9 +6,10 @@
 //! its value is `t' C^-1 t`. Functions with ridges R on their weights are part of the field: with G their values
 //! at the observations, C grows by `G R^-1 G'`, and their weights are `R^-1 G' C^-1 t`.
 
-use super::border::{Border, Strip};
+use super::border::Border;
 use super::dense::{cholesky, squared};
 use super::factor::Factor;
+use super::strip::Strip;
 use super::{FieldPrior, Observations};
 use crate::bilinear::Taps;
 use faer::linalg::triangular_solve::{

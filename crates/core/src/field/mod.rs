@@ -19,6 +19,7 @@ mod observed;
 mod plan;
 mod runs;
 mod stencil;
+mod strip;
 mod sweep;
 #[cfg(test)]
 mod tests;
