@@ -216,9 +216,9 @@ impl Border {
         let of_line = |(line, strips): (usize, &Vec<Strip>)| {
             let own = &plan.lines[line].own;
             let mut sums = vec![0.0; if strips.is_empty() { 0 } else { own.len() }];
-            strips
-                .iter()
-                .for_each(|strip| strip.add_products(x, &mut sums));
+            for strip in strips {
+                strip.add_products(x, &mut sums);
+            }
             sums
         };
         let lines: Vec<_> = self.lines.par_iter().enumerate().map(of_line).collect();

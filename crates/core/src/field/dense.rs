@@ -70,10 +70,14 @@ pub(super) fn cholesky(
             || {
                 for (j, column) in own.chunks_exact_mut(size).enumerate() {
                     column[first..end].copy_from_slice(&block[j * count..][..count]);
-                    below.iter().for_each(|strip| strip.put_back(j, column));
+                    for strip in &below {
+                        strip.put_back(j, column);
+                    }
                 }
                 for (j, column) in own_extra.chunks_exact_mut(more.max(1)).enumerate() {
-                    further.iter().for_each(|strip| strip.put_back(j, column));
+                    for strip in &further {
+                        strip.put_back(j, column);
+                    }
                 }
             },
         );
@@ -95,7 +99,9 @@ pub(super) fn squared(level: Level, matrix: &[f64], rows: usize) -> Vec<f64> {
         };
         let sizes = [rows - first, columns.len() / rows, depth];
         subtract_product(level, (&mut columns[first..], rows), sizes, factor, factor);
-        columns.iter_mut().for_each(|value| *value = -*value);
+        for value in columns {
+            *value = -*value;
+        }
     });
     square
 }
