@@ -1,7 +1,7 @@
 //! The Cholesky factor of a field's equations, in the order of a plan.
 
 use super::plan::{FORK, Half, Line, Plan};
-use super::runs::{Left, assemble};
+use super::runs::Run;
 use super::stencil::Stencil;
 use lsdc_kernels::cholesky::{Eight, factorise};
 use lsdc_kernels::simd::Level;
@@ -142,10 +142,9 @@ fn eliminate_tiles(
                 *value = places.map(|place| map[place.wrapping_add_signed(offset)]);
             }
             let found = program.eliminate(level, entries, factor, eight, room);
-            let ranks = std::array::from_fn(|lane| &tile(lane).ranks[..]);
             level.vectorised(
                 #[inline(always)]
-                || program.part(eight, ranks, rest),
+                || program.part(eight, rest),
             );
             found
         },
@@ -173,75 +172,138 @@ impl Lines<'_> {
     ) -> bool {
         let line = &self.plan.lines[at];
         let (below, panel) = factor.split_at_mut(line.start - base);
-        let panel = &mut panel[..line.rows * line.own.len()];
+        let front = &mut Front {
+            count: line.own.len(),
+            panel: &mut panel[..line.rows * line.own.len()],
+            rows: line.rows,
+            rest,
+        };
+        front.clear();
+        for &(row, column, entry, place) in &line.entries {
+            let value = self.stencil.get(entry, place as usize);
+            front.column(column as usize, row as usize)[0] = value;
+        }
         let lines = &self.plan.lines;
         let halves = line.halves.map(|half| match half {
             Half::Line(half) => Some(half),
             Half::Tile(_) => None,
         });
-        let mut found = true;
-        let mut left: [&[f64]; 2] = [&[], &[]];
-        if let [Some(one), Some(two)] = halves {
+        let found = if let [Some(one), Some(two)] = halves {
             let split = lines[one].start + lines[one].rows * lines[one].own.len() - base;
             let (first, second) = below.split_at_mut(split);
             let (rest_one, room) = room.split_at_mut(lines[one].square());
-            let rest_two;
-            if line.tiles > FORK {
+            let (found, rest_two) = if line.tiles > FORK {
                 let (room_one, room) = room.split_at_mut(lines[one].room);
-                let (rest, room) = room.split_at_mut(lines[two].square());
+                let (rest_two, room) = room.split_at_mut(lines[two].square());
                 let (one, two) = rayon::join(
                     || self.eliminate(one, first, base, rest_one, room_one),
-                    || self.eliminate(two, second, base + split, rest, room),
+                    || self.eliminate(two, second, base + split, rest_two, room),
                 );
-                (found, rest_two) = (one && two, rest);
+                (one && two, rest_two)
             } else {
-                found &= self.eliminate(one, first, base, rest_one, room);
-                let (rest, room) = room.split_at_mut(lines[two].square());
-                found &= self.eliminate(two, second, base + split, rest, room);
-                rest_two = rest;
-            }
-            left = [rest_one, rest_two];
+                let found = self.eliminate(one, first, base, rest_one, room);
+                let (rest_two, room) = room.split_at_mut(lines[two].square());
+                let two = self.eliminate(two, second, base + split, rest_two, room);
+                (found && two, rest_two)
+            };
+            self.add(line, 0, one, rest_one, front);
+            self.add(line, 1, two, rest_two, front);
+            found
         } else {
-            let mut room = room;
-            for (half, left) in line.halves.into_iter().zip(&mut left) {
+            let mut found = true;
+            for (i, half) in line.halves.into_iter().enumerate() {
                 match half {
                     Half::Line(half) => {
-                        let (own, others) = room.split_at_mut(lines[half].square());
-                        found &= self.eliminate(half, below, base, own, others);
-                        (*left, room) = (own, others);
+                        let (own, room) = room.split_at_mut(lines[half].square());
+                        found &= self.eliminate(half, below, base, own, room);
+                        self.add(line, i, half, own, front);
                     }
-                    Half::Tile(tile) => *left = self.rest(tile),
+                    Half::Tile(tile) => self.add_tile(line, i, tile, front),
                 }
             }
-        }
-        if !found {
-            return false;
-        }
-        let halves = [0, 1].map(|i| Left {
-            runs: &line.ascending[i],
-            values: left[i],
-            stride: match line.halves[i] {
-                Half::Line(half) => lines[half].padded(),
-                Half::Tile(tile) => self.plan.program(tile).ring.len(),
-            },
-        });
-        self.level.vectorised(
-            #[inline(always)]
-            || assemble((panel, rest), [line.rows, line.own.len()], &halves),
-        );
-        for &(row, column, entry, place) in &line.entries {
-            let value = self.stencil.get(entry, place as usize);
-            panel[column as usize * line.rows + row as usize] += value;
-        }
-        factorise(self.level, panel, line.own.len(), rest)
+            found
+        };
+        found && factorise(self.level, front.panel, front.count, front.rest)
     }
 
-    /// What a tile leaves.
-    fn rest(&self, tile: usize) -> &[f64] {
+    /// Adds what a line leaves to the equations of the next.
+    fn add(&self, line: &Line, half: usize, from: usize, values: &[f64], front: &mut Front<'_>) {
+        let stride = self.plan.lines[from].padded();
+        self.level.vectorised(
+            #[inline(always)]
+            || front.add(&line.runs[half], values, stride),
+        );
+    }
+
+    /// Adds what a tile leaves.
+    fn add_tile(&self, line: &Line, half: usize, tile: usize, front: &mut Front<'_>) {
         let tile = &self.plan.tiles[tile];
         let batch = &self.plan.batches[tile.batch];
         let ring = self.plan.programs[batch.program].ring.len();
-        &self.rests[batch.rest + tile.lane * ring * ring..][..ring * ring]
+        let values = &self.rests[batch.rest + tile.lane * ring * ring..][..ring * ring];
+        self.level.vectorised(
+            #[inline(always)]
+            || front.add(&line.runs[half], values, ring),
+        );
+    }
+}
+
+/// The equations of a line, lower half.
+struct Front<'a> {
+    /// Variables that are eliminated.
+    count: usize,
+    /// Their columns, `[rows, count]`.
+    panel: &'a mut [f64],
+    rows: usize,
+    /// Those of the variables that are kept, `[kept, kept]`.
+    rest: &'a mut [f64],
+}
+
+impl Front<'_> {
+    /// A column from a row on.
+    #[inline(always)]
+    fn column(&mut self, column: usize, row: usize) -> &mut [f64] {
+        let kept = self.rows - self.count;
+        match column.checked_sub(self.count) {
+            None => &mut self.panel[column * self.rows + row..][..self.rows - row],
+            Some(own) => &mut self.rest[own * kept + row - self.count..][..self.rows - row],
+        }
+    }
+
+    fn clear(&mut self) {
+        self.panel.fill(0.0);
+        let kept = self.rows - self.count;
+        for (j, column) in self.rest.chunks_exact_mut(kept.max(1)).enumerate() {
+            column[j..].fill(0.0);
+        }
+    }
+
+    /// Adds the lower half of a matrix whose variables are in runs of this one's.
+    #[inline(always)]
+    fn add(&mut self, runs: &[Run], values: &[f64], stride: usize) {
+        for (r, run) in runs.iter().enumerate() {
+            for (j, to) in run.from.clone().zip(run.to..) {
+                let below = &values[j * stride + j..j * stride + run.from.end];
+                let target = self.column(to, to).iter_mut();
+                target.zip(below).for_each(|(t, v)| *t += v);
+            }
+            for other in &runs[r + 1..] {
+                if other.to > run.to {
+                    for (j, to) in run.from.clone().zip(run.to..) {
+                        let values = &values[j * stride..][other.from.clone()];
+                        let target = self.column(to, other.to).iter_mut();
+                        target.zip(values).for_each(|(t, v)| *t += v);
+                    }
+                } else {
+                    for (i, to) in other.from.clone().zip(other.to..) {
+                        let values = values[run.from.start * stride + i..].iter();
+                        let values = values.step_by(stride).take(run.from.len());
+                        let target = self.column(to, run.to).iter_mut();
+                        target.zip(values).for_each(|(t, v)| *t += v);
+                    }
+                }
+            }
+        }
     }
 }
 

@@ -29,8 +29,6 @@ pub(super) struct Tile {
     pub(super) lane: usize,
     /// When it is eliminated, among tiles and lines.
     pub(super) turn: u32,
-    /// The place of each pixel of its ring in the order of their elimination; those outside the grid are last.
-    pub(super) ranks: Vec<u32>,
 }
 
 /// Up to eight tiles of a shape.
@@ -68,8 +66,6 @@ pub(super) struct Line {
     pub(super) places: [Vec<Option<u32>>; 2],
     /// The same, as runs.
     pub(super) runs: [Vec<Run>; 2],
-    /// The same in the order of elimination, in which halves leave their equations.
-    pub(super) ascending: [Vec<Run>; 2],
     /// Row, column, kind and place of each entry of the matrix.
     pub(super) entries: Vec<(u32, u32, Entry, u32)>,
     /// Memory that the halves need.
@@ -198,7 +194,6 @@ impl Plan {
                     batch: 0,
                     lane: 0,
                     turn: 0,
-                    ranks: Vec::new(),
                 });
             }
         }
@@ -247,7 +242,6 @@ impl Plan {
             turn: 0,
         };
         cutter.plan.root = cutter.cut(i, j);
-        cutter.rank();
         for line in 0..cutter.plan.lines.len() {
             cutter.link(line);
         }
@@ -353,7 +347,6 @@ impl Cutter {
             halves,
             places: [Vec::new(), Vec::new()],
             runs: [Vec::new(), Vec::new()],
-            ascending: [Vec::new(), Vec::new()],
             entries: Vec::new(),
             room: 0,
             tiles,
@@ -361,24 +354,6 @@ impl Cutter {
         });
         self.plan.lengths.pixels += self.plan.lines[line].own.len();
         Half::Line(line)
-    }
-
-    /// Finds in which order the pixels around each tile are eliminated.
-    fn rank(&mut self) {
-        for tile in 0..self.plan.tiles.len() {
-            let turns = self.plan.ring(tile).map(|pixel| match pixel {
-                Some(pixel) => self.plan.turn(pixel),
-                None => (u32::MAX, 0),
-            });
-            let turns: Vec<_> = turns.collect();
-            let mut order: Vec<usize> = (0..turns.len()).collect();
-            order.sort_by_key(|&i| turns[i]);
-            let mut ranks = vec![0; order.len()];
-            for (rank, i) in (0..).zip(order) {
-                ranks[i] = rank;
-            }
-            self.plan.tiles[tile].ranks = ranks;
-        }
     }
 
     /// Finds what a line keeps, reads, and takes from its halves.
@@ -421,19 +396,6 @@ impl Cutter {
                 ring.map(|pixel| rows.get(&pixel?).copied()).collect()
             }
         });
-        let ascending = std::array::from_fn(|i| {
-            let places = &places[i];
-            match own.halves[i] {
-                Half::Line(_) => runs(places.iter().copied(), own.own.len()),
-                Half::Tile(tile) => {
-                    let mut sorted = vec![None; places.len()];
-                    for (&rank, place) in plan.tiles[tile].ranks.iter().zip(places) {
-                        sorted[rank as usize] = *place;
-                    }
-                    runs(sorted.into_iter(), own.own.len())
-                }
-            }
-        });
         let mut room = 0;
         for half in own.halves.iter().rev() {
             if let Half::Line(half) = half {
@@ -452,7 +414,6 @@ impl Cutter {
         own.rows = count + kept.len().next_multiple_of(PAD);
         own.start = start;
         own.runs = std::array::from_fn(|i| runs(places[i].iter().copied(), count));
-        own.ascending = ascending;
         own.places = places;
         own.entries = entries;
         own.kept = kept;

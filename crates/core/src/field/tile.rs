@@ -4,7 +4,7 @@
 //! Within a tile the order is that of nested dissection again. Its pixels are numbered in the order of
 //! elimination, and those around it, its ring, after them.
 
-use super::runs::{Left, Run, Value as _, assemble, runs};
+use super::runs::{Run, runs};
 use super::stencil::{Entry, Neighbours};
 use lsdc_kernels::cholesky::{Eight, factorise_eight};
 use lsdc_kernels::simd::Level;
@@ -226,19 +226,15 @@ impl Program {
         self.last().square()
     }
 
-    /// The rests of eight tiles one after the other, `[ring, ring]` each, of which lower halves are set: in the order
-    /// of elimination, in which each pixel of a tile's ring has a rank.
+    /// The rests of eight tiles one after the other, `[ring, ring]` each, of which lower halves are set.
     #[inline(always)]
-    pub(super) fn part(&self, rest: &[Eight], ranks: [&[u32]; 8], parts: &mut [f64]) {
+    pub(super) fn part(&self, rest: &[Eight], parts: &mut [f64]) {
         let (ring, stride) = (self.ring.len(), self.last().padded());
-        let ranks = ranks.map(|ranks| &ranks[..ring]);
         for j in 0..ring {
             let column = &rest[j * stride..][..ring];
             for (i, value) in column.iter().enumerate().skip(j) {
                 for (lane, value) in value.iter().enumerate() {
-                    let (one, other) = (ranks[lane][i] as usize, ranks[lane][j] as usize);
-                    let (low, high) = (one.min(other), one.max(other));
-                    parts[(lane * ring + low) * ring + high] = *value;
+                    parts[(lane * ring + j) * ring + i] = *value;
                 }
             }
         }
@@ -299,22 +295,41 @@ impl Step {
         steps: &[Self],
         rests: &[&mut [Eight]; 2],
     ) {
-        let mut halves = [Left {
-            runs: &[],
-            values: &[],
-            stride: 0,
-        }; 2];
-        for ((left, (half, runs)), values) in halves.iter_mut().zip(&self.halves).zip(rests) {
-            *left = Left {
-                runs,
-                values,
-                stride: steps[*half].padded(),
-            };
+        let padded = self.padded();
+        panel.fill([0.0; 8]);
+        for (j, column) in rest.chunks_exact_mut(padded.max(1)).enumerate() {
+            column[j..].fill([0.0; 8]);
         }
-        assemble((panel, rest), [self.rows, self.count], &halves);
         for &[row, column, source] in &self.entries {
-            panel[column as usize * self.rows + row as usize].add(entries[source as usize]);
+            panel[column as usize * self.rows + row as usize] = entries[source as usize];
         }
+        for ((half, runs), values) in self.halves.iter().zip(rests) {
+            let stride = steps[*half].padded();
+            for (r, run) in runs.iter().enumerate() {
+                for (j, to) in run.from.clone().zip(run.to..) {
+                    let (target, first) = match to.checked_sub(self.count) {
+                        None => (&mut panel[to * self.rows..][..self.rows], 0),
+                        Some(kept) => (&mut rest[kept * padded..][..padded], self.count),
+                    };
+                    // Both are in the order of elimination.
+                    add(
+                        &mut target[to - first..],
+                        &values[j * stride..][j..run.from.end],
+                    );
+                    for later in &runs[r + 1..] {
+                        let values = &values[j * stride..][later.from.clone()];
+                        add(&mut target[later.to - first..], values);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn add(target: &mut [Eight], values: &[Eight]) {
+    for (target, value) in target.iter_mut().zip(values) {
+        target.iter_mut().zip(value).for_each(|(t, v)| *t += v);
     }
 }
 
