@@ -2,15 +2,18 @@
 """Times lsdc and other programs at the same work with the same weights, in turns.
 
     python3 scripts/peers/run.py completion --size 304x228
+    python3 scripts/peers/run.py fit --sizes 304x228,640x480 --points 5,500 --before OTHER/lsdc
     python3 scripts/peers/run.py training --preset paper
     python3 scripts/peers/run.py solve
 
 Needs Python 3.10 and `cargo build --release`. Packages come from PyPI into a scratch environment
-(`target/peers`; PyTorch is a large download). Prints medians, their range, and ratios to the first
+(`target/peers` or `--environment`; PyTorch, which `fit` does without, is a large download). Prints medians, their range, and ratios to the first
 peer.
 
 completion  image to basis functions for the peers, image to dense depth for lsdc, the fit included;
             first checks that all compute the same depth map
+fit         network, fit, further fits to the same image and reading out with the default weights, each as
+            a share of ONNX Runtime's time for the paper's network at 304x228; also of another lsdc
 training    a step of batch 2 with every pixel in the loss: forward, fit, backward, Adam
 solve       500 and 1000 points, 129 basis functions, f64: lsdc (cargo bench --bench solve) against
             MKL's Cholesky on the normal equations and MKL's gelsd, as PyTorch calls them
@@ -30,15 +33,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRATCH = ROOT / "target/peers"
-PACKAGES = ["numpy", "onnx", "safetensors", "onnxruntime", "openvino", "pillow", "torch"]
+PACKAGES = ["numpy", "onnx", "safetensors", "onnxruntime"]
+MORE_PACKAGES = ["openvino", "pillow", "torch"]
 
 
 def arguments() -> argparse.Namespace:
     form = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
-    parser.add_argument("task", choices=["completion", "training", "solve"])
+    parser.add_argument("task", choices=["completion", "fit", "training", "solve"])
     parser.add_argument("--size", default="304x228", help="WIDTHxHEIGHT")
-    parser.add_argument("--points", type=int, default=500)
+    parser.add_argument("--sizes", default="304x228", help="of `fit`, separated by commas")
+    parser.add_argument("--points", default="500", help="of `fit` also several, separated by commas")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--runs", type=int, default=5, help="runs of each program in a round")
@@ -47,6 +52,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--preset", help="random weights of a preset (paper, medium, sharp, small)")
     parser.add_argument("--weights", default=str(ROOT / "crates/core/weights/default.safetensors"))
     parser.add_argument("--lsdc", default=str(ROOT / "target/release/lsdc"))
+    parser.add_argument("--before", help="another lsdc that `fit` times in turns with it")
+    parser.add_argument("--environment", type=Path, default=SCRATCH, help="with the packages")
     return parser.parse_args()
 
 
@@ -55,12 +62,13 @@ def enter_environment(args: argparse.Namespace) -> None:
     if args.keep_pages:
         for name in ["MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"]:
             os.environ[name] = str(1 << 30)
-    if Path(sys.prefix) == SCRATCH:
+    if Path(sys.prefix) == args.environment:
         return
-    python = SCRATCH / "bin/python"
+    python = args.environment / "bin/python"
     if not python.exists():
-        venv.create(SCRATCH, with_pip=True)
-    subprocess.run([python, "-m", "pip", "install", "-q", *PACKAGES], check=True)
+        venv.create(args.environment, with_pip=True)
+    packages = PACKAGES if args.task == "fit" else PACKAGES + MORE_PACKAGES
+    subprocess.run([python, "-m", "pip", "install", "-q", *packages], check=True)
     os.execv(python, [str(python), *sys.argv])
 
 
@@ -78,6 +86,7 @@ def lsdc(args: argparse.Namespace, *words) -> str:
 def random_weights(args: argparse.Namespace) -> str:
     """A weights file of a preset after one step of training on one room."""
     path = SCRATCH / f"{args.preset}.safetensors"
+    SCRATCH.mkdir(parents=True, exist_ok=True)
     if not path.exists():
         with tempfile.TemporaryDirectory() as folder:
             settings = ["train.steps=1", "train.held_out=0", "train.calibrate=false"]
@@ -127,18 +136,23 @@ def race(title: str, rounds: int, programs: dict) -> None:
         )
 
 
+def onnx_session(model: bytes, threads: int) -> "onnxruntime.InferenceSession":
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
 def peers(args: argparse.Namespace, width: int, height: int) -> dict:
     """Functions from an image to basis functions, by name."""
-    import onnxruntime
     import openvino
     import torch
     from network import build
     from pytorch import Network
 
     model = build(args.weights, height, width).SerializeToString()
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = args.threads
-    session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    session = onnx_session(model, args.threads)
     core = openvino.Core()
     settings = {
         "INFERENCE_NUM_THREADS": args.threads,
@@ -218,6 +232,39 @@ def completion(args: argparse.Namespace) -> None:
     race(title, args.rounds, {"lsdc": ours, **others})
 
 
+def fit(args: argparse.Namespace) -> None:
+    import numpy as np
+    from network import build
+
+    default = args.weights
+    args.preset = "paper"
+    model = build(random_weights(args), 228, 304).SerializeToString()
+    session = onnx_session(model, args.threads)
+    image = np.random.default_rng(0).standard_normal((1, 3, 228, 304), np.float32)
+    programs = {"now": args.lsdc, **({"before": args.before} if args.before else {})}
+    works = [(size, points) for size in args.sizes.split(",") for points in args.points.split(",")]
+    units, times = [], {}
+    for _ in range(args.rounds):
+        for size, points in works:
+            units.append(seconds(lambda: session.run(None, {"image": image}), args.runs) * 1e3)
+            for name, program in programs.items():
+                words = ["--json", "--runs", args.runs, "--size", size, "--weights", default]
+                words += ["--points", points]
+                program = argparse.Namespace(lsdc=program, threads=args.threads)
+                found = json.loads(lsdc(program, "bench", *words))
+                found["again_ms"] = found["fit_ms"] - found["field_ms"]
+                times.setdefault((size, points, name), []).append(found)
+    unit = statistics.median(units)
+    print(f"{args.threads} threads, ONNX Runtime {unit:.0f} ms = 1")
+    print("| size, points | | network | first fit | further fits | reading out | image to depth |")
+    print("|---|---|---|---|---|---|---|")
+    for (size, points, name), found in times.items():
+        parts = ["network_ms", "fit_ms", "again_ms", "dense_ms", "total_ms"]
+        shares = [statistics.median(run[part] for run in found) / unit for part in parts]
+        cells = " | ".join(f"{share:.3f}" for share in shares)
+        print(f"| {size}, {points} | {name} | {cells} |")
+
+
 def training(args: argparse.Namespace) -> None:
     import torch
     from pytorch import trainer
@@ -272,9 +319,9 @@ def solve(args: argparse.Namespace) -> None:
 def main() -> None:
     args = arguments()
     enter_environment(args)
-    if args.preset:
+    if args.preset and args.task != "fit":
         args.weights = random_weights(args)
-    {"completion": completion, "training": training, "solve": solve}[args.task](args)
+    {"completion": completion, "fit": fit, "training": training, "solve": solve}[args.task](args)
 
 
 if __name__ == "__main__":

@@ -8,17 +8,15 @@
 
 use super::factor::{Factor, both};
 use super::plan::{FORK, Half, Home};
+use super::strip::{STRIP, Strip, dot};
 use super::sweep::Rows;
 use crate::bilinear::Taps;
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, MatRef, Par};
-use lsdc_kernels::cholesky::{Block, PAD, solve_rows, subtract_product};
+use faer::{Accum, Mat, MatMut, Par};
+use lsdc_kernels::cholesky::{PAD, solve_rows, subtract_product};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
-
-/// Observations of a strip.
-pub(super) const STRIP: usize = 64;
 
 /// `W`, by the variables of lines and tiles.
 #[derive(Debug)]
@@ -29,16 +27,6 @@ pub(super) struct Border {
     lines: Vec<Vec<Strip>>,
     /// Of the tiles with observations.
     tiles: Vec<TileRows>,
-}
-
-/// The rows of `W'` of some consecutive observations.
-#[derive(Debug)]
-pub(super) struct Strip {
-    /// The position of the first, a multiple of [`PAD`].
-    pub(super) first: usize,
-    pub(super) rows: usize,
-    /// `[rows, columns]`, column by column.
-    pub(super) values: Vec<f64>,
 }
 
 /// The rows of `W'` of the observations of a tile.
@@ -107,8 +95,10 @@ impl Border {
     pub(super) fn covariance(&self, factor: &Factor, more: &[Strip]) -> Vec<f64> {
         let size = self.order.len().next_multiple_of(PAD);
         let mut all = vec![0.0; size * size];
-        let chunks = all.par_chunks_mut(STRIP * size).enumerate();
-        chunks.for_each(|(i, columns)| {
+        let mut chunks: Vec<_> = all.chunks_mut(STRIP * size).enumerate().collect();
+        // The first columns are the longest: half of the work in each half.
+        chunks.sort_by_key(|(i, _)| i % 2);
+        chunks.into_par_iter().for_each(|(i, columns)| {
             let own = |strips: &[Strip]| strips.iter().position(|s| s.first / STRIP == i);
             let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
             for strips in lists {
@@ -223,23 +213,38 @@ impl Border {
     /// Adds `W x` to values in the order of pixels.
     pub(super) fn add_to(&self, factor: &Factor, x: &[f64], values: &mut [f64]) {
         let plan = &*factor.plan;
-        for (line, strips) in plan.lines.iter().zip(&self.lines) {
+        let of_line = |(line, strips): (usize, &Vec<Strip>)| {
+            let own = &plan.lines[line].own;
+            let mut sums = vec![0.0; if strips.is_empty() { 0 } else { own.len() }];
             for strip in strips {
-                let x = strip.part(x);
-                let columns = strip.values.chunks_exact(strip.rows);
-                for (&pixel, column) in line.own.iter().zip(columns) {
-                    let products = column.iter().zip(x).map(|(a, b)| a * b);
-                    values[pixel as usize] += products.sum::<f64>();
-                }
+                strip.add_products(x, &mut sums);
+            }
+            sums
+        };
+        let lines: Vec<_> = self.lines.par_iter().enumerate().map(of_line).collect();
+        for (line, sums) in plan.lines.iter().zip(&lines) {
+            for (&pixel, sum) in line.own.iter().zip(sums) {
+                values[pixel as usize] += sum;
             }
         }
-        for rows in &self.tiles {
+        let of_tile = |rows: &TileRows| {
+            let pixels = plan.program(rows.tile).order.len();
+            let mut sums = vec![0.0; pixels];
+            for (x, list) in x[rows.positions.clone()]
+                .iter()
+                .zip(rows.values.chunks_exact(pixels))
+            {
+                sums.iter_mut()
+                    .zip(list)
+                    .for_each(|(sum, value)| *sum += x * value);
+            }
+            sums
+        };
+        let tiles: Vec<_> = self.tiles.par_iter().map(of_tile).collect();
+        for (rows, sums) in self.tiles.iter().zip(&tiles) {
             let (tile, program) = (&plan.tiles[rows.tile], plan.program(rows.tile));
-            let lists = rows.values.chunks_exact(program.order.len());
-            for (x, list) in x[rows.positions.clone()].iter().zip(lists) {
-                for (&(u, v), value) in program.order.iter().zip(list) {
-                    values[(tile.top + v) * plan.width + tile.left + u] += x * value;
-                }
+            for (&(u, v), sum) in program.order.iter().zip(sums) {
+                values[(tile.top + v) * plan.width + tile.left + u] += sum;
             }
         }
     }
@@ -379,60 +384,6 @@ impl Front {
     }
 }
 
-impl Strip {
-    fn matrix(&self) -> MatRef<'_, f64> {
-        let columns = self.values.len() / self.rows;
-        MatRef::from_column_major_slice(&self.values, self.rows, columns)
-    }
-
-    fn block(&self) -> Block<'_> {
-        Block {
-            values: &self.values,
-            stride: self.rows,
-        }
-    }
-
-    /// Adds the product of each column with the values at its positions.
-    pub(super) fn add_products(&self, values: &[f64], products: &mut [f64]) {
-        let values = self.part(values);
-        for (sum, column) in products.iter_mut().zip(self.values.chunks_exact(self.rows)) {
-            let pairs = column.iter().zip(values);
-            *sum += pairs.map(|(a, b)| a * b).sum::<f64>();
-        }
-    }
-
-    /// The values at its positions.
-    fn part<'a>(&self, values: &'a [f64]) -> &'a [f64] {
-        &values[self.first..(self.first + self.rows).min(values.len())]
-    }
-}
-
-impl Strip {
-    /// Zeros for the observations at some positions.
-    pub(super) fn all(positions: &Range<usize>, columns: usize) -> Vec<Self> {
-        if positions.is_empty() {
-            return Vec::new();
-        }
-        let (start, end) = (
-            positions.start / PAD * PAD,
-            positions.end.next_multiple_of(PAD),
-        );
-        let firsts = start / STRIP * STRIP..end;
-        firsts
-            .step_by(STRIP)
-            .map(|strip| {
-                let first = strip.max(start);
-                let rows = end.min(strip + STRIP) - first;
-                Strip {
-                    first,
-                    rows,
-                    values: vec![0.0; rows * columns],
-                }
-            })
-            .collect()
-    }
-}
-
 /// Substitutes forward through the tiles that observations lie in.
 fn tile_rows(
     factor: &Factor,
@@ -487,8 +438,4 @@ fn tile_rows(
         found
     });
     found.collect::<Vec<_>>().into_iter().flatten().collect()
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -6,17 +6,17 @@
 //! its value is `t' C^-1 t`. Functions with ridges R on their weights are part of the field: with G their values
 //! at the observations, C grows by `G R^-1 G'`, and their weights are `R^-1 G' C^-1 t`.
 
-use super::border::{Border, STRIP, Strip};
+use super::border::Border;
+use super::dense::{cholesky, squared};
 use super::factor::Factor;
+use super::strip::Strip;
 use super::{FieldPrior, Observations};
 use crate::bilinear::Taps;
-use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
-use faer::{Accum, Mat, MatMut, MatRef, Par};
-use lsdc_kernels::cholesky::{Block, PAD, factorise, subtract_product};
-use lsdc_kernels::simd::Level;
+use faer::{Mat, MatMut, MatRef, Par};
+use lsdc_kernels::cholesky::PAD;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ pub struct Kriged {
     border: Border,
     /// The Cholesky factor of C at the positions of the border, padded, column by column.
     lower: Vec<f64>,
-    /// The columns without those that are part of the field, in the same order.
+    /// The columns without those that are part of the field, `[columns, observations]`, in the same order.
     columns: Mat<f64>,
     /// Of the observations, in the same order.
     weights: Vec<f64>,
@@ -59,7 +59,7 @@ impl Kriged {
         let free = seen.count - ridges.len() - 1;
         let row =
             |position: usize| &seen.columns[border.order[position] * seen.count..][..seen.count];
-        let columns = Mat::from_fn(n, free + 1, |i, j| {
+        let columns = Mat::from_fn(free + 1, n, |j, i| {
             row(i)[if j < free { j } else { seen.count - 1 }]
         });
         let functions = strips_of(n, &scales(ridges), |i, j| row(i)[free + j]);
@@ -69,14 +69,18 @@ impl Kriged {
         for (i, column) in lower.chunks_exact_mut(size).enumerate() {
             column[i] += weights.get(i).map_or(1.0, |weight| weight.recip());
         }
-        if !cholesky(factor.level, &mut lower, size) {
+        // The columns as further rows of the matrix.
+        let more = (free + 1).next_multiple_of(PAD);
+        let mut white = vec![0.0; size * more];
+        for (row, column) in white.chunks_exact_mut(more).zip(columns.col_iter()) {
+            let pairs = row.iter_mut().zip(column.iter());
+            pairs.for_each(|(to, value)| *to = *value);
+        }
+        if !cholesky(factor.level, (&mut lower, size), (&mut white, more)) {
             return None;
         }
-        let mut white = columns.clone();
-        let triangle = triangle(&lower, n);
-        let parts = column_chunks(white.as_mut()).into_par_iter();
-        parts.for_each(|part| solve_lower_triangular_in_place(triangle, part, Par::Seq));
-        let moments = squared(white.as_ref());
+        let moments = squared(factor.level, &white, more);
+        let moments = Mat::from_fn(free + 1, free + 1, |i, j| moments[j * more + i]);
         Some(Self {
             factor,
             border,
@@ -130,7 +134,7 @@ impl Kriged {
         let parts = column_chunks(found.as_mut()).into_par_iter();
         parts.enumerate().for_each(|(k, mut part)| {
             let own = combinations.subcols(k * TOGETHER, part.ncols());
-            let targets = &self.columns * own;
+            let targets = self.columns.transpose() * own;
             let mut pull = targets.clone();
             self.pull(pull.as_mut());
             for j in 0..part.ncols() {
@@ -161,7 +165,7 @@ impl Kriged {
         let more = strips_of(taps.len(), &scales(&self.ridges), value);
         let mut across = self.border.across(&self.functions, &other, &more);
         let squares = other.squares(&more);
-        let mut targets = &self.columns * combinations;
+        let mut targets = self.columns.transpose() * combinations;
         let lower = self.triangle();
         for matrix in [&mut across, &mut targets] {
             let parts = column_chunks(matrix.as_mut()).into_par_iter();
@@ -181,7 +185,7 @@ impl Kriged {
     /// The field for targets `columns x`, less the functions that are part of it, and the weights of these.
     pub fn extend(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let x = MatRef::from_column_major_slice(x, x.len(), 1);
-        let mut pull = &self.columns * x;
+        let mut pull = self.columns.transpose() * x;
         self.pull(pull.as_mut());
         let pull = pull.col_as_slice(0);
         let mut values = vec![0.0; self.factor.plan.len()];
@@ -231,19 +235,19 @@ fn scales(ridges: &[f64]) -> Vec<f64> {
 }
 
 /// Scaled rows of functions, by strips of `n` observations.
-fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64) -> Vec<Strip> {
+fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64 + Sync) -> Vec<Strip> {
     if scales.is_empty() {
         return Vec::new();
     }
     let mut strips = Strip::all(&(0..n), scales.len());
-    for strip in &mut strips {
+    strips.par_iter_mut().for_each(|strip| {
         let (first, rows) = (strip.first, strip.rows);
         for (j, (column, scale)) in strip.values.chunks_exact_mut(rows).zip(scales).enumerate() {
             for (value, i) in column.iter_mut().zip(first..n) {
                 *value = scale * at(i, j);
             }
         }
-    }
+    });
     strips
 }
 
@@ -251,37 +255,6 @@ fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64) -> Vec<
 fn triangle(values: &[f64], n: usize) -> MatRef<'_, f64> {
     let stride = n.next_multiple_of(PAD);
     MatRef::from_column_major_slice_with_stride(values, n, n, stride)
-}
-
-/// The Cholesky factor in place, lower half, column by column; the number of rows is a multiple of 8.
-fn cholesky(level: Level, matrix: &mut [f64], size: usize) -> bool {
-    let mut panel = Vec::new();
-    for first in (0..size).step_by(STRIP) {
-        let (count, rows) = (STRIP.min(size - first), size - first);
-        let (own, rest) = matrix[first * size..].split_at_mut(count * size);
-        panel.clear();
-        for column in own.chunks_exact(size) {
-            panel.extend_from_slice(&column[first..]);
-        }
-        if !factorise(level, &mut panel, count, &mut []) {
-            return false;
-        }
-        for (own, column) in own.chunks_exact_mut(size).zip(panel.chunks_exact(rows)) {
-            own[first..].copy_from_slice(column);
-        }
-        let chunks = rest.par_chunks_mut(STRIP * size).enumerate();
-        chunks.for_each(|(i, columns)| {
-            let start = count + i * STRIP;
-            let below = Block {
-                values: &panel[start..],
-                stride: rows,
-            };
-            let sizes = [rows - start, columns.len() / size, count];
-            let target = (&mut columns[first + start..], size);
-            subtract_product(level, target, sizes, below, below);
-        });
-    }
-    true
 }
 
 /// Some columns each.
@@ -295,26 +268,4 @@ fn column_chunks(matrix: MatMut<'_, f64>) -> Vec<MatMut<'_, f64>> {
         rest = others;
     }
     chunks
-}
-
-/// `matrix' matrix`, lower half.
-fn squared(matrix: MatRef<'_, f64>) -> Mat<f64> {
-    let count = matrix.ncols();
-    let mut square = Mat::<f64>::zeros(count, count);
-    let parts = column_chunks(square.as_mut());
-    parts.into_par_iter().enumerate().for_each(|(i, part)| {
-        let first = i * TOGETHER;
-        let (_, target) = part.split_at_row_mut(first);
-        let own = matrix.subcols(first, target.ncols());
-        let later = matrix.subcols(first, count - first);
-        matmul(
-            target,
-            Accum::Replace,
-            later.transpose(),
-            own,
-            1.0,
-            Par::Seq,
-        );
-    });
-    square
 }

@@ -11,6 +11,7 @@
 //! with all observations in them: for any number.
 
 mod border;
+mod dense;
 mod factor;
 mod inverse;
 mod kriged;
@@ -18,6 +19,7 @@ mod observed;
 mod plan;
 mod runs;
 mod stencil;
+mod strip;
 mod sweep;
 #[cfg(test)]
 mod tests;

@@ -241,6 +241,10 @@ impl Program {
             for j in 0..step.count {
                 let column = step.column(factor, j);
                 let mut value = x[step.first + j];
+                // As of most pixels, for points that are few.
+                if value == [[0.0; B]; 8] {
+                    continue;
+                }
                 divide(&mut value, &column[j]);
                 x[step.first + j] = value;
                 for (i, factor) in column.iter().enumerate().take(step.count).skip(j + 1) {

@@ -15,6 +15,7 @@ mod prior;
 mod robust;
 mod shrink;
 mod space;
+mod spectrum;
 pub mod student;
 #[cfg(test)]
 mod tests;

@@ -2,8 +2,12 @@
 
 use super::lstsq::{Moments, Solution};
 use super::prior::Prior;
-use crate::error::{Error, FitError, WeightsError};
-use faer::{Mat, Side};
+use super::spectrum::Spectrum;
+use crate::error::{Error, WeightsError};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par, Side};
+use lsdc_kernels::cholesky::{PAD, factorise};
+use lsdc_kernels::simd::Level;
 use serde::{Deserialize, Serialize};
 
 /// How the strength of the prior is chosen: lambda, the ratio of the noise variance to the variance of u.
@@ -38,6 +42,15 @@ impl Lambda {
         }
     }
 
+    /// The strength for a number of points, if the points do not choose it.
+    fn given(self, count: usize) -> Option<f64> {
+        match self {
+            Self::Evidence | Self::Gcv => None,
+            Self::Fixed(lambda) => Some(lambda),
+            Self::ByCount(values) => Some(by_count(&values, count)),
+        }
+    }
+
     /// The same strength for a number of points, whose statistics may be those of fewer.
     pub(super) fn at(self, count: usize) -> Self {
         match self {
@@ -68,27 +81,27 @@ fn by_count(values: &[(f64, f64); COUNTS], count: usize) -> f64 {
     }
 }
 
-/// A problem in the coordinates of its prior: minimise `|d - s A m - A L u|^2 + lambda |u|^2` over
-/// s and u. With s eliminated, each direction of u is alone.
-struct Spectrum<'a> {
-    prior: &'a Prior,
+/// A problem in the coordinates of its prior: minimise `|d - s A m - A L u|^2 + lambda |u|^2` over s and u. With s
+/// eliminated, what is left is one of u alone.
+pub(super) struct Reduced<'a> {
+    pub(super) prior: &'a Prior,
     /// `|A m|^2`, and `s` were u 0.
     mean_square: f64,
     scale: f64,
     /// `L^T A^T A m / |A m|^2`.
     overlap: Vec<f64>,
-    /// Squared singular values of `P A L`, P projecting away from `A m`.
-    squares: Vec<f64>,
-    /// Their right singular vectors.
-    directions: Mat<f64>,
-    /// The depths in these directions, times the singular values.
-    along: Vec<f64>,
+    /// The squared length of all columns of `A L`.
+    pub(super) all: f64,
+    /// `(P A L)^T P A L`, P projecting away from `A m`.
+    pub(super) normal: Mat<f64>,
+    /// `(P A L)^T d`.
+    pub(super) right: Vec<f64>,
     /// `|P d|^2`.
-    rest: f64,
+    pub(super) rest: f64,
     /// `|d|^2`: in its unit, scaling depths changes no bit of what lambda is chosen by.
-    square: f64,
+    pub(super) square: f64,
     /// Rows, less the one that the scale takes.
-    freedom: f64,
+    pub(super) freedom: f64,
 }
 
 /// A solution with a prior.
@@ -107,14 +120,14 @@ impl Moments {
     /// # Errors
     /// Values that are not finite, or a prior for another number of weights.
     pub(super) fn shrunk(&self, prior: &Prior, lambda: Lambda) -> Result<Shrunk, Error> {
-        let spectrum = Spectrum::new(self, prior)?;
-        let lambda = spectrum.strength(lambda, self.count);
-        Ok(Shrunk {
-            solution: spectrum.solution(lambda),
-            noise: spectrum.noise(lambda),
-            lambda,
-            scale: spectrum.scale,
-        })
+        let reduced = Reduced::new(self, prior)?;
+        let given = lambda.given(self.count);
+        // The directions cost many times as much.
+        if let Some(found) = given.and_then(|lambda| reduced.solved(lambda)) {
+            return Ok(found);
+        }
+        let spectrum = Spectrum::new(&reduced)?;
+        Ok(spectrum.shrunk(given.unwrap_or_else(|| spectrum.chosen(lambda))))
     }
 }
 
@@ -124,16 +137,18 @@ impl Moments {
     /// # Errors
     /// As for [`Self::shrunk`].
     pub(super) fn surprise(&self, prior: &Prior, lambda: Lambda) -> Result<f64, Error> {
-        let spectrum = Spectrum::new(self, prior)?;
-        Ok(spectrum.surprise(spectrum.strength(lambda, self.count)))
+        let reduced = Reduced::new(self, prior)?;
+        let spectrum = Spectrum::new(&reduced)?;
+        let given = lambda.given(self.count);
+        Ok(spectrum.surprise(given.unwrap_or_else(|| spectrum.chosen(lambda))))
     }
 }
 
 /// The share of a sum of squares that rounding leaves where nothing should be left.
-const ROUNDING: f64 = 1e-13;
+pub(super) const ROUNDING: f64 = 1e-13;
 
-impl<'a> Spectrum<'a> {
-    fn new(moments: &Moments, prior: &'a Prior) -> Result<Self, Error> {
+impl<'a> Reduced<'a> {
+    pub(super) fn new(moments: &Moments, prior: &'a Prior) -> Result<Self, Error> {
         if prior.columns() != moments.right.len() {
             return Err(WeightsError::Prior(format!(
                 "is one of {} functions, not of {}",
@@ -157,35 +172,20 @@ impl<'a> Spectrum<'a> {
         let right =
             prior.factor.transpose() * Mat::from_fn(prior.columns(), 1, |i, _| moments.right[i]);
         let rank = overlap.len();
-        let inner = prior.factor.transpose() * &moments.normal * &prior.factor;
-        let projected = Mat::from_fn(rank, rank, |i, j| {
-            inner[(i, j)] - overlap[i] * overlap[j] * mean_square
-        });
-        let eigen = projected
-            .self_adjoint_eigen(Side::Lower)
-            .map_err(|_| FitError::Unsolvable("its eigenvalues did not converge"))?;
-        let right: Vec<f64> = (0..rank)
-            .map(|i| right[(i, 0)] - overlap[i] * toward_mean)
-            .collect();
-        let directions = eigen.U().to_owned();
-        let mut squares: Vec<f64> = eigen.S().column_vector().iter().copied().collect();
-        let along = (0..rank).map(|j| (0..rank).map(|i| directions[(i, j)] * right[i]).sum());
-        let mut along: Vec<f64> = along.collect();
-        // What rounding leaves of directions that the points do not see.
-        let all: f64 = (0..rank).map(|i| inner[(i, i)]).sum();
-        for (square, along) in squares.iter_mut().zip(&mut along) {
-            if *square <= ROUNDING * all {
-                (*square, *along) = (0.0, 0.0);
-            }
-        }
+        let half = product(moments.normal.as_ref(), prior.factor.as_ref());
+        let inner = product(prior.factor.transpose(), half.as_ref());
         let rest = moments.square - over(toward_mean * toward_mean);
         Ok(Self {
             prior,
             mean_square,
             scale: over(toward_mean),
-            squares,
-            along,
-            directions,
+            all: (0..rank).map(|i| inner[(i, i)]).sum(),
+            normal: Mat::from_fn(rank, rank, |i, j| {
+                inner[(i, j)] - overlap[i] * overlap[j] * mean_square
+            }),
+            right: (0..rank)
+                .map(|i| right[(i, 0)] - overlap[i] * toward_mean)
+                .collect(),
             rest: if rest > ROUNDING * moments.square {
                 rest
             } else {
@@ -197,118 +197,123 @@ impl<'a> Spectrum<'a> {
         })
     }
 
-    /// The strength of the prior that is given or found for a number of points.
-    fn strength(&self, lambda: Lambda, count: usize) -> f64 {
-        match lambda {
-            Lambda::Fixed(lambda) => lambda,
-            Lambda::ByCount(values) => by_count(&values, count),
-            Lambda::Evidence => self.best(|lambda| self.surprise(lambda)),
-            Lambda::Gcv => self.best(|lambda| self.cross_validation(lambda)),
-        }
-    }
-
-    /// `|P (d - A L u)|^2 + lambda |u|^2` at its minimum.
-    fn penalised(&self, lambda: f64) -> f64 {
-        let pairs = self.along.iter().zip(&self.squares);
-        let met: f64 = pairs.map(|(c, g)| c * c / (g + lambda)).sum();
-        (self.rest - met).max(0.0)
+    /// Whether the points determine the scale.
+    fn seen(&self) -> bool {
+        self.mean_square > f64::MIN_POSITIVE
     }
 
     /// What the prior of the amplitude of u adds, in units of the noise: `trust lambda s^2`.
-    fn expected(&self, lambda: f64) -> f64 {
+    pub(super) fn expected(&self, lambda: f64) -> f64 {
         self.prior.noise.expected(lambda, self.scale)
     }
 
-    /// The variance of the noise, in square metres.
-    fn noise(&self, lambda: f64) -> f64 {
-        let (penalised, noise) = (self.penalised(lambda), self.prior.noise);
-        noise.variance(penalised, lambda, self.scale, self.freedom)
+    /// The weights as a function of u, `w = m s + map u`, with s where u is 0: L - m overlap^T.
+    pub(super) fn map(&self) -> Mat<f64> {
+        let prior = self.prior;
+        Mat::from_fn(prior.columns(), self.right.len(), |i, j| {
+            prior.factor[(i, j)] - prior.mean[i] * self.overlap[j]
+        })
     }
 
-    /// -2 ln p(depths | lambda) - 2 ln p(lambda), up to a constant: scale and noise integrated out
-    /// with flat priors but for the one on the amplitude of u.
-    fn surprise(&self, lambda: f64) -> f64 {
-        let volume: f64 = self.squares.iter().map(|g| (1.0 + g / lambda).ln()).sum();
-        let noise = &self.prior.noise;
-        let count = self.freedom + noise.trust;
-        let total = self.penalised(lambda) + self.expected(lambda);
-        let misfit = if total > 0.0 {
-            count * (total / self.square).ln() - noise.trust * lambda.ln()
-        } else {
-            0.0
-        };
-        let known = noise
-            .deviation
-            .map_or(0.0, |d| ((lambda.ln() - noise.mean) / d).powi(2));
-        volume + misfit + known
-    }
-
-    /// The mean squared residual over the squared share of freedom that is left.
-    fn cross_validation(&self, lambda: f64) -> f64 {
-        let triples = self.squares.iter().zip(&self.along);
-        let (mut residual, mut freedom) = (self.rest, self.freedom);
-        for (g, c) in triples {
-            residual -= c * c * (g + 2.0 * lambda) / (g + lambda).powi(2);
-            freedom -= g / (g + lambda);
+    /// The solution for a lambda that is known: by a Cholesky factor `C C^T` of `normal + lambda`, whose further
+    /// rows are `map C^-T` and `(C^-1 right)^T`. `None` if rounding tells as much as lambda.
+    fn solved(&self, lambda: f64) -> Option<Shrunk> {
+        /// Lambda is this many times above what rounding leaves of directions that the points do not see.
+        const ABOVE: f64 = 1e4;
+        if lambda.is_nan() || lambda <= ABOVE * ROUNDING * self.all {
+            return None;
         }
-        residual.max(0.0) / freedom.max(1e-9).powi(2)
+        let (rank, columns) = (self.right.len(), self.prior.columns());
+        let map = self.map();
+        let rows = rank + (columns + 1).next_multiple_of(PAD);
+        let mut panel = vec![0.0; rows * rank];
+        for (j, column) in panel.chunks_exact_mut(rows.max(1)).enumerate().take(rank) {
+            let (own, below) = column.split_at_mut(rank);
+            own.copy_from_slice(self.normal.col_as_slice(j));
+            own[j] += lambda;
+            below[..columns].copy_from_slice(map.col_as_slice(j));
+            below[columns] = self.right[j];
+        }
+        if !factorise(Level::here(), &mut panel, rank, &mut []) {
+            return None;
+        }
+        let below = |i: usize, j: usize| panel[j * rows + rank + i];
+        let factor = Mat::from_fn(columns, rank, below);
+        let along: Vec<f64> = (0..rank).map(|j| below(columns, j)).collect();
+        Some(self.shrunk(lambda, &along, factor, self.determined(lambda)))
     }
 
-    /// The lambda of the least cost: on a grid first, as there may be several minima, then by
-    /// golden section.
-    fn best(&self, cost: impl Fn(f64) -> f64) -> f64 {
-        const STEP: f64 = 0.5;
-        const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        let expected = self.prior.noise.mean;
-        let largest = self.squares.iter().fold(0.0, |m: f64, &g| m.max(g));
-        if largest <= 0.0 || self.rest <= 0.0 {
-            return expected.exp();
-        }
-        let at = |x: f64| cost(x.exp());
-        let (low, high) = (largest.ln() - 28.0, largest.ln() + 7.0);
-        let steps = ((high - low) / STEP) as usize;
-        let grid = (0..=steps).map(|i| low + STEP * i as f64);
-        let best = grid.map(|x| (at(x), x)).min_by(|a, b| a.0.total_cmp(&b.0));
-        let best = best.map_or(expected, |(_, x)| x);
-        let (mut low, mut high) = (best - STEP, best + STEP);
-        while high - low > 1e-6 {
-            let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
-            if at(a) < at(b) {
-                high = b;
+    /// The number of squared singular values of `P A L` above lambda: that of positive eigenvalues of
+    /// `normal - lambda`, which are as many as those of the blocks of any of its symmetric factorisations
+    /// (Sylvester's law of inertia).
+    fn determined(&self, lambda: f64) -> usize {
+        let rank = self.right.len();
+        let mut shifted = self.normal.clone();
+        (0..rank).for_each(|i| shifted[(i, i)] -= lambda);
+        let blocks = shifted.lblt(Side::Lower);
+        let (own, beside) = (
+            blocks.B_diag().column_vector(),
+            blocks.B_subdiag().column_vector(),
+        );
+        let (mut count, mut i) = (0, 0);
+        while i < rank {
+            if i + 1 < rank && beside[i] != 0.0 {
+                let opposite = own[i] * own[i + 1] < beside[i] * beside[i];
+                count += if opposite {
+                    1
+                } else {
+                    2 * usize::from(own[i] + own[i + 1] > 0.0)
+                };
+                i += 2;
             } else {
-                low = a;
+                count += usize::from(own[i] > 0.0);
+                i += 1;
             }
         }
-        f64::midpoint(low, high).exp()
+        count
     }
 
-    fn solution(&self, lambda: f64) -> Solution {
-        let (prior, rank) = (self.prior, self.squares.len());
-        // w = m s + (L - m overlap^T) u, with s where u is 0.
-        let map = Mat::from_fn(prior.columns(), rank, |i, j| {
-            prior.factor[(i, j)] - prior.mean[i] * self.overlap[j]
-        }) * &self.directions;
+    /// The solution from u in coordinates in which its covariance is the identity: u is `along` there, `factor` maps
+    /// them to the weights. The points determine so many of them.
+    pub(super) fn shrunk(
+        &self,
+        lambda: f64,
+        along: &[f64],
+        factor: Mat<f64>,
+        determined: usize,
+    ) -> Shrunk {
+        let prior = self.prior;
         let mut weights: Vec<f64> = prior.mean.iter().map(|m| m * self.scale).collect();
-        for j in 0..rank {
-            let u = self.along[j] / (self.squares[j] + lambda);
-            weights
-                .iter_mut()
-                .enumerate()
-                .for_each(|(i, w)| *w += map[(i, j)] * u);
+        for (column, u) in factor.col_iter().zip(along) {
+            let pairs = weights.iter_mut().zip(column.iter());
+            pairs.for_each(|(w, value)| *w += value * u);
         }
-        let seen = self.mean_square > f64::MIN_POSITIVE;
+        let (rank, seen) = (along.len(), self.seen());
         let factor = Mat::from_fn(prior.columns(), rank + usize::from(seen), |i, j| {
             if j < rank {
-                map[(i, j)] / (self.squares[j] + lambda).sqrt()
+                factor[(i, j)]
             } else {
                 prior.mean[i] / self.mean_square.sqrt()
             }
         });
-        let determined = self.squares.iter().filter(|g| **g > lambda).count();
-        Solution {
-            weights,
-            rank: determined + usize::from(seen),
-            factor,
+        let met: f64 = along.iter().map(|value| value * value).sum();
+        let penalised = (self.rest - met).max(0.0);
+        Shrunk {
+            solution: Solution {
+                weights,
+                rank: determined + usize::from(seen),
+                factor,
+            },
+            noise: (prior.noise).variance(penalised, lambda, self.scale, self.freedom),
+            lambda,
+            scale: self.scale,
         }
     }
+}
+
+/// A product that is too small to be shared among threads.
+fn product(left: MatRef<'_, f64>, right: MatRef<'_, f64>) -> Mat<f64> {
+    let mut found = Mat::zeros(left.nrows(), right.ncols());
+    matmul(found.as_mut(), Accum::Replace, left, right, 1.0, Par::Seq);
+    found
 }

@@ -6,6 +6,7 @@ use super::run::Run;
 use super::tensors::Tensors;
 use crate::error::WeightsError;
 use lsdc_kernels::conv::{ConvSpec, Layer};
+use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 
 #[derive(Debug)]
@@ -255,22 +256,28 @@ fn gather(raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
     let maps = [raw, skip].into_iter().chain(branches);
     let channels: usize = maps.map(Map::channels).sum();
     let mut all = pool.take(raw.height, raw.width, channels);
+    let level = Level::here();
     let rows = all.values.par_chunks_exact_mut(raw.width * channels);
     rows.enumerate().for_each(|(y, row)| {
-        for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-            let mut rest = pixel;
-            for map in [raw, skip] {
-                let (own, others) = rest.split_at_mut(map.channels());
-                let from = (y * raw.width + x) * own.len();
-                own.copy_from_slice(&map.values[from..from + own.len()]);
-                rest = others;
-            }
-            for map in branches {
-                let (own, others) = rest.split_at_mut(map.channels());
-                map.enlarged((y, raw.height), (x, raw.width), own);
-                rest = others;
-            }
-        }
+        level.vectorised(
+            #[inline(always)]
+            || {
+                for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+                    let mut rest = pixel;
+                    for map in [raw, skip] {
+                        let (own, others) = rest.split_at_mut(map.channels());
+                        let from = (y * raw.width + x) * own.len();
+                        own.copy_from_slice(&map.values[from..from + own.len()]);
+                        rest = others;
+                    }
+                    for map in branches {
+                        let (own, others) = rest.split_at_mut(map.channels());
+                        map.enlarged((y, raw.height), (x, raw.width), own);
+                        rest = others;
+                    }
+                }
+            },
+        );
     });
     all
 }

@@ -7,6 +7,7 @@ use super::map::Map;
 use crate::bilinear::neighbours;
 use lsdc_kernels::simd::{Blend, Packed, Tail};
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 /// Rows and columns of positions in an image, on its feature map.
@@ -52,13 +53,13 @@ impl Grid {
         }
     }
 
-    /// The first hidden layer at a row and column.
+    /// The first hidden layer at a row and column, before what is below 0 is cut off.
     pub(super) fn blend<'a>(
         &'a self,
         inputs: &'a Map,
         (y, x): (usize, usize),
         channels: usize,
-    ) -> Blend<'a> {
+    ) -> Blend<'a, 4, 2> {
         let ((top, bottom, v), (left, right, u)) = (self.rows[y], self.columns[x]);
         let input = |row: usize, column: usize| {
             &inputs.values[(row * inputs.width + column) * channels..][..channels]
@@ -75,6 +76,42 @@ impl Grid {
                 &self.column_codes[x * channels..][..channels],
             ],
         }
+    }
+
+    /// The columns of the feature map at a row.
+    pub(super) fn along_row<'a>(
+        &'a self,
+        inputs: &'a Map,
+        y: usize,
+        channels: usize,
+    ) -> impl ExactSizeIterator<Item = Blend<'a, 2, 1>> {
+        let (top, bottom, v) = self.rows[y];
+        let [top, bottom] = [top, bottom].map(|row| {
+            let length = inputs.width * channels;
+            inputs.values[row * length..][..length].chunks_exact(channels)
+        });
+        let code = &self.row_codes[y * channels..][..channels];
+        top.zip(bottom).map(move |(top, bottom)| Blend {
+            parts: [(top, 1.0 - v), (bottom, v)],
+            terms: [code],
+        })
+    }
+
+    /// The first hidden layer at some columns of a row, from the columns of the feature map there.
+    pub(super) fn in_row<'a>(
+        &'a self,
+        row: &'a [f32],
+        columns: Range<usize>,
+        channels: usize,
+    ) -> impl ExactSizeIterator<Item = Blend<'a, 2, 1>> {
+        let column = move |x: usize| &row[x * channels..][..channels];
+        columns.map(move |x| {
+            let (left, right, u) = self.columns[x];
+            Blend {
+                parts: [(column(left), 1.0 - u), (column(right), u)],
+                terms: [&self.column_codes[x * channels..][..channels]],
+            }
+        })
     }
 }
 

@@ -6,8 +6,9 @@ use super::grid::{Grid, Grids, axis_of};
 use super::map::{Map, Pool};
 use super::tensors::{Linear, Tensors};
 use crate::error::WeightsError;
-use lsdc_kernels::simd::{Level, Packed, Scratch, Tail, blend_rows, dot_rows};
+use lsdc_kernels::simd::{Blend, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 #[derive(Debug)]
 pub(super) struct Head {
@@ -117,29 +118,25 @@ impl Head {
         scratch: &Scratch,
         rows: &mut [f32],
     ) {
-        let functions = self.last.columns();
-        // Equal coordinates, as of places on centres of pixels, are encoded once.
-        let [us, vs] = [0, 1].map(|axis| axis_of(places, axis));
-        let features = (inputs.height, inputs.width);
-        let grid = Grid::new(self, features, size, (&vs, &us));
-        let index = |axis: &[f64], value: f64| axis.partition_point(|v| *v < value);
+        let (functions, channels) = (self.last.columns(), self.features.columns());
+        let (grid, cells) = self.cells((inputs.height, inputs.width), size, places);
         let pieces = rows.par_chunks_mut(PIECE * (functions + 1));
         pieces
-            .zip(places.par_chunks(PIECE))
-            .for_each(|(rows, places)| {
-                let own = self.memory(places.len());
-                scratch.with(own + places.len() * functions, |memory| {
+            .zip(cells.par_chunks(PIECE))
+            .for_each(|(rows, cells)| {
+                let own = self.memory(cells.len());
+                scratch.with(own + cells.len() * functions, |memory| {
                     let (memory, values) = memory.split_at_mut(own);
-                    let cells = places.iter().map(|&[u, v]| (index(&vs, v), index(&us, u)));
-                    let activations = self.activations(&grid, inputs, cells, memory);
-                    self.last.apply(activations, Tail::default(), values);
+                    let blends = cells.iter().map(|&cell| grid.blend(inputs, cell, channels));
+                    let activations = self.activations(blends, memory);
+                    self.last.apply_sparse(activations, Tail::default(), values);
                     let targets = rows.chunks_exact_mut(functions + 1);
                     for (row, values) in targets.zip(values.chunks_exact(functions)) {
                         row[1..].copy_from_slice(values);
                     }
                     if let Some(weights) = &self.mean {
                         let mut first = [0.0; PIECE];
-                        let first = &mut first[..places.len()];
+                        let first = &mut first[..cells.len()];
                         dot_rows(self.level, activations, weights, 0.0, first);
                         let targets = rows.chunks_exact_mut(functions + 1);
                         let pairs = targets.zip(first);
@@ -147,6 +144,30 @@ impl Head {
                     }
                 });
             });
+    }
+
+    /// A grid with these places, and the row and column of each.
+    fn cells(
+        &self,
+        features: (usize, usize),
+        size: (usize, usize),
+        places: &[[f64; 2]],
+    ) -> (Arc<Grid>, Vec<(usize, usize)>) {
+        let centred = |place: f64, length: usize| {
+            place.fract() == 0.0 && (0.0..length as f64).contains(&place)
+        };
+        let mut all = places.iter();
+        if all.all(|&[u, v]| centred(u, size.1) && centred(v, size.0)) {
+            // Those of all pixels, which the map needs as well.
+            let cells = places.iter().map(|&[u, v]| (v as usize, u as usize));
+            return (self.grids.get(self, features, size), cells.collect());
+        }
+        // Equal coordinates are encoded once.
+        let [us, vs] = [0, 1].map(|axis| axis_of(places, axis));
+        let grid = Grid::new(self, features, size, (&vs, &us));
+        let index = |axis: &[f64], value: f64| axis.partition_point(|v| *v < value);
+        let cells = places.iter().map(|&[u, v]| (index(&vs, v), index(&us, u)));
+        (Arc::new(grid), cells.collect())
     }
 
     /// Bases x weights at every pixel: the weights are folded into the last layer, so that the
@@ -171,27 +192,39 @@ impl Head {
                     .sum::<f64>() as f32
             })
             .collect();
+        let channels = self.features.columns();
         let mut depths = vec![0.0; size.0 * size.1];
-        let pieces = depths.par_chunks_mut(PIECE).enumerate();
-        pieces.for_each(|(i, depths)| {
-            scratch.with(self.memory(depths.len()), |memory| {
-                let start = i * PIECE;
-                let pixels = start..start + depths.len();
-                let cells = pixels.map(|pixel| (pixel / size.1, pixel % size.1));
-                let activations = self.activations(&grid, inputs, cells, memory);
-                let Some(mean) = &self.mean else {
-                    dot_rows(self.level, activations, &folded, *first as f32, depths);
-                    return;
-                };
-                dot_rows(self.level, activations, &folded, 0.0, depths);
-                let mut logarithms = [0.0; PIECE];
-                let logarithms = &mut logarithms[..depths.len()];
-                dot_rows(self.level, activations, mean, 0.0, logarithms);
-                let pairs = depths.iter_mut().zip(logarithms);
-                pairs.for_each(|(depth, v)| *depth += *first as f32 * positive(*v));
+        let rows = depths.par_chunks_mut(size.1.max(1)).enumerate();
+        rows.for_each(|(y, depths)| {
+            let entering = inputs.width * channels;
+            scratch.with(entering + self.memory(PIECE), |memory| {
+                let (row, memory) = memory.split_at_mut(entering);
+                let blends = grid.along_row(inputs, y, channels);
+                blend_rows(self.level, blends, channels, false, row);
+                for (i, depths) in depths.chunks_mut(PIECE).enumerate() {
+                    let columns = i * PIECE..i * PIECE + depths.len();
+                    let blends = grid.in_row(row, columns, channels);
+                    let memory = &mut memory[..self.memory(depths.len())];
+                    let activations = self.activations(blends, memory);
+                    self.combined(activations, &folded, *first as f32, depths);
+                }
             });
         });
         depths
+    }
+
+    /// The first function times its weight, and all others by their folded weights.
+    fn combined(&self, activations: &[f32], folded: &[f32], first: f32, depths: &mut [f32]) {
+        let Some(mean) = &self.mean else {
+            dot_rows(self.level, activations, folded, first, depths);
+            return;
+        };
+        dot_rows(self.level, activations, folded, 0.0, depths);
+        let mut logarithms = [0.0; PIECE];
+        let logarithms = &mut logarithms[..depths.len()];
+        dot_rows(self.level, activations, mean, 0.0, logarithms);
+        let pairs = depths.iter_mut().zip(logarithms);
+        pairs.for_each(|(depth, v)| *depth += first * positive(*v));
     }
 
     /// Floats that `activations` needs for a number of pixels.
@@ -202,26 +235,24 @@ impl Head {
                 + self.hidden.iter().map(Packed::columns).sum::<usize>())
     }
 
-    /// The last hidden layer `[cells, width]` at rows and columns of a grid.
-    fn activations<'a>(
+    /// The last hidden layer `[blends, width]` from the first.
+    fn activations<'a, 'b, const N: usize, const T: usize>(
         &self,
-        grid: &Grid,
-        inputs: &Map,
-        cells: impl ExactSizeIterator<Item = (usize, usize)>,
+        blends: impl ExactSizeIterator<Item = Blend<'b, N, T>>,
         memory: &'a mut [f32],
     ) -> &'a [f32] {
-        let count = cells.len();
+        let count = blends.len();
         let columns = self.features.columns();
         let (mut x, mut rest) = memory.split_at_mut(count * (columns + APART));
-        let blends = cells.map(|cell| grid.blend(inputs, cell, columns));
-        blend_rows(self.level, blends, columns, x);
+        blend_rows(self.level, blends, columns, true, x);
         for layer in &self.hidden {
             let (output, others) = rest.split_at_mut(count * layer.columns());
             let tail = Tail {
                 skip: None,
                 relu: true,
             };
-            layer.apply(x, tail, output);
+            // Whatever is below 0 was cut off.
+            layer.apply_sparse(x, tail, output);
             (x, rest) = (output, others);
         }
         x

@@ -1,7 +1,7 @@
 //! Feature maps passed between layers, and their reusable memory.
 
 use crate::bilinear::neighbours;
-use lsdc_kernels::simd::Buffer;
+use lsdc_kernels::simd::{Buffer, Level};
 use rayon::prelude::*;
 use std::sync::Mutex;
 
@@ -29,6 +29,7 @@ impl Map {
     }
 
     /// The value at pixel (y, x) of the map enlarged bilinearly to a height and width.
+    #[inline(always)]
     pub(super) fn enlarged(
         &self,
         (y, height): (usize, usize),
@@ -51,13 +52,19 @@ impl Map {
     /// Adds a map of the same channels, enlarged bilinearly.
     pub(super) fn add_enlarged(&mut self, map: &Self) {
         let (height, width, channels) = (self.height, self.width, self.channels());
+        let level = Level::here();
         let rows = self.values.par_chunks_exact_mut(width * channels);
         rows.enumerate().for_each(|(y, row)| {
             let mut value = vec![0.0; channels];
-            for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
-                map.enlarged((y, height), (x, width), &mut value);
-                pixel.iter_mut().zip(&value).for_each(|(p, v)| *p += v);
-            }
+            level.vectorised(
+                #[inline(always)]
+                || {
+                    for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+                        map.enlarged((y, height), (x, width), &mut value);
+                        pixel.iter_mut().zip(&value).for_each(|(p, v)| *p += v);
+                    }
+                },
+            );
         });
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{Buffer, Kernel, Level, Shared, Unset, Vector, unset};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A matrix in memory: element (r, k) is at `pointer + r * row + k * step`.
 #[derive(Clone, Copy)]
@@ -27,21 +28,21 @@ fn pinned(pointer: *const f32) -> *const f32 {
     pointer
 }
 
-/// `N` rows times a panel of two vectors' width.
+/// `N` rows times a panel of two vectors' width, in some steps.
 ///
 /// # Safety
-/// As for `Vector`; `a` has `N` rows of `depth`, the panel has `depth` rows `b_row` apart.
+/// As for `Vector`; `a` has `N` rows, and the panel rows `b_row` apart, that have every step.
 #[inline(always)]
 unsafe fn tile<V: Vector, const N: usize>(
     a: Rows,
-    depth: usize,
+    steps: impl Iterator<Item = usize>,
     b: *const f32,
     b_row: usize,
 ) -> [[V; 2]; N] {
     // SAFETY: as demanded from the caller.
     unsafe {
         let mut sums = [[V::splat(0.0); 2]; N];
-        for k in 0..depth {
+        for k in steps {
             let b = b.add(k * b_row);
             let (left, right) = (V::load(b), V::load(b.add(V::LANES)));
             let mut a_k = a.pointer.add(k * a.step);
@@ -73,19 +74,35 @@ pub(crate) unsafe fn product<V: Vector>(
     depth: usize,
     b: *const f32,
     b_row: usize,
+    sink: impl FnMut(usize, [V; 2]),
+) {
+    // SAFETY: as demanded from the caller.
+    unsafe { product_in_steps(a, count, |_| 0..depth, b, b_row, sink) }
+}
+
+/// The same in the steps of each block of rows, in ascending order.
+///
+/// # Safety
+/// As for `Vector`; `a` has `count` rows, and the panel rows `b_row` apart, that have every step.
+#[inline(always)]
+unsafe fn product_in_steps<V: Vector, S: Iterator<Item = usize>>(
+    a: Rows,
+    count: usize,
+    steps: impl Fn(usize) -> S,
+    b: *const f32,
+    b_row: usize,
     mut sink: impl FnMut(usize, [V; 2]),
 ) {
-    let mut first = 0;
-    for blocks in (1..=count.div_ceil(V::ROWS)).rev() {
-        let rows = (count - first).div_ceil(blocks);
+    for (block, rows) in blocks::<V>(count).enumerate() {
+        let first = rows.start;
         macro_rules! tiles {
             ($($n:literal)*) => {
-                match rows {
+                match rows.len() {
                     $($n => {
                         // SAFETY: as demanded from the caller.
                         let sums = unsafe {
                             let pointer = a.pointer.add(first * a.row);
-                            tile::<V, $n>(Rows { pointer, ..a }, depth, b, b_row)
+                            tile::<V, $n>(Rows { pointer, ..a }, steps(block), b, b_row)
                         };
                         for (r, sum) in sums.into_iter().enumerate() {
                             sink(first + r, sum);
@@ -96,7 +113,62 @@ pub(crate) unsafe fn product<V: Vector>(
             };
         }
         tiles!(1 2 3 4 5 6 7 8 9 10 11 12 13 14);
-        first += rows;
+    }
+}
+
+/// Rows that are multiplied at once.
+#[inline(always)]
+fn blocks<V: Vector>(count: usize) -> impl Iterator<Item = Range<usize>> {
+    let mut first = 0;
+    (1..=count.div_ceil(V::ROWS)).rev().map(move |left| {
+        let start = first;
+        first += (count - first).div_ceil(left);
+        start..first
+    })
+}
+
+/// The steps of each block of rows in which one of them has a factor that is not 0.
+struct Active {
+    steps: Vec<u32>,
+    /// Where the steps of each block begin, and the end.
+    starts: Vec<usize>,
+}
+
+impl Active {
+    /// Of rows whose factors lie side by side.
+    ///
+    /// # Safety
+    /// `a` has `count` rows of `depth`.
+    #[inline(always)]
+    unsafe fn new<V: Vector>(a: Rows, count: usize, depth: usize) -> Self {
+        let most = count.div_ceil(V::ROWS);
+        let (mut steps, mut starts) = (vec![0; most * depth], Vec::with_capacity(most + 1));
+        starts.push(0);
+        let (mut seen, mut end) = (vec![0; depth], 0);
+        for rows in blocks::<V>(count) {
+            seen.fill(0);
+            for row in rows {
+                // SAFETY: as demanded from the caller.
+                let row = unsafe { std::slice::from_raw_parts(a.pointer.add(row * a.row), depth) };
+                // All bits but the sign: those of 0 are 0.
+                let bits = row.iter().map(|value| value.to_bits() << 1);
+                seen.iter_mut()
+                    .zip(bits)
+                    .for_each(|(seen, bits)| *seen |= bits);
+            }
+            for (step, seen) in (0..).zip(&seen) {
+                steps[end] = step;
+                end += usize::from(*seen != 0);
+            }
+            starts.push(end);
+        }
+        Self { steps, starts }
+    }
+
+    #[inline(always)]
+    fn of(&self, block: usize) -> impl Iterator<Item = usize> {
+        let steps = &self.steps[self.starts[block]..self.starts[block + 1]];
+        steps.iter().map(|&step| step as usize)
     }
 }
 
@@ -193,8 +265,19 @@ impl Packed {
         self.write(x, tail, unsafe { unset(output) });
     }
 
-    /// The same; sets every float of the output.
+    /// The same for an input many of whose values are 0, as of a layer that cuts off below 0: those that are 0 in
+    /// all rows of a block, next to each other, cost nothing. The sums are the same to the last bit.
+    pub fn apply_sparse(&self, x: &[f32], tail: Tail<'_>, output: &mut [f32]) {
+        // SAFETY: `write_some` writes floats.
+        self.write_some(x, tail, unsafe { unset(output) }, true);
+    }
+
+    /// `apply`; sets every float of the output.
     pub(crate) fn write(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset) {
+        self.write_some(x, tail, output, false);
+    }
+
+    fn write_some(&self, x: &[f32], tail: Tail<'_>, output: &mut Unset, sparse: bool) {
         let rows = output.len() / self.columns.max(1);
         assert!(
             rows == 0 || x.len() / rows >= self.depth && x.len().is_multiple_of(rows),
@@ -208,6 +291,7 @@ impl Packed {
             tail,
             output: Shared::unset(output),
             rows,
+            sparse,
         };
         // SAFETY: the assertions hold what the kernel relies on.
         unsafe { self.level.run(kernel) }
@@ -240,6 +324,31 @@ struct Apply<'a> {
     tail: Tail<'a>,
     output: Shared<'a>,
     rows: usize,
+    /// Whether steps without a factor are looked for.
+    sparse: bool,
+}
+
+impl Apply<'_> {
+    /// Writes the sums of a row from a column on.
+    ///
+    /// # Safety
+    /// As for `Vector`; they lie in the output.
+    #[inline(always)]
+    unsafe fn finish<V: Vector>(&self, row: usize, first: usize, sums: [V; 2], bias: [V; 2]) {
+        let columns = self.packed.columns;
+        for (half, (sum, bias)) in sums.into_iter().zip(bias).enumerate() {
+            let column = first + half * V::LANES;
+            if column < columns {
+                let (at, count) = (row * columns + column, columns - column);
+                // SAFETY: as demanded from the caller.
+                unsafe {
+                    let value = self.tail.finish(sum.add(bias), at, count);
+                    let to = self.output.at(at, count.min(V::LANES));
+                    value.store_some(to, count);
+                }
+            }
+        }
+    }
 }
 
 impl Kernel for Apply<'_> {
@@ -261,31 +370,35 @@ impl Kernel for Apply<'_> {
             row: self.x.len() / self.rows,
             step: 1,
         };
+        // SAFETY: the caller checked all lengths.
+        let active = (self.sparse).then(|| unsafe { Active::new::<V>(rows, self.rows, depth) });
         for first in (0..columns).step_by(width) {
             // SAFETY: the caller checked all lengths; bias and panels are padded.
             unsafe {
                 let bias = self.packed.bias.as_ptr().add(first);
                 let bias = [V::load(bias), V::load(bias.add(V::LANES))];
                 let panel = self.packed.values.as_ptr().add(first * depth);
-                product::<V>(
-                    rows,
-                    self.rows,
-                    depth,
-                    panel,
-                    width,
-                    #[inline(always)]
-                    |r, sums| {
-                        for (half, (sum, bias)) in sums.into_iter().zip(bias).enumerate() {
-                            let column = first + half * V::LANES;
-                            if column < columns {
-                                let (at, count) = (r * columns + column, columns - column);
-                                let value = self.tail.finish(sum.add(bias), at, count);
-                                let to = self.output.at(at, count.min(V::LANES));
-                                value.store_some(to, count);
-                            }
-                        }
-                    },
-                );
+                match &active {
+                    None => product::<V>(
+                        rows,
+                        self.rows,
+                        depth,
+                        panel,
+                        width,
+                        #[inline(always)]
+                        |row, sums| self.finish(row, first, sums, bias),
+                    ),
+                    Some(active) => product_in_steps(
+                        rows,
+                        self.rows,
+                        #[inline(always)]
+                        |block| active.of(block),
+                        panel,
+                        width,
+                        #[inline(always)]
+                        |row, sums| self.finish(row, first, sums, bias),
+                    ),
+                }
             }
         }
     }

@@ -2,20 +2,22 @@
 
 use super::{Kernel, Level, Vector};
 
-/// A weighted sum of four rows, plus two more, cut off below 0.
+/// A weighted sum of `N` rows, plus `T` more.
 #[derive(Clone, Copy, Debug)]
-pub struct Blend<'a> {
+pub struct Blend<'a, const N: usize, const T: usize> {
     /// Rows and their weights.
-    pub parts: [(&'a [f32], f32); 4],
+    pub parts: [(&'a [f32], f32); N],
     /// Rows that are added as they are.
-    pub terms: [&'a [f32]; 2],
+    pub terms: [&'a [f32]; T],
 }
 
-/// Computes blends one after the other into `output [blends, columns]`, whose rows may be longer.
-pub fn blend_rows<'a>(
+/// Computes blends one after the other into `output [blends, columns]`, whose rows may be longer; with `relu`, what
+/// is below 0 is cut off.
+pub fn blend_rows<'a, const N: usize, const T: usize>(
     level: Level,
-    blends: impl ExactSizeIterator<Item = Blend<'a>>,
+    blends: impl ExactSizeIterator<Item = Blend<'a, N, T>>,
     columns: usize,
+    relu: bool,
     output: &mut [f32],
 ) {
     let row = output.len() / blends.len().max(1);
@@ -24,6 +26,7 @@ pub fn blend_rows<'a>(
         blends,
         row,
         columns,
+        relu,
         output,
     };
     // SAFETY: the assertion holds what the kernel relies on; it checks the rows itself.
@@ -34,10 +37,14 @@ struct BlendRows<'a, I> {
     blends: I,
     row: usize,
     columns: usize,
+    relu: bool,
     output: &'a mut [f32],
 }
 
-impl<'a, I: ExactSizeIterator<Item = Blend<'a>>> Kernel for BlendRows<'_, I> {
+impl<'a, I, const N: usize, const T: usize> Kernel for BlendRows<'_, I>
+where
+    I: ExactSizeIterator<Item = Blend<'a, N, T>>,
+{
     type Output = ();
 
     #[inline(always)]
@@ -52,13 +59,17 @@ impl<'a, I: ExactSizeIterator<Item = Blend<'a>>> Kernel for BlendRows<'_, I> {
                 let count = output.len() - c;
                 // SAFETY: all rows have the same length.
                 unsafe {
-                    let first = V::load_some(terms[0].as_ptr().add(c), count);
-                    let mut sum = first.add(V::load_some(terms[1].as_ptr().add(c), count));
+                    let mut sum = V::splat(0.0);
+                    for row in terms {
+                        sum = sum.add(V::load_some(row.as_ptr().add(c), count));
+                    }
                     for (row, weight) in parts {
                         let row = V::load_some(row.as_ptr().add(c), count);
                         sum = row.mul_add(V::splat(weight), sum);
                     }
-                    let sum = sum.max(V::splat(0.0));
+                    if self.relu {
+                        sum = sum.max(V::splat(0.0));
+                    }
                     sum.store_some(output.as_mut_ptr().add(c), count);
                 }
             }

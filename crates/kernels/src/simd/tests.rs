@@ -54,6 +54,32 @@ fn products_agree_with_plain_loops() {
     }
 }
 
+#[test]
+fn zeros_that_are_left_out_change_no_bit() {
+    for (rows, depth, columns) in [(1, 1, 1), (15, 20, 16), (84, 128, 70), (0, 4, 4)] {
+        let mut x = random(rows * depth, "x");
+        let (weights, bias) = (random(depth * columns, "w"), random(columns, "b"));
+        // Of each row some, and whole columns.
+        for (i, value) in x.iter_mut().enumerate() {
+            let column = i % depth;
+            let nothing = if i % 2 == 0 { 0.0 } else { -0.0 };
+            if *value < 0.0 || column % 3 == 1 {
+                *value = nothing;
+            }
+        }
+        for level in levels() {
+            let packed = Packed::new(level, (depth, columns), &bias, |r, c| {
+                weights[r * columns + c]
+            });
+            let mut all = vec![f32::NAN; rows * columns];
+            packed.apply(&x, Tail::default(), &mut all);
+            let mut some = vec![f32::NAN; rows * columns];
+            packed.apply_sparse(&x, Tail::default(), &mut some);
+            assert_eq!(all, some, "{level:?}");
+        }
+    }
+}
+
 struct Everything<'a>(&'a [f32], &'a [f32]);
 
 impl Kernel for Everything<'_> {

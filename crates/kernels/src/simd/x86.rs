@@ -25,6 +25,7 @@ macro_rules! vector {
     (
         $type:ty, lanes $lanes:literal, rows $rows:literal, doubles $doubles:ty,
         $load:ident $store:ident $splat:ident $add:ident $sub:ident $mul:ident $max:ident $fma:ident
+        total($sum:ident) $total:expr,
         where_positive($a:ident, $b:ident) $positive:expr
     ) => {
         // SAFETY (of every function): as demanded from the caller.
@@ -78,6 +79,12 @@ macro_rules! vector {
                 let ($a, $b) = (self, other);
                 unsafe { $positive }
             }
+
+            #[inline(always)]
+            unsafe fn total(self) -> f32 {
+                let $sum = self;
+                unsafe { $total }
+            }
         }
     };
 }
@@ -86,6 +93,7 @@ vector!(
     __m512, lanes 16, rows 14, doubles __m512d,
     _mm512_loadu_ps _mm512_storeu_ps _mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps
     _mm512_max_ps _mm512_fmadd_ps
+    total(sum) _mm512_reduce_add_ps(sum),
     where_positive(a, b) {
         _mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(b, _mm512_setzero_ps()), a)
     }
@@ -94,6 +102,11 @@ vector!(
     __m256, lanes 8, rows 6, doubles __m256d,
     _mm256_loadu_ps _mm256_storeu_ps _mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps
     _mm256_max_ps _mm256_fmadd_ps
+    total(sum) {
+        let half = _mm_add_ps(_mm256_castps256_ps128(sum), _mm256_extractf128_ps::<1>(sum));
+        let pair = _mm_add_ps(half, _mm_movehl_ps(half, half));
+        _mm_cvtss_f32(_mm_add_ss(pair, _mm_movehdup_ps(pair)))
+    },
     where_positive(a, b) {
         _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(b, _mm256_setzero_ps()), a)
     }
