@@ -15,7 +15,7 @@ use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::{Accum, Mat, MatMut, MatRef, Par};
-use lsdc_kernels::cholesky::{Block, PAD, factorise, subtract_product};
+use lsdc_kernels::cholesky::{Block, PAD, factorise, solve_rows, subtract_product};
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -113,7 +113,13 @@ impl Kriged {
         let lower = self.triangle();
         let mut inverse = Mat::<f64>::identity(n, n);
         let parts = column_chunks(inverse.as_mut()).into_par_iter();
-        parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
+        parts.enumerate().for_each(|(k, part)| {
+            // The inverse is a lower triangle, too.
+            let first = k * TOGETHER;
+            let (_, part) = part.split_at_row_mut(first);
+            let lower = lower.get(first.., first..);
+            solve_lower_triangular_in_place(lower, part, Par::Seq);
+        });
         let mut variances = vec![0.0; n];
         for (i, &at) in self.border.order.iter().enumerate() {
             let own = self.weights[i].recip();
@@ -159,21 +165,33 @@ impl Kriged {
         let other = Border::new(&self.factor, taps);
         let value = |i: usize, j: usize| functions[other.order[i] * count + j];
         let more = strips_of(taps.len(), &scales(&self.ridges), value);
-        let mut across = self.border.across(&self.functions, &other, &more);
         let squares = other.squares(&more);
+        let n = self.weights.len();
         let mut targets = &self.columns * combinations;
         let lower = self.triangle();
-        for matrix in [&mut across, &mut targets] {
-            let parts = column_chunks(matrix.as_mut()).into_par_iter();
-            parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
-        }
-        let found = across.transpose() * targets;
+        let parts = column_chunks(targets.as_mut()).into_par_iter();
+        parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
+        // By strips, whose covariances with the observations stay in the cache.
+        let strips = (0..taps.len().div_ceil(STRIP)).into_par_iter();
+        let found = strips.map(|strip| {
+            let (level, size) = (self.factor.level, n.next_multiple_of(PAD));
+            let theirs = (&other, &more[..]);
+            let mut across = self
+                .border
+                .across(&self.factor, &self.functions, theirs, strip);
+            solve_rows(level, &self.lower, size, &mut across, &mut []);
+            let across = MatRef::from_column_major_slice(&across, STRIP, size).subcols(0, n);
+            let squares: Vec<f64> = across.row_iter().map(|row| row.squared_norm_l2()).collect();
+            (squares, across * &targets)
+        });
+        let found: Vec<_> = found.collect();
         let mut variances = vec![0.0; taps.len()];
         let mut values = Mat::zeros(taps.len(), combinations.ncols());
         for (i, &at) in other.order.iter().enumerate() {
+            let (known, products) = &found[i / STRIP];
             // Rounding may leave less than nothing.
-            variances[at] = (squares[i] - across.col(i).squared_norm_l2()).max(0.0);
-            values.row_mut(at).copy_from(found.row(i));
+            variances[at] = (squares[i] - known[i % STRIP]).max(0.0);
+            values.row_mut(at).copy_from(-products.row(i % STRIP));
         }
         (variances, values)
     }
@@ -231,19 +249,19 @@ fn scales(ridges: &[f64]) -> Vec<f64> {
 }
 
 /// Scaled rows of functions, by strips of `n` observations.
-fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64) -> Vec<Strip> {
+fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64 + Sync) -> Vec<Strip> {
     if scales.is_empty() {
         return Vec::new();
     }
     let mut strips = Strip::all(&(0..n), scales.len());
-    for strip in &mut strips {
+    strips.par_iter_mut().for_each(|strip| {
         let (first, rows) = (strip.first, strip.rows);
         for (j, (column, scale)) in strip.values.chunks_exact_mut(rows).zip(scales).enumerate() {
             for (value, i) in column.iter_mut().zip(first..n) {
                 *value = scale * at(i, j);
             }
         }
-    }
+    });
     strips
 }
 
