@@ -36,39 +36,44 @@ pub(crate) fn detail(
         let within = |place: f64, length: usize| (place.round().max(0.0) as usize).min(length - 1);
         within(v, height) * width + within(u, width)
     };
-    let mut order: Vec<(usize, usize)> = places
-        .iter()
-        .enumerate()
-        .map(|(i, &place)| (pixel(place), i))
+    let pixels: Vec<u32> = places
+        .par_iter()
+        .map(|&place| pixel(place) as u32)
         .collect();
-    // Within a pixel by residual, so that the order of the observations does not matter.
-    order.par_sort_by(|a, b| {
-        let residual = residuals[a.1].total_cmp(&residuals[b.1]);
-        a.0.cmp(&b.0)
-            .then(residual)
-            .then(weights[a.1].total_cmp(&weights[b.1]))
-    });
     let mut observed = vec![false; height * width];
-    for &(pixel, _) in &order {
-        observed[pixel] = true;
+    for &pixel in &pixels {
+        observed[pixel as usize] = true;
     }
-    order.retain(|&(pixel, _)| {
+    let dense = |pixel: u32| {
         let (mut count, mut all) = (0_u32, 0_u32);
-        Window::new(pixel, width, height).each(|other, _| {
+        Window::new(pixel as usize, width, height).each(|other, _| {
             count += u32::from(observed[other]);
             all += 1;
         });
         f64::from(count) >= DENSE * f64::from(all)
-    });
+    };
+    let all = pixels.par_iter().zip(0..pixels.len() as u32);
+    let mut order: Vec<(u32, u32)> = all
+        .filter(|(pixel, _)| dense(**pixel))
+        .map(|(&pixel, i)| (pixel, i))
+        .collect();
     if order.is_empty() {
         return None;
     }
+    order.par_sort_unstable();
     let mut rests = vec![Rest::default(); height * width];
-    for same in order.chunk_by(|a, b| a.0 == b.0) {
-        let total: f64 = same.iter().map(|&(_, i)| weights[i]).sum();
-        let sum: f64 = same.iter().map(|&(_, i)| weights[i] * residuals[i]).sum();
+    for same in order.chunk_by_mut(|a, b| a.0 == b.0) {
+        // By residual, so that the order of the observations does not matter.
+        same.sort_unstable_by(|a, b| {
+            let [a, b] = [a.1 as usize, b.1 as usize];
+            let residual = residuals[a].total_cmp(&residuals[b]);
+            residual.then(weights[a].total_cmp(&weights[b]))
+        });
+        let own = || same.iter().map(|&(_, i)| i as usize);
+        let total: f64 = own().map(|i| weights[i]).sum();
+        let sum: f64 = own().map(|i| weights[i] * residuals[i]).sum();
         if total > 0.0 {
-            rests[same[0].0] = Rest {
+            rests[same[0].0 as usize] = Rest {
                 value: (sum / total) as f32,
                 weight: (total as f32).min(1.0),
             };

@@ -52,10 +52,17 @@ impl Cells {
     /// The `count` positions nearest to a given one, nearest first, as squared distance and index; ties are
     /// broken by index.
     pub fn nearest(&self, place: [f64; 2], count: usize) -> Vec<(f64, usize)> {
-        let [column, row] = self.cell(place);
-        let outside = self.outside(place);
         // In ascending order.
         let mut found: Vec<(f64, usize)> = Vec::with_capacity(count + 1);
+        self.find(place, count, &mut found);
+        found
+    }
+
+    /// The same in memory that is used again.
+    pub(crate) fn find(&self, place: [f64; 2], count: usize, found: &mut Vec<(f64, usize)>) {
+        found.clear();
+        let [column, row] = self.cell(place);
+        let outside = self.outside(place);
         let rings = if count > 0 {
             self.columns.max(self.rows) as i64
         } else {
@@ -80,7 +87,6 @@ impl Cells {
                 }
             });
         }
-        found
     }
 
     /// The squared distance from a position to the nearest cell.

@@ -16,7 +16,7 @@ use crate::observations::Observations;
 use crate::resize::resized;
 use crate::usable::Usable;
 use rayon::prelude::*;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How much closer the weights are expected to be to those of the previous frame than to those of an
@@ -46,8 +46,13 @@ struct Inner {
     size: (usize, usize),
     /// How depth is read from the grid that it is solved on, in a fit with a field to an image that is larger.
     guide: Option<Guide>,
+    /// The last weights that functions were combined with on the grid of the guide, and the map.
+    combined: Mutex<Option<Combined>>,
     network: Duration,
 }
+
+/// Weights, and functions x weights at every pixel.
+type Combined = (Vec<f64>, Arc<Vec<f32>>);
 
 impl std::fmt::Debug for Scene {
     /// Not the numbers, of which there are millions.
@@ -92,6 +97,7 @@ impl Scene {
             cosines,
             size: (height, width),
             guide,
+            combined: Mutex::default(),
             network: Duration::ZERO,
         };
         inner.needed_affinities()?;
@@ -279,7 +285,10 @@ impl Scene {
 
     /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).
     pub(crate) fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        self.0.combine(size, weights)
+        match self.guide() {
+            Some(guide) if guide.grid() == size => self.0.combined(size, weights).to_vec(),
+            _ => self.0.combine(size, weights),
+        }
     }
 }
 
@@ -351,6 +360,18 @@ impl Inner {
         self.depth_guide.as_ref().map_or(0, DepthGuide::count)
     }
 
+    /// The same on the grid of the guide, where a fit to many observations and the map that is read from it ask for
+    /// the same weights.
+    fn combined(&self, grid: (usize, usize), weights: &[f64]) -> Arc<Vec<f32>> {
+        let lock = || self.combined.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, map)) = lock().as_ref().filter(|(known, _)| known == weights) {
+            return map.clone();
+        }
+        let map = Arc::new(self.combine(grid, weights));
+        *lock() = Some((weights.to_vec(), map.clone()));
+        map
+    }
+
     /// The basis functions at observations, unless there are so many that they are evaluated at some only.
     fn held(&self, usable: &Usable) -> Option<Vec<f32>> {
         let plain = self.completer.fit_config().method == FitMethod::Lse;
@@ -407,8 +428,8 @@ impl Functions for Inner {
 
     fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Vec<f64> {
         if let Some(guide) = &self.guide {
-            let map = self.combine(guide.grid(), weights).into_iter();
-            let map: Vec<f64> = map.map(f64::from).collect();
+            let map = self.combined(guide.grid(), weights);
+            let map: Vec<f64> = map.iter().copied().map(f64::from).collect();
             let places = places.par_iter();
             return places
                 .map(|&place| guide.taps(place, self.size).read(&map))

@@ -4,7 +4,7 @@
 use crate::completion::Completion;
 use crate::error::{FitError, Result, SettingsError};
 use crate::fit::student::{self, ONE_DEVIATION};
-use crate::fit::{CLUES, Clues, FitMethod, Knot, LocalNoise, Smooth, Window};
+use crate::fit::{Clues, FitMethod, Knot, LocalNoise, Smooth, Window};
 use crate::image::check_size;
 use crate::map::DepthMap;
 use crate::nearest::Cells;
@@ -96,6 +96,7 @@ impl Completion {
         /// Less than these tell no more: relief and noise over the mean depth, and the variance that weights add.
         const LEAST: f64 = 1e-3;
         const LEAST_NOISE: f64 = 1e-6;
+        const LEAST_FIELD: f64 = 1e-30;
         /// Mean distances between points: nearer than this, the field tells more.
         const CLOSE: f64 = 0.1;
         let noise = self.local_noise()?;
@@ -122,26 +123,31 @@ impl Completion {
             scene.width() as f64 / width as f64,
             scene.height() as f64 / height as f64,
         );
+        let log = |value: f64| (value as f32).ln();
+        let level = (whole / mean).ln() as f32;
         let near = Cells::new(&self.usable().places);
         let area = (scene.width() * scene.height()) as f64;
         let spacing = (area / self.usable().places.len() as f64).sqrt();
-        let pixels = (0..height * width).into_par_iter().map(|pixel| {
+        let pixels = (0..height * width).into_par_iter();
+        let pixels = pixels.map_init(Vec::new, |nearest, pixel| {
             let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
             let place = [x * right - 0.5, y * down - 0.5];
             let local = noise.at(x * right, y * down).sqrt() / whole;
             let relief = (squares[pixel] - means[pixel].powi(2)).max(0.0).sqrt();
-            let clues: [f64; CLUES] = [
+            near.find(place, 1, nearest);
+            let away = nearest[0].0.sqrt() / spacing;
+            let clues: Clues = [
                 1.0,
-                (whole / mean).ln(),
-                0.5 * variances.field[pixel].max(f64::MIN_POSITIVE).ln(),
-                0.5 * (variances.weights[pixel] + LEAST).ln(),
-                local.max(LEAST).ln(),
-                (relief + LEAST).ln(),
-                depth[pixel].ln(),
-                edges[pixel],
-                (near.nearest(place, 1)[0].0.sqrt() / spacing + CLOSE).ln(),
+                level,
+                0.5 * log(variances.field[pixel].max(LEAST_FIELD)),
+                0.5 * log(variances.weights[pixel] + LEAST),
+                log(local.max(LEAST)),
+                log(relief + LEAST),
+                log(depth[pixel]),
+                edges[pixel] as f32,
+                log(away + CLOSE),
             ];
-            clues.map(|clue| clue as f32)
+            clues
         });
         Ok((pixels.collect(), size))
     }

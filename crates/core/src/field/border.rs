@@ -11,8 +11,6 @@ use super::plan::{FORK, Half, Home};
 use super::strip::{STRIP, Strip, dot};
 use super::sweep::Rows;
 use crate::bilinear::Taps;
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, Par};
 use lsdc_kernels::cholesky::{PAD, solve_rows, subtract_product};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -136,55 +134,47 @@ impl Border {
         all
     }
 
-    /// `W' V`, where V are the rows of another border of the same factor: `[own positions, other positions]`.
-    /// `more` and `others` are further rows of W and V.
-    pub(super) fn across(&self, more: &[Strip], other: &Self, others: &[Strip]) -> Mat<f64> {
-        let (rows, columns) = (self.order.len(), other.order.len());
-        let mut all = vec![0.0; rows * columns];
-        let chunks = all.par_chunks_mut((STRIP * rows).max(1)).enumerate();
-        chunks.for_each(|(i, chunk)| {
-            let width = chunk.len() / rows.max(1);
-            let mut chunk = MatMut::from_column_major_slice_mut(chunk, rows, width);
-            let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
-            let other = other.lines.iter().map(Vec::as_slice).chain([others]);
-            for (lefts, rights) in lists.zip(other) {
-                let Some(right) = rights.iter().find(|s| s.first / STRIP == i) else {
-                    continue;
-                };
-                let start = right.first - i * STRIP;
-                for left in lefts {
-                    let (height, width) = (
-                        left.rows.min(rows - left.first),
-                        right.rows.min(width - start),
-                    );
-                    matmul(
-                        chunk
-                            .as_mut()
-                            .submatrix_mut(left.first, start, height, width),
-                        Accum::Add,
-                        left.matrix().subrows(0, height),
-                        right.matrix().subrows(0, width).transpose(),
-                        1.0,
-                        Par::Seq,
-                    );
-                }
-            }
-        });
-        let mut all = Mat::from_fn(rows, columns, |i, j| all[j * rows + i]);
-        let mut of_tiles: HashMap<usize, &TileRows> = HashMap::new();
-        of_tiles.extend(self.tiles.iter().map(|rows| (rows.tile, rows)));
-        for right in &other.tiles {
-            let Some(left) = of_tiles.get(&right.tile) else {
+    /// Minus `V' W`, where V are the rows of another border of the same factor, at the positions of a strip of that
+    /// border: `[STRIP, own positions]`, padded. `more` and the strips beside the other border are further rows of W
+    /// and V.
+    pub(super) fn across(
+        &self,
+        factor: &Factor,
+        more: &[Strip],
+        (other, others): (&Self, &[Strip]),
+        strip: usize,
+    ) -> Vec<f64> {
+        let mut all = vec![0.0; STRIP * self.order.len().next_multiple_of(PAD)];
+        let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
+        let other_lists = other.lines.iter().map(Vec::as_slice).chain([others]);
+        for (rights, lefts) in lists.zip(other_lists) {
+            let Some(left) = lefts.iter().find(|s| s.first / STRIP == strip) else {
                 continue;
             };
-            let pixels = right.values.len() / right.positions.len().max(1);
-            for (j, one) in right
-                .positions
-                .clone()
-                .zip(right.values.chunks_exact(pixels))
-            {
-                for (i, two) in left.positions.clone().zip(left.values.chunks_exact(pixels)) {
-                    all[(i, j)] += dot(one, two);
+            let depth = left.values.len() / left.rows;
+            for right in rights {
+                let start = right.first * STRIP + left.first % STRIP;
+                subtract_product(
+                    factor.level,
+                    (&mut all[start..], STRIP),
+                    [left.rows, right.rows, depth],
+                    left.block(),
+                    right.block(),
+                );
+            }
+        }
+        let mut of_tiles: HashMap<usize, &TileRows> = HashMap::new();
+        of_tiles.extend(self.tiles.iter().map(|rows| (rows.tile, rows)));
+        for left in &other.tiles {
+            let Some(right) = of_tiles.get(&left.tile) else {
+                continue;
+            };
+            let pixels = left.values.len() / left.positions.len().max(1);
+            let lists = left.positions.clone().zip(left.values.chunks_exact(pixels));
+            for (i, one) in lists.filter(|(i, _)| i / STRIP == strip) {
+                let lists = right.values.chunks_exact(pixels);
+                for (j, two) in right.positions.clone().zip(lists) {
+                    all[j * STRIP + i % STRIP] -= dot(one, two);
                 }
             }
         }

@@ -9,14 +9,14 @@
 use super::border::Border;
 use super::dense::{cholesky, squared};
 use super::factor::Factor;
-use super::strip::Strip;
+use super::strip::{STRIP, Strip};
 use super::{FieldPrior, Observations};
 use crate::bilinear::Taps;
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::{Mat, MatMut, MatRef, Par};
-use lsdc_kernels::cholesky::PAD;
+use lsdc_kernels::cholesky::{PAD, solve_rows};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -117,7 +117,13 @@ impl Kriged {
         let lower = self.triangle();
         let mut inverse = Mat::<f64>::identity(n, n);
         let parts = column_chunks(inverse.as_mut()).into_par_iter();
-        parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
+        parts.enumerate().for_each(|(k, part)| {
+            // The inverse is a lower triangle, too.
+            let first = k * TOGETHER;
+            let (_, part) = part.split_at_row_mut(first);
+            let lower = lower.get(first.., first..);
+            solve_lower_triangular_in_place(lower, part, Par::Seq);
+        });
         let mut variances = vec![0.0; n];
         for (i, &at) in self.border.order.iter().enumerate() {
             let own = self.weights[i].recip();
@@ -163,21 +169,33 @@ impl Kriged {
         let other = Border::new(&self.factor, taps);
         let value = |i: usize, j: usize| functions[other.order[i] * count + j];
         let more = strips_of(taps.len(), &scales(&self.ridges), value);
-        let mut across = self.border.across(&self.functions, &other, &more);
         let squares = other.squares(&more);
+        let n = self.weights.len();
         let mut targets = self.columns.transpose() * combinations;
         let lower = self.triangle();
-        for matrix in [&mut across, &mut targets] {
-            let parts = column_chunks(matrix.as_mut()).into_par_iter();
-            parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
-        }
-        let found = across.transpose() * targets;
+        let parts = column_chunks(targets.as_mut()).into_par_iter();
+        parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
+        // By strips, whose covariances with the observations stay in the cache.
+        let strips = (0..taps.len().div_ceil(STRIP)).into_par_iter();
+        let found = strips.map(|strip| {
+            let (level, size) = (self.factor.level, n.next_multiple_of(PAD));
+            let theirs = (&other, &more[..]);
+            let mut across = self
+                .border
+                .across(&self.factor, &self.functions, theirs, strip);
+            solve_rows(level, &self.lower, size, &mut across, &mut []);
+            let across = MatRef::from_column_major_slice(&across, STRIP, size).subcols(0, n);
+            let squares: Vec<f64> = across.row_iter().map(|row| row.squared_norm_l2()).collect();
+            (squares, across * &targets)
+        });
+        let found: Vec<_> = found.collect();
         let mut variances = vec![0.0; taps.len()];
         let mut values = Mat::zeros(taps.len(), combinations.ncols());
         for (i, &at) in other.order.iter().enumerate() {
+            let (known, products) = &found[i / STRIP];
             // Rounding may leave less than nothing.
-            variances[at] = (squares[i] - across.col(i).squared_norm_l2()).max(0.0);
-            values.row_mut(at).copy_from(found.row(i));
+            variances[at] = (squares[i] - known[i % STRIP]).max(0.0);
+            values.row_mut(at).copy_from(-products.row(i % STRIP));
         }
         (variances, values)
     }

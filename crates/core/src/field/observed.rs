@@ -11,6 +11,7 @@ use super::stencil::{Neighbours, Stencil};
 use super::sweep::Row;
 use crate::bilinear::Taps;
 use faer::{Mat, MatRef};
+use std::sync::OnceLock;
 
 /// A field with any number of observations, which are part of its equations.
 #[derive(Debug)]
@@ -18,6 +19,8 @@ pub struct Observed {
     factor: Factor,
     taps: Vec<Taps>,
     weights: Vec<f64>,
+    /// The inverse of the equations at pixels that are joined, once it was asked for.
+    inverse: OnceLock<Box<Stencil>>,
 }
 
 impl Observed {
@@ -48,6 +51,7 @@ impl Observed {
             factor: Factor::new(plan, &equations)?,
             taps: taps.to_vec(),
             weights: weights.to_vec(),
+            inverse: OnceLock::new(),
         })
     }
 
@@ -96,9 +100,16 @@ impl Observed {
     /// # Panics
     /// If lengths do not match.
     pub fn pull(&self, targets: &[f64]) -> Vec<f64> {
-        let field = self.extend(targets);
+        self.pull_from(targets, &self.extend(targets))
+    }
+
+    /// The same for targets whose field is known.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn pull_from(&self, targets: &[f64], field: &[f64]) -> Vec<f64> {
         let rest =
-            |((taps, weight), target): ((&Taps, &f64), &f64)| weight * (target - taps.read(&field));
+            |((taps, weight), target): ((&Taps, &f64), &f64)| weight * (target - taps.read(field));
         let observations = self.taps.iter().zip(&self.weights);
         observations.zip(targets).map(rest).collect()
     }
@@ -137,12 +148,21 @@ impl Observed {
 
     /// The variance of the field at each observation, given the targets: `s' H^-1 s`.
     pub fn variances(&self) -> Vec<f64> {
-        let inverse = self.factor.inverse();
+        let inverse = self.inverse();
         self.taps.iter().map(|taps| inverse.at(taps)).collect()
     }
 
     /// The variance of the field at each pixel: the diagonal of `H^-1`.
     pub fn pixel_variances(&self) -> Vec<f64> {
-        self.factor.inverse().diagonal()
+        self.inverse().diagonal()
+    }
+
+    fn inverse(&self) -> &Stencil {
+        if let Some(inverse) = self.inverse.get() {
+            return inverse;
+        }
+        // Not within the initialiser: a thread that waits for others there may take up work that asks for the same.
+        let found = self.factor.inverse();
+        self.inverse.get_or_init(|| Box::new(found))
     }
 }

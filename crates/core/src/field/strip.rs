@@ -1,6 +1,5 @@
 //! Strips of rows of a matrix with a row for each observation: each is a task of its own.
 
-use faer::MatRef;
 use lsdc_kernels::cholesky::{Block, PAD};
 use std::ops::Range;
 
@@ -18,11 +17,6 @@ pub(super) struct Strip {
 }
 
 impl Strip {
-    pub(super) fn matrix(&self) -> MatRef<'_, f64> {
-        let columns = self.values.len() / self.rows;
-        MatRef::from_column_major_slice(&self.values, self.rows, columns)
-    }
-
     pub(super) fn block(&self) -> Block<'_> {
         Block {
             values: &self.values,

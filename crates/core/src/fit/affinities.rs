@@ -82,9 +82,9 @@ impl Affinities {
     pub(crate) fn logarithms(&self) -> Vec<f64> {
         /// Affinities of 0 cut neighbours apart.
         const LEAST: f64 = 1e-9;
-        let pairs = self.0.right.iter().zip(&self.0.down);
+        let pairs = self.0.right.par_iter().zip(&self.0.down);
         pairs
-            .map(|(right, down)| 0.5 * ((right + LEAST).ln() + (down + LEAST).ln()))
+            .map(|(right, down)| 0.5 * ((right + LEAST) * (down + LEAST)).ln())
             .collect()
     }
 

@@ -167,7 +167,7 @@ impl Rows<'_> {
             Bases::Rows(rows) => {
                 let columns = self.columns();
                 let row = |&i: &usize| &rows[i * columns..][..columns];
-                points.iter().flat_map(row).copied().collect()
+                points.iter().map(row).collect::<Vec<_>>().concat()
             }
             Bases::Functions(functions) => {
                 let places = self.places.unwrap_or_default();

@@ -1,5 +1,6 @@
 //! Sums and means over maps under a Gaussian window.
 
+use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 
 /// A Gaussian window, cut off at four standard deviations.
@@ -23,27 +24,39 @@ impl Window {
     pub(crate) fn sums(&self, values: &[f64], width: usize) -> Vec<f64> {
         let (height, reach) = (values.len() / width.max(1), self.weights.len() - 1);
         let mut sums = vec![0.0; values.len()];
+        let level = Level::here();
         let rows = sums.par_chunks_mut(width.max(1)).enumerate();
         rows.for_each_init(
             || vec![0.0; width + 2 * reach],
             |row, (y, sums)| {
-                // Across rows first, then along this one.
-                row.fill(0.0);
-                for other in y.saturating_sub(reach)..(y + reach + 1).min(height) {
-                    let weight = self.weights[other.abs_diff(y)];
-                    let pairs = row[reach..]
-                        .iter_mut()
-                        .zip(&values[other * width..][..width]);
-                    pairs.for_each(|(sum, value)| *sum += weight * value);
-                }
-                for offset in 0..=2 * reach {
-                    let weight = self.weights[offset.abs_diff(reach)];
-                    let pairs = sums.iter_mut().zip(&row[offset..]);
-                    pairs.for_each(|(sum, value)| *sum += weight * value);
-                }
+                let others = y.saturating_sub(reach)..(y + reach + 1).min(height);
+                let values = &values[others.start * width..others.end * width];
+                let first = reach + others.start - y;
+                level.vectorised(
+                    #[inline(always)]
+                    || self.row(values, first, row, sums),
+                );
             },
         );
         sums
+    }
+
+    /// The sums around the pixels of a row, from the rows around it, the first of which has this place in the
+    /// window: across rows first, then along this one.
+    #[inline(always)]
+    fn row(&self, values: &[f64], first: usize, row: &mut [f64], sums: &mut [f64]) {
+        let (width, reach) = (sums.len(), self.weights.len() - 1);
+        row.fill(0.0);
+        for (values, place) in values.chunks_exact(width).zip(first..) {
+            let weight = self.weights[place.abs_diff(reach)];
+            let pairs = row[reach..].iter_mut().zip(values);
+            pairs.for_each(|(sum, value)| *sum += weight * value);
+        }
+        for offset in 0..=2 * reach {
+            let weight = self.weights[offset.abs_diff(reach)];
+            let pairs = sums.iter_mut().zip(&row[offset..]);
+            pairs.for_each(|(sum, value)| *sum += weight * value);
+        }
     }
 
     /// The mean around each pixel under the part of the window that is inside the map.

@@ -35,6 +35,8 @@ struct Found {
     values: Vec<f64>,
     form: Form,
     sample: Sample,
+    /// What the weights leave of each point, if that was needed.
+    residuals: Option<Vec<f64>>,
 }
 
 /// The weights are estimated from all of at most so many sites.
@@ -56,7 +58,8 @@ impl FieldEstimator<'_> {
             }
             Some((prior, lambda)) => self.many(&sites, rows, prior, lambda)?,
         };
-        let rests = rows.residuals(&found.solution.weights);
+        let rests = found.residuals;
+        let rests = rests.unwrap_or_else(|| rows.residuals(&found.solution.weights));
         let places = rows.places.unwrap_or_default().par_iter();
         let pairs = rests.par_iter().zip(places);
         let rests = pairs.map(|(rest, &place)| rest - self.scene.taps(place).read(&found.values));
@@ -93,7 +96,7 @@ impl FieldEstimator<'_> {
     fn alone(self, sites: &Sites, rows: &Rows<'_>) -> Result<Found, FitError> {
         let field = self.smoothness().observed(&sites.taps, &sites.weights)?;
         let values = field.extend(&sites.depths);
-        let square = dot(&sites.depths, &field.pull(&sites.depths));
+        let square = dot(&sites.depths, &field.pull_from(&sites.depths, &values));
         let columns = rows.columns();
         Ok(Found {
             solution: Solution {
@@ -111,6 +114,7 @@ impl FieldEstimator<'_> {
                 start: None,
             },
             sample: sites.sample(0, rows)?,
+            residuals: None,
         })
     }
 
@@ -133,6 +137,7 @@ impl FieldEstimator<'_> {
             values,
             form: Form::Few(field),
             sample,
+            residuals: None,
         })
     }
 
@@ -173,12 +178,12 @@ impl FieldEstimator<'_> {
             solution.weights = minimum.weights;
             known = (sample.len() == sites.len()).then_some((field, minimum.rest));
         }
-        let (field, rest) = match known {
-            Some(known) => known,
-            None => (
-                self.smoothness().observed(&sites.taps, &sites.weights)?,
-                sites.means(&rows.residuals(&solution.weights)),
-            ),
+        let (field, rest, residuals) = if let Some((field, rest)) = known {
+            (field, rest, None)
+        } else {
+            let field = self.smoothness().observed(&sites.taps, &sites.weights)?;
+            let residuals = rows.residuals(&solution.weights);
+            (field, sites.means(&residuals), Some(residuals))
         };
         Ok(Found {
             solution,
@@ -191,6 +196,7 @@ impl FieldEstimator<'_> {
                 start: Some(some),
             },
             sample,
+            residuals,
         })
     }
 

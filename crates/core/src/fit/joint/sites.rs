@@ -47,48 +47,60 @@ impl Sites {
         let places = rows.places.ok_or_else(|| {
             FitError::Shape("a field cannot be fitted to points whose places are unknown".into())
         })?;
-        let mut order = Vec::with_capacity(places.len());
-        let weighted = (0..places.len()).filter(|&i| weights[i] > 0.0);
-        order.extend(weighted.map(|i| (scene.affinities.pixel(places[i], scene.size), i as u32)));
+        let (mut members, starts) = by_pixel(places, weights, scene);
         // Within a pixel by place and depth, so that the order of the points does not matter.
-        let key = |i: usize| [places[i][1], places[i][0], rows.values[i]];
-        order.par_sort_unstable_by(|a, b| {
-            let keys = key(a.1 as usize).into_iter().zip(key(b.1 as usize));
-            let unlike = keys
-                .map(|(a, b)| a.total_cmp(&b))
-                .find(|order| order.is_ne());
-            a.0.cmp(&b.0).then(unlike.unwrap_or(a.1.cmp(&b.1)))
-        });
-        let mut sites = Self {
-            taps: Vec::new(),
-            weights: Vec::new(),
-            depths: Vec::new(),
-            of_points: vec![NONE; places.len()],
-            members: order.iter().map(|&(_, i)| i).collect(),
-            shares: Vec::with_capacity(order.len()),
-            starts: vec![0],
+        let key = |i: u32| {
+            let i = i as usize;
+            [places[i][1], places[i][0], rows.values[i]]
         };
-        for points in order.chunk_by(|a, b| a.0 == b.0) {
-            let total: f64 = points.iter().map(|&(_, i)| weights[i as usize]).sum();
+        let mut rest = &mut members[..];
+        let mut groups = Vec::with_capacity(starts.len() - 1);
+        for range in starts.array_windows().map(|[start, end]| end - start) {
+            let (own, others) = rest.split_at_mut(range);
+            groups.push(own);
+            rest = others;
+        }
+        let site = |points: &mut [u32]| {
+            points.sort_unstable_by(|&a, &b| {
+                let keys = key(a).into_iter().zip(key(b));
+                let unlike = keys
+                    .map(|(a, b)| a.total_cmp(&b))
+                    .find(|order| order.is_ne());
+                unlike.unwrap_or(a.cmp(&b))
+            });
+            let total: f64 = points.iter().map(|&i| weights[i as usize]).sum();
             // Off the first place: the mean of equal places is that place.
-            let (first, mut off, mut depth) = (places[points[0].1 as usize], [0.0; 2], 0.0);
-            for &(_, i) in points {
+            let (first, mut off, mut depth) = (places[points[0] as usize], [0.0; 2], 0.0);
+            for &i in &*points {
                 let i = i as usize;
-                sites.of_points[i] = sites.taps.len() as u32;
                 let share = weights[i] / total;
                 depth += share * rows.values[i];
                 for axis in 0..2 {
                     off[axis] += share * (places[i][axis] - first[axis]);
                 }
-                sites.shares.push(share);
             }
             let place = [first[0] + off[0], first[1] + off[1]];
-            sites.taps.push(scene.taps(place));
-            sites.weights.push(joint.data * total);
-            sites.depths.push(depth);
-            sites.starts.push(sites.shares.len());
+            (scene.taps(place), total, depth)
+        };
+        let found: Vec<_> = groups.into_par_iter().map(site).collect();
+        let mut of_points = vec![NONE; places.len()];
+        let mut shares = Vec::with_capacity(members.len());
+        for (site, ([start, end], (_, total, _))) in starts.array_windows().zip(&found).enumerate()
+        {
+            for &i in &members[*start..*end] {
+                of_points[i as usize] = site as u32;
+                shares.push(weights[i as usize] / total);
+            }
         }
-        Ok(sites)
+        Ok(Self {
+            taps: found.iter().map(|site| site.0).collect(),
+            weights: found.iter().map(|site| joint.data * site.1).collect(),
+            depths: found.iter().map(|site| site.2).collect(),
+            of_points,
+            members,
+            shares,
+            starts,
+        })
     }
 
     /// The number of sites.
@@ -155,6 +167,40 @@ impl Sites {
     }
 }
 
+/// The points with a weight, sorted by the pixels of the field that contain them, and where those of each pixel with
+/// points begin, and the end.
+fn by_pixel(places: &[[f64; 2]], weights: &[f64], scene: Scene<'_>) -> (Vec<u32>, Vec<usize>) {
+    let (height, width) = scene.affinities.size();
+    let pairs = places.par_iter().zip(weights);
+    let pixels: Vec<u32> = pairs
+        .map(|(&place, weight)| {
+            let counts = *weight > 0.0;
+            counts.then(|| scene.affinities.pixel(place, scene.size))
+        })
+        .map(|pixel| pixel.unwrap_or(NONE))
+        .collect();
+    let mut ends = vec![0_u32; height * width];
+    let weighted = || pixels.iter().filter(|pixel| **pixel != NONE);
+    weighted().for_each(|&pixel| ends[pixel as usize] += 1);
+    let mut starts = vec![0];
+    let mut total = 0;
+    for end in ends.iter_mut().filter(|count| **count > 0) {
+        total += *end;
+        starts.push(total as usize);
+        // Where the next point goes.
+        *end = total - *end;
+    }
+    let mut members = vec![0; total as usize];
+    for (i, &pixel) in pixels.iter().enumerate() {
+        if pixel != NONE {
+            let place = &mut ends[pixel as usize];
+            members[*place as usize] = i as u32;
+            *place += 1;
+        }
+    }
+    (members, starts)
+}
+
 /// At most so many of the first numbers, in ascending order.
 fn choice(count: usize, most: usize) -> Vec<usize> {
     let mut all: Vec<usize> = (0..count).collect();
@@ -187,13 +233,14 @@ impl Sample {
     pub(super) fn some(&self, most: usize) -> Self {
         let chosen = choice(self.len(), most);
         let stride = self.columns() + 1;
-        let rows = chosen
+        let rows: Vec<&[f64]> = chosen
             .iter()
-            .flat_map(|&i| &self.rows[i * stride..][..stride]);
+            .map(|&i| &self.rows[i * stride..][..stride])
+            .collect();
         Self {
             taps: chosen.iter().map(|&i| self.taps[i]).collect(),
             weights: chosen.iter().map(|&i| self.weights[i]).collect(),
-            rows: rows.copied().collect(),
+            rows: rows.concat(),
         }
     }
 }
