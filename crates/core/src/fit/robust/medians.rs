@@ -2,16 +2,36 @@
 
 /// The median; 0 without a value.
 pub(in crate::fit) fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+    let mut values: Vec<f64> = values.collect();
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
+
+/// So few values are sorted.
+const FEW: usize = 32;
 
 /// The value at which half of the weight is reached; 0 without a value.
 pub(super) fn weighted_median(mut pairs: Vec<(f64, f64)>) -> f64 {
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = pairs.iter().map(|p| p.1).sum::<f64>() / 2.0;
+    let mut pairs = &mut pairs[..];
     let mut sum = 0.0;
+    // The half of the values in which half of the weight is reached, until few are left.
+    while pairs.len() > FEW {
+        let middle = pairs.len() / 2;
+        pairs.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0));
+        let (low, high) = pairs.split_at_mut(middle);
+        let below: f64 = low.iter().map(|p| p.1).sum();
+        if sum + below >= half {
+            pairs = low;
+        } else {
+            sum += below;
+            pairs = high;
+        }
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let reached = pairs.iter().find(|(_, weight)| {
         sum += weight;
         sum >= half

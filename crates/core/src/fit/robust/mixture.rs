@@ -15,6 +15,7 @@
 use super::medians::{deviation, median, weighted_median};
 use crate::error::Result;
 use crate::nearest::Cells;
+use rayon::prelude::*;
 
 /// Points to be judged.
 #[derive(Clone, Debug)]
@@ -140,13 +141,13 @@ impl Evidence {
             }
         };
         let spread = |i: usize| (found.variances[i] + self.noise[i]).sqrt() * relative(i);
-        (0..self.values.len()).map(spread).collect()
+        (0..self.values.len()).into_par_iter().map(spread).collect()
     }
 
     /// The variances of noise with which points have the influence on a fit that they have by the probabilities
     /// that they are right.
     fn noise_of(&self, found: &Predictions, right: &[f64]) -> Vec<f64> {
-        let known = self.noise.iter().zip(&found.variances);
+        let known = self.noise.par_iter().zip(&found.variances);
         let pairs = known.zip(right);
         let noise = pairs
             .map(|((own, variance), right)| (own + variance * (1.0 - right)) / right.max(LEAST));
@@ -230,9 +231,48 @@ impl Mixture {
         agreement: Option<&[f64]>,
         right: &mut [f64],
     ) {
-        let mut squares = [0.0; 2];
-        let mut counts = [0.0; 2];
-        let mut above = 0.0;
+        let parts = right
+            .par_chunks_mut(TOGETHER)
+            .enumerate()
+            .map(|(part, right)| {
+                let range = part * TOGETHER..part * TOGETHER + right.len();
+                let agreement = agreement.map(|odds| &odds[range.clone()]);
+                self.weigh(&errors[range.clone()], &scales[range], agreement, right)
+            });
+        // In the same order for any number of threads.
+        let parts: Vec<Sums> = parts.collect();
+        let mut sums = Sums::default();
+        for part in &parts {
+            for kind in 0..2 {
+                sums.squares[kind] += part.squares[kind];
+                sums.counts[kind] += part.counts[kind];
+            }
+            sums.above += part.above;
+        }
+        let Sums {
+            squares,
+            counts,
+            above,
+        } = sums;
+        let n = errors.len() as f64;
+        self.share = ((counts[1] + EXPECTED.0 * EXPECTED.1) / (n + EXPECTED.1)).max(FEWEST_WRONG);
+        if counts[0] > 0.0 {
+            self.scale = (self.scale * (squares[0] / counts[0]).sqrt()).max(self.least[0]);
+        }
+        let squares = squares[1] + ANYWHERE * self.differ * self.differ;
+        self.size = (squares / (counts[1] + ANYWHERE)).sqrt().max(self.least[1]);
+        self.above = (above + EITHER) / (counts[1] + 2.0 * EITHER);
+    }
+
+    /// The probabilities that some points are right, and their part in the parameters.
+    fn weigh(
+        &self,
+        errors: &[f64],
+        scales: &[f64],
+        agreement: Option<&[f64]>,
+        right: &mut [f64],
+    ) -> Sums {
+        let mut sums = Sums::default();
         for (i, (&error, &scale)) in errors.iter().zip(scales).enumerate() {
             let z = error / scale;
             // Student's t, of 2 degrees of freedom until neighbours are asked, then of 3.
@@ -264,23 +304,29 @@ impl Mixture {
             let (one, other) = ((1.0 - self.share) * (seen + hidden), self.share * wrong);
             right[i] = one / (one + other);
             let seen = right[i] * seen / (seen + hidden);
-            squares[0] += seen * pull * z * z;
-            counts[0] += seen;
+            sums.squares[0] += seen * pull * z * z;
+            sums.counts[0] += seen;
             let wide = (usual + gross * 2.0 / (1.0 + square)) / (usual + gross);
-            squares[1] += (1.0 - right[i]) * wide * error * error;
-            counts[1] += 1.0 - right[i];
-            above += if error > 0.0 { 1.0 - right[i] } else { 0.0 };
+            sums.squares[1] += (1.0 - right[i]) * wide * error * error;
+            sums.counts[1] += 1.0 - right[i];
+            sums.above += if error > 0.0 { 1.0 - right[i] } else { 0.0 };
         }
-        let n = errors.len() as f64;
-        self.share = ((counts[1] + EXPECTED.0 * EXPECTED.1) / (n + EXPECTED.1)).max(FEWEST_WRONG);
-        if counts[0] > 0.0 {
-            self.scale = (self.scale * (squares[0] / counts[0]).sqrt()).max(self.least[0]);
-        }
-        let squares = squares[1] + ANYWHERE * self.differ * self.differ;
-        self.size = (squares / (counts[1] + ANYWHERE)).sqrt().max(self.least[1]);
-        self.above = (above + EITHER) / (counts[1] + 2.0 * EITHER);
+        sums
     }
 }
+
+/// What the parameters follow from.
+#[derive(Debug, Default)]
+struct Sums {
+    /// Squared errors of right and of wrong points, and the numbers of both.
+    squares: [f64; 2],
+    counts: [f64; 2],
+    /// The number of wrong points whose error is above 0.
+    above: f64,
+}
+
+/// Points that a task weighs.
+const TOGETHER: usize = 4096;
 
 /// The square root of 2 pi.
 const ROOT_TAU: f64 = 2.506_628_274_631_000_7;
@@ -304,7 +350,7 @@ impl Neighbours {
             let others = found.filter(|(_, j)| *j != i).take(COUNT);
             others.map(|(square, j)| (square.sqrt(), j)).collect()
         };
-        let mut all: Vec<_> = places.iter().enumerate().map(nearest).collect();
+        let mut all: Vec<_> = places.par_iter().enumerate().map(nearest).collect();
         let closest = CLOSEST * median(all.iter().flatten().map(|(distance, _)| *distance));
         for (distance, _) in all.iter_mut().flatten() {
             *distance = distance.max(closest).max(f64::MIN_POSITIVE);
@@ -321,18 +367,19 @@ impl Neighbours {
         /// Less than a square root, which would be that of the variance of the neighbours: their errors have
         /// heavy tails.
         const POWER: f64 = 0.3;
-        let squares = errors.iter().zip(spreads.iter());
+        let squares = errors.par_iter().zip(spreads.par_iter());
         let squares: Vec<f64> = squares
             .map(|(e, s)| (e / (s * scale)).powi(2).min(MOST))
             .collect();
-        for (spread, neighbours) in spreads.iter_mut().zip(&self.0) {
+        let pairs = spreads.par_iter_mut().zip(&self.0);
+        pairs.for_each(|(spread, neighbours)| {
             let (mut sum, mut count) = (TRUST, TRUST);
             for &(_, j) in neighbours {
                 sum += right[j] * squares[j];
                 count += right[j];
             }
             *spread *= (sum / count).powf(POWER);
-        }
+        });
     }
 
     /// How much more likely it is that so many neighbours agree with each point if it lies with them on one
@@ -366,6 +413,6 @@ impl Neighbours {
             let others = (1.0 - SAME) / (1.0 - chance);
             (SAME / chance).powf(agreeing) * others.powf(count - agreeing)
         };
-        self.0.iter().enumerate().map(ratio).collect()
+        self.0.par_iter().enumerate().map(ratio).collect()
     }
 }
