@@ -35,7 +35,11 @@ fn list() -> Result<()> {
             "{name:<9} {megabytes:<8} {licence:<18} {place:<14} {about}"
         ));
     };
-    for weights in embedded() {
+    let on_encoder = |name: &str| KNOWN.iter().any(|known| known.weights == name);
+    for weights in embedded()
+        .iter()
+        .filter(|weights| !on_encoder(weights.name))
+    {
         let bytes = weights.bytes.len() as u64;
         let licence = env!("CARGO_PKG_LICENSE");
         line(weights.name, bytes, licence, "built in", weights.about);

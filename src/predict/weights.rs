@@ -19,16 +19,21 @@ pub struct Embedded {
 }
 
 /// All of them; the first is used unless another is asked for.
-static EMBEDDED: [Embedded; 2] = [
+static EMBEDDED: [Embedded; 3] = [
     Embedded {
         name: "default",
-        about: "the most accurate",
+        about: "the most accurate without an encoder",
         bytes: weights::DEFAULT,
     },
     Embedded {
         name: "small",
         about: "for weak machines; two thirds of the time at 640x480",
         bytes: weights::SMALL,
+    },
+    Embedded {
+        name: "anything",
+        about: "the most accurate of all, on top of a pretrained encoder that is installed apart",
+        bytes: weights::ANYTHING,
     },
 ];
 

@@ -118,6 +118,31 @@ fn weights_that_can_be_installed_are_listed() {
 }
 
 #[test]
+fn weights_on_an_encoder_that_is_missing_say_what_to_do() {
+    let folder = room();
+    let at = folder.path();
+    let complete = ["complete", "rgb.png", "sparse.npy", "--weights", "anything"];
+    let words = [
+        "Depth Anything V2 Small",
+        "99 MB",
+        "Apache-2.0",
+        "lsdc weights get anything",
+        "lsdc weights add FILE",
+    ];
+    refused(at, &complete, &words);
+    // What is in the program is described without it.
+    let mut info = lsdc(at);
+    let info = info.args(["weights", "info", "anything", "--json"]);
+    let info = info.output().unwrap();
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert!(
+        info["network"]["extractor"]["encoder"].as_u64().unwrap() > 0,
+        "{info}"
+    );
+    assert!(info["parameters"].as_u64().unwrap() < 4_000_000, "{info}");
+}
+
+#[test]
 fn files_of_other_networks_are_not_installed() {
     let folder = room();
     let at = folder.path();

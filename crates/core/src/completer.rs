@@ -244,8 +244,9 @@ impl Completer {
     /// let ramp: Vec<f32> = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32).collect();
     /// let guide = DepthGuide::new(GuideKind::Depth, 64, 48, &ramp)?;
     /// let mut points = Observations::new();
-    /// for (u, v) in [(3.0, 5.0), (20.0, 40.0), (33.0, 11.0), (47.0, 30.0), (60.0, 8.0), (11.0, 22.0)] {
-    ///     points.add(u, v, 1.0 + u as f32 / 32.0);
+    /// for i in 0..30 {
+    ///     let (u, v) = (37 * i % 64, 29 * i % 48);
+    ///     points.add(f64::from(u), f64::from(v), 1.0 + u as f32 / 32.0);
     /// }
     /// let depth = completer.guided_scene(&image, &guide)?.complete(&points)?.depth()?;
     /// assert!((depth.at(31, 24) - 1.969).abs() < 0.1);
@@ -307,8 +308,9 @@ impl Completer {
     /// let ramp: Vec<f32> = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32).collect();
     /// let guide = DepthGuide::new(GuideKind::Depth, 64, 48, &ramp)?;
     /// let mut points = Observations::new();
-    /// for (u, v) in [(3.0, 5.0), (20.0, 40.0), (33.0, 11.0), (47.0, 30.0), (60.0, 8.0), (11.0, 22.0)] {
-    ///     points.add(u, v, 1.0 + 2.0 * u as f32 / 63.0);
+    /// for i in 0..30 {
+    ///     let (u, v) = (37 * i % 64, 29 * i % 48);
+    ///     points.add(f64::from(u), f64::from(v), 1.0 + 2.0 * u as f32 / 63.0);
     /// }
     /// let depth = completer.guided_scene(&image, &guide)?.complete(&points)?.depth()?;
     /// assert!((depth.at(31, 24) - 1.984).abs() < 0.1);
