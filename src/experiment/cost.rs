@@ -110,7 +110,7 @@ pub(super) enum Subject {
     /// The network of the lab, and whether it sees all pixels.
     Lab { full: bool },
     /// Another network.
-    Other(Completer),
+    Other(Box<Completer>),
     /// The paper's network with random weights and the paper's fit.
     Paper,
     /// A method without training.

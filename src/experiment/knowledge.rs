@@ -128,7 +128,7 @@ impl<'a> Contestant<'a> {
             lab,
             name: format!("knowledge-{name}-{}", size.width),
             label: label.clone(),
-            subject: Subject::Other(completer.clone()),
+            subject: Subject::Other(Box::new(completer.clone())),
             size,
         };
         Ok(Self {

@@ -239,10 +239,9 @@ fn between(row: &[Option<f32>]) -> Option<Vec<f32>> {
     let mut filled = vec![first.1; row.len()];
     for pair in known.windows(2) {
         let ((start, from), (end, to)) = (pair[0], pair[1]);
-        for x in start..=end {
-            let share = (x - start) as f32 / (end - start) as f32;
-            filled[x] = from * (1.0 - share) + to * share;
-        }
+        let step = (to - from) / (end - start) as f32;
+        let gap = filled[start..=end].iter_mut().enumerate();
+        gap.for_each(|(x, value)| *value = from + step * x as f32);
     }
     filled[last.0..].fill(last.1);
     Some(filled)

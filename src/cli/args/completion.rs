@@ -97,10 +97,10 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) sigma: Option<PathBuf>,
-    /// A dense prediction of depth by another network or program, which need not be of the image's size: FILE:depth
-    /// (as without a kind), FILE:disparity (inverse depth) or FILE:log, as npy, npz, PNG, TIFF, EXR, PFM or HDF5. The
-    /// fit finds its scale and shift, and from the points how far to trust it. For several images: a folder of such
-    /// files with matching names. It shows the upright image.
+    /// A dense prediction of depth by another network or program, which need not be of the image's size: a file (npy,
+    /// npz, PNG, TIFF, EXR, PFM or HDF5), and what it holds: depth (as if nothing is said), disparity (inverse depth)
+    /// or log, as in `map.npy:disparity`. The fit finds its scale and shift, and from the points how far to trust it.
+    /// For several images: a folder of such files with matching names. It shows the upright image.
     #[arg(long, value_parser = typed::<GuideSource>, value_name = "FILE[:KIND]", help_heading = "Input")]
     pub(in crate::cli) guide: Option<GuideSource>,
     /// Also write the standard deviation of every pixel of the result, in metres: half the width of the

@@ -275,12 +275,12 @@ impl Summary {
                 "residual  {:.4} {m} rms at the points{left_out}, rank {} of {}",
                 fit.residual, fit.rank, fit.functions
             ));
-            match fit.guide_trust {
-                None => {}
-                Some(0.0) => {
-                    lines.push("guide     not used: the points do not support it".to_owned())
-                }
-                Some(trust) => lines.push(format!("guide     used, with weights of about {trust}")),
+            if let Some(trust) = fit.guide_trust {
+                lines.push(if trust > 0.0 {
+                    format!("guide     used, with weights of about {trust}")
+                } else {
+                    "guide     not used: the points do not support it".to_owned()
+                });
             }
             if let Some(deviations) = fit.deviations_of_95 {
                 lines.push(format!(

@@ -191,15 +191,12 @@ fn with_plain<T>(
         &prior,
         points.guides > 0 && config.prior == PriorKind::Learned,
     ) {
-        let (moments, lambda) = match field {
-            Some(field) => {
-                let (moments, count) = field.some_moments(&rows)?;
-                (moments, config.field_lambda().at(count))
-            }
-            None => {
-                let problem = Problem::new(&rows.bases(), &rows.values, &rows.weights);
-                (problem.moments(), config.lambda)
-            }
+        let (moments, lambda) = if let Some(field) = field {
+            let (moments, count) = field.some_moments(&rows)?;
+            (moments, config.field_lambda().at(count))
+        } else {
+            let problem = Problem::new(&rows.bases(), &rows.values, &rows.weights);
+            (problem.moments(), config.lambda)
         };
         let (found, deviation) = guided::likeliest(network, points.guides, &moments, lambda)?;
         prior = Some(Cow::Owned(found));

@@ -64,6 +64,9 @@ impl Head {
         }
         let functions = config.bases;
         let weights = tensors.values("head.last.weight", &[from, functions])?;
+        let mean = config
+            .mean
+            .then(|| tensors.values("head.mean.weight", &[from, 1]));
         let last = |row: usize, column: usize| weights[row * functions + column];
         Ok(Self {
             level,
@@ -74,10 +77,7 @@ impl Head {
             hidden,
             last: Packed::new(level, (from, functions), &[], last),
             weights: weights.to_vec(),
-            mean: match config.mean {
-                false => None,
-                true => Some(tensors.values("head.mean.weight", &[from, 1])?.to_vec()),
-            },
+            mean: mean.transpose()?.map(<[f32]>::to_vec),
             grids: Grids::default(),
         })
     }
