@@ -313,6 +313,7 @@ fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
     let config = SamplerConfig {
         protocol: Protocol::default(),
         augment: AugmentConfig::none(),
+        views: 0,
         supervision: SupervisionConfig {
             points: 200,
             fewest: 100,
