@@ -2,8 +2,8 @@
 
 use crate::error::{ImageError, Result};
 use fast_image_resize::images::{TypedImage, TypedImageRef};
-use fast_image_resize::pixels::U8x3;
-use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
+use fast_image_resize::pixels::{F32x3, U8x3};
+use fast_image_resize::{FilterType, PixelTrait, ResizeAlg, ResizeOptions, Resizer};
 
 /// The colours of an image of size `from` (height, width) at another size, as PIL's `BILINEAR` filter gives
 /// them, which averages all pixels when shrinking.
@@ -11,23 +11,50 @@ pub(crate) fn resized(rgb: &[u8], from: (usize, usize), to: (usize, usize)) -> R
     if from == to {
         return Ok(rgb.to_vec());
     }
-    let failed = || ImageError::Size {
-        width: to.1,
-        height: to.0,
-    };
-    let sides = |(height, width): (usize, usize)| [width, height].map(u32::try_from);
-    let ([Ok(width), Ok(height)], [Ok(new_width), Ok(new_height)]) = (sides(from), sides(to))
-    else {
-        return Err(failed().into());
-    };
-    let source = TypedImageRef::<U8x3>::from_buffer(width, height, rgb).map_err(|_| failed())?;
-    let mut colours = vec![0; 3 * to.0 * to.1];
-    let mut target = TypedImage::<U8x3>::from_buffer(new_width, new_height, &mut colours)
-        .map_err(|_| failed())?;
-    let bilinear = ResizeAlg::Convolution(FilterType::Bilinear);
-    let options = ResizeOptions::new().resize_alg(bilinear);
+    let [width, height] = sides(from)?;
+    let source = TypedImageRef::<U8x3>::from_buffer(width, height, rgb);
+    let found = resampled(&source.map_err(|_| failed(from))?, to, FilterType::Bilinear)?;
+    Ok(found.iter().flat_map(|pixel| pixel.0).collect())
+}
+
+/// A normalised image `[height, width, 3]` at another size, by cubic convolution, which averages all pixels when
+/// shrinking.
+pub(crate) fn resized_cubic(
+    image: &[f32],
+    from: (usize, usize),
+    to: (usize, usize),
+) -> Result<Vec<f32>> {
+    if from == to {
+        return Ok(image.to_vec());
+    }
+    let (pixels, _) = image.as_chunks::<3>();
+    let pixels: Vec<F32x3> = pixels.iter().map(|pixel| F32x3::new(*pixel)).collect();
+    let [width, height] = sides(from)?;
+    let source = TypedImageRef::new(width, height, &pixels).map_err(|_| failed(from))?;
+    let found = resampled(&source, to, FilterType::CatmullRom)?;
+    Ok(found.iter().flat_map(|pixel| pixel.0).collect())
+}
+
+fn resampled<P: PixelTrait>(
+    source: &TypedImageRef<'_, P>,
+    to: (usize, usize),
+    filter: FilterType,
+) -> Result<Vec<P>> {
+    let [width, height] = sides(to)?;
+    let mut target = TypedImage::<P>::new(width, height);
+    let options = ResizeOptions::new().resize_alg(ResizeAlg::Convolution(filter));
     // Not `resize`, which is compiled for every type of pixel.
-    let done = Resizer::new().resize_typed(&source, &mut target, &options);
-    done.map_err(|_| failed())?;
-    Ok(colours)
+    let done = Resizer::new().resize_typed(source, &mut target, &options);
+    done.map_err(|_| failed(to))?;
+    Ok(target.pixels().to_vec())
+}
+
+/// Width and height.
+fn sides((height, width): (usize, usize)) -> Result<[u32; 2]> {
+    let side = |length: usize| u32::try_from(length).map_err(|_| failed((height, width)));
+    Ok([side(width)?, side(height)?])
+}
+
+fn failed((height, width): (usize, usize)) -> ImageError {
+    ImageError::Size { width, height }
 }

@@ -1,10 +1,8 @@
 //! Images of any size, encoded.
 
 use super::{Encoder, PATCH};
-use crate::error::{FitError, ImageError, Result};
-use fast_image_resize::images::{TypedImage, TypedImageRef};
-use fast_image_resize::pixels::F32x3;
-use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
+use crate::error::{FitError, Result};
+use crate::resize::resized_cubic;
 
 /// About as many patches as an image is cut into, whatever its size: 448x336 pixels.
 const PATCHES: f64 = 768.0;
@@ -47,7 +45,7 @@ impl Encoder {
             return Err(FitError::Shape(what).into());
         }
         let (rows, columns) = Encoded::size(size);
-        let image = resized(image, size, (rows * PATCH, columns * PATCH))?;
+        let image = resized_cubic(image, size, (rows * PATCH, columns * PATCH))?;
         let features = self.features(&image, (rows * PATCH, columns * PATCH))?;
         let width = self.config().width;
         let mut values = Vec::with_capacity(rows * columns * self.config().channels());
@@ -62,28 +60,4 @@ impl Encoder {
             values,
         })
     }
-}
-
-fn resized(image: &[f32], from: (usize, usize), to: (usize, usize)) -> Result<Vec<f32>> {
-    if from == to {
-        return Ok(image.to_vec());
-    }
-    let failed = || ImageError::Size {
-        width: to.1,
-        height: to.0,
-    };
-    let sides = |(height, width): (usize, usize)| [width, height].map(u32::try_from);
-    let ([Ok(width), Ok(height)], [Ok(new_width), Ok(new_height)]) = (sides(from), sides(to))
-    else {
-        return Err(failed().into());
-    };
-    let (pixels, _) = image.as_chunks::<3>();
-    let pixels: Vec<F32x3> = pixels.iter().map(|pixel| F32x3::new(*pixel)).collect();
-    let source = TypedImageRef::new(width, height, &pixels).map_err(|_| failed())?;
-    let mut target = TypedImage::<F32x3>::new(new_width, new_height);
-    let cubic = ResizeAlg::Convolution(FilterType::CatmullRom);
-    let options = ResizeOptions::new().resize_alg(cubic);
-    let done = Resizer::new().resize_typed(&source, &mut target, &options);
-    done.map_err(|_| failed())?;
-    Ok(target.pixels().iter().flat_map(|pixel| pixel.0).collect())
 }
