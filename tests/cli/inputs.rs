@@ -427,6 +427,8 @@ fn a_guide_is_used_or_said_not_to_be() {
         refused(folder.path(), &all, words);
     };
     let frame = ["rgb.png", "sparse.npy", "--guide"];
+    let field = [&frame[..], &["good.npy", "--fit", "field"]].concat();
+    refused_with(&field, &["--guide", "change nothing"]);
     refused_with(&[&frame[..], &["none.npy"]].concat(), &["none.npy"]);
     refused_with(
         &[&frame[..], &["good.npy", "--method", "linear"]].concat(),

@@ -58,7 +58,8 @@ const EXTREME: f64 = 50.0;
 
 impl DepthGuide {
     /// A guide of any size from `height` rows of `width` values. Where values are not finite, or depths not above 0,
-    /// there is no prediction: the gap is filled from its sides.
+    /// there is no prediction: the gap is filled from its sides. Depths further than a factor of 50 from their median
+    /// count as that far.
     ///
     /// # Errors
     /// The number of values is not `width * height`, the guide is empty, or all of its values are missing or the same.

@@ -152,3 +152,17 @@ fn guides_that_say_nothing_are_refused() {
     }
     assert!(DepthGuide::new(GuideKind::Log, 0, 2, &[]).is_err());
 }
+
+#[test]
+fn a_field_alone_takes_no_guide() {
+    let weights = Weights::builtin_small();
+    let recorded = weights.fit().unwrap().unwrap();
+    let fit = FitConfig {
+        method: FitMethod::Field,
+        ..recorded
+    };
+    let completer = Completer::builder(&weights).fit(fit).build().unwrap();
+    let guide = of(GuideKind::Depth, |d| d);
+    let (without, _) = completed(&completer, None, 40);
+    assert_eq!(completed(&completer, Some(&guide), 40), (without, None));
+}

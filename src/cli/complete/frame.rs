@@ -79,6 +79,12 @@ impl<'a> Engine<'a> {
                 if args.temporal {
                     check_temporal(&settings)?;
                 }
+                if args.guide.is_some() && settings.method == FitMethod::Field {
+                    return Err(Error::config(
+                        "`--guide` would change nothing: a field alone has no basis functions",
+                    )
+                    .hint("leave it out, or fit with `--fit joint` or `--fit lse`"));
+                }
                 Loaded::Trained(Box::new(completer.with_fit(settings)))
             }
         };

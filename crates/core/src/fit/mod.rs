@@ -187,10 +187,8 @@ fn with_plain<T>(
         }),
     };
     let mut trust = None;
-    if let (Some(network), true) = (
-        &prior,
-        points.guides > 0 && config.prior == PriorKind::Learned,
-    ) {
+    let learned = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
+    if let (Some(network), true) = (&prior, points.guides > 0 && learned) {
         let (moments, lambda) = if let Some(field) = field {
             let (moments, count) = field.some_moments(&rows)?;
             (moments, config.field_lambda().at(count))
