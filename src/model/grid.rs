@@ -1,6 +1,7 @@
 //! Features read between pixel centres.
 
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use crate::ops::interpolate::{Cell, interpolate};
+use burn::tensor::Tensor;
 use lsdc_core::bilinear::neighbours;
 
 /// Where a place lies along an axis of the features: two neighbours, and the weight of the second.
@@ -16,10 +17,10 @@ pub(super) fn sample(features: Tensor<4>, size: (usize, usize), pixels: &[Vec<u3
     let (rows, columns): (Vec<_>, Vec<_>) = (axis(size.0, h), axis(size.1, w));
     let cell = |&pixel: &u32| {
         let pixel = pixel as usize;
-        (rows[pixel / size.1], columns[pixel % size.1])
+        cell(w, rows[pixel / size.1], columns[pixel % size.1])
     };
     let lists = pixels.iter().map(|list| list.iter().map(cell).collect());
-    blend(features, &lists.collect::<Vec<_>>())
+    read(features, lists.collect())
 }
 
 /// Reads features `[1, h, w, channels]` at places (u, v) of an image of `size` (height, width):
@@ -30,8 +31,8 @@ pub(super) fn sample_places(
     places: &[[f64; 2]],
 ) -> Tensor<2> {
     let [_, h, w, _] = features.dims();
-    let cell = |&[u, v]: &[f64; 2]| (between(v, size.0, h), between(u, size.1, w));
-    blend(features, &[places.iter().map(cell).collect()])
+    let cell = |&[u, v]: &[f64; 2]| cell(w, between(v, size.0, h), between(u, size.1, w));
+    read(features, vec![places.iter().map(cell).collect()])
 }
 
 fn between(place: f64, from: usize, to: usize) -> Between {
@@ -39,44 +40,22 @@ fn between(place: f64, from: usize, to: usize) -> Between {
     (low, high, share as f32)
 }
 
-/// Weighted sums of four features for each row and column.
-fn blend(features: Tensor<4>, cells: &[Vec<(Between, Between)>]) -> Tensor<2> {
-    let [batch, h, w, channels] = features.dims();
-    let device = features.device();
-    let count: usize = cells.iter().map(Vec::len).sum();
-    let mut indices: [Vec<i32>; 4] = std::array::from_fn(|_| Vec::with_capacity(count));
-    let mut weights: [Vec<f32>; 4] = std::array::from_fn(|_| Vec::with_capacity(count));
-    for (b, list) in cells.iter().enumerate() {
-        for &((top, bottom, v), (left, right, u)) in list {
-            let corners = [
-                (top, left, (1.0 - v) * (1.0 - u)),
-                (top, right, (1.0 - v) * u),
-                (bottom, left, v * (1.0 - u)),
-                (bottom, right, v * u),
-            ];
-            for (k, (row, column, weight)) in corners.into_iter().enumerate() {
-                indices[k].push(((b * h + row) * w + column) as i32);
-                weights[k].push(weight);
-            }
-        }
+/// A cell of a map of features of width `w`.
+fn cell(w: usize, (top, bottom, v): Between, (left, right, u): Between) -> Cell {
+    let row = |row: usize, column: usize| (row * w + column) as u32;
+    Cell {
+        rows: [
+            row(top, left),
+            row(top, right),
+            row(bottom, left),
+            row(bottom, right),
+        ],
+        shares: [(1.0 - v) * (1.0 - u), (1.0 - v) * u, v * (1.0 - u), v * u],
     }
-    let table = features.reshape([batch * h * w, channels]);
-    indices
-        .into_iter()
-        .zip(weights)
-        .map(|(index, weight)| {
-            table.clone().select(0, ints(index, &device)) * column(weight, &device)
-        })
-        .reduce(Tensor::add)
-        .unwrap_or_else(|| Tensor::zeros([0, channels], &device))
 }
 
-fn ints(values: Vec<i32>, device: &Device) -> Tensor<1, Int> {
-    let count = values.len();
-    Tensor::from_data(TensorData::new(values, [count]), device)
-}
-
-fn column(values: Vec<f32>, device: &Device) -> Tensor<2> {
-    let count = values.len();
-    Tensor::from_data(TensorData::new(values, [count, 1]), device)
+/// Features `[images, h, w, channels]` at cells of each image.
+fn read(features: Tensor<4>, cells: Vec<Vec<Cell>>) -> Tensor<2> {
+    let [images, h, w, channels] = features.dims();
+    interpolate(features.reshape([images, h * w, channels]), cells)
 }

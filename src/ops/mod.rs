@@ -2,6 +2,7 @@
 //! that completion uses too.
 
 pub mod conv;
+pub mod interpolate;
 mod joint;
 mod lstsq;
 pub mod norm;

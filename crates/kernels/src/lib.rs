@@ -9,5 +9,6 @@
 pub mod attention;
 pub mod cholesky;
 pub mod conv;
+pub mod gather;
 pub mod norm;
 pub mod simd;

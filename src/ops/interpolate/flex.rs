@@ -1,0 +1,50 @@
+//! The op on flex, with all threads: forward in pieces of the cells, backward image by image.
+
+use super::{Cells, InterpolateBackend, reference, reference_backward};
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Flex, TensorMetadata as _};
+use burn::tensor::{DType, TensorData};
+use burn_flex::FlexTensor;
+use lsdc_kernels::gather::{gather, scatter};
+use rayon::prelude::*;
+
+impl InterpolateBackend for Flex {
+    fn read_between(table: FloatTensor<Self>, cells: Cells) -> FloatTensor<Self> {
+        if table.dtype() != DType::F32 {
+            return reference::<Self>(table, &cells);
+        }
+        let table = table.to_contiguous();
+        let (values, shape) = (table.storage::<f32>(), table.shape());
+        let (size, channels) = (shape[1] * shape[2], shape[2]);
+        let mut output = Vec::with_capacity(cells.iter().map(Vec::len).sum::<usize>() * channels);
+        for (image, cells) in cells.iter().enumerate() {
+            output.extend(gather(&values[image * size..][..size], channels, cells));
+        }
+        let rows = output.len() / channels.max(1);
+        FlexTensor::from_data(TensorData::new(output, [rows, channels]))
+    }
+
+    fn read_between_backward(
+        grad: FloatTensor<Self>,
+        [images, rows, channels]: [usize; 3],
+        cells: Cells,
+    ) -> FloatTensor<Self> {
+        if grad.dtype() != DType::F32 {
+            return reference_backward::<Self>(grad, [images, rows, channels], &cells);
+        }
+        let grad = grad.to_contiguous();
+        let mut shares = Vec::with_capacity(images);
+        let mut rest: &[f32] = grad.storage();
+        for cells in cells.iter() {
+            let (share, other) = rest.split_at(cells.len() * channels);
+            shares.push((share, cells));
+            rest = other;
+        }
+        let mut table = vec![0.0_f32; images * rows * channels];
+        table
+            .par_chunks_mut((rows * channels).max(1))
+            .zip(shares)
+            .for_each(|(table, (grad, cells))| scatter(grad, channels, cells, table));
+        FlexTensor::from_data(TensorData::new(table, [images, rows, channels]))
+    }
+}

@@ -1,0 +1,111 @@
+//! Features read between pixel centres, as a burn extension op: a fast path for flex, burn's own operations for
+//! other backends.
+
+mod autodiff;
+mod flex;
+#[cfg(test)]
+mod tests;
+
+use burn::backend::tensor::{FloatTensor, IntTensor};
+use burn::backend::{Backend, Dispatch, TensorMetadata as _, backend_extension};
+use burn::tensor::{IndexingUpdateOp, IntDType, Shape, Tensor, TensorData};
+pub use lsdc_kernels::gather::Cell;
+use std::sync::Arc;
+
+/// Where each image of a batch is read, at equally many places.
+pub type Cells = Arc<Vec<Vec<Cell>>>;
+
+/// Backends that interpolate; the defaults are the plain reference.
+#[backend_extension(
+    Autodiff,
+    Flex,
+    NdArray: cfg(feature = "ndarray"),
+    Cube: cfg(feature = "wgpu"),
+)]
+pub trait InterpolateBackend: Backend {
+    /// Sums of four rows of `table [images, rows, channels]` for each cell: `[images * cells, channels]`.
+    fn read_between(table: FloatTensor<Self>, cells: Cells) -> FloatTensor<Self> {
+        reference::<Self>(table, &cells)
+    }
+
+    /// The gradient of a table of `shape` (images, rows, channels) from that of the result.
+    fn read_between_backward(
+        grad: FloatTensor<Self>,
+        shape: [usize; 3],
+        cells: Cells,
+    ) -> FloatTensor<Self> {
+        reference_backward::<Self>(grad, shape, &cells)
+    }
+}
+
+/// The forward pass in burn's own operations.
+fn reference<B: Backend>(table: FloatTensor<B>, cells: &Cells) -> FloatTensor<B> {
+    let shape = table.shape();
+    let (rows, channels) = (shape[1], shape[2]);
+    let table = B::float_reshape(table, Shape::new([shape[0] * rows, channels]));
+    let parts = (0..4).map(|k| {
+        let (index, share) = corner::<B>(&table, rows, cells, k);
+        B::float_mul(B::float_select(table.clone(), 0, index), share)
+    });
+    parts.reduce(B::float_add).expect("four parts")
+}
+
+/// The backward pass in burn's own operations.
+fn reference_backward<B: Backend>(
+    grad: FloatTensor<B>,
+    [images, rows, channels]: [usize; 3],
+    cells: &Cells,
+) -> FloatTensor<B> {
+    let shape = Shape::new([images * rows, channels]);
+    let zeros = B::float_zeros(shape, &grad.device(), grad.dtype().into());
+    let sum = (0..4).fold(zeros, |sum, k| {
+        let (index, share) = corner::<B>(&grad, rows, cells, k);
+        B::float_select_assign(
+            sum,
+            0,
+            index,
+            B::float_mul(grad.clone(), share),
+            IndexingUpdateOp::Add,
+        )
+    });
+    B::float_reshape(sum, Shape::new([images, rows, channels]))
+}
+
+/// The `k`-th row of each cell, counted over the whole batch, and its share `[cells, 1]`, where `like` is.
+fn corner<B: Backend>(
+    like: &FloatTensor<B>,
+    rows: usize,
+    cells: &Cells,
+    k: usize,
+) -> (IntTensor<B>, FloatTensor<B>) {
+    let device = like.device();
+    let of = |image: usize, cell: &Cell| (image * rows + cell.rows[k] as usize) as i32;
+    let index: Vec<i32> = cells
+        .iter()
+        .enumerate()
+        .flat_map(|(image, cells)| cells.iter().map(move |cell| of(image, cell)))
+        .collect();
+    let share: Vec<f32> = cells.iter().flatten().map(|cell| cell.shares[k]).collect();
+    let count = index.len();
+    let index = B::int_from_data(TensorData::new(index, [count]), &device);
+    let share = B::float_from_data(TensorData::new(share, [count, 1]), &device);
+    (
+        B::int_cast(index, IntDType::I32),
+        B::float_cast(share, like.dtype().into()),
+    )
+}
+
+#[cfg(feature = "ndarray")]
+impl InterpolateBackend for burn_ndarray::NdArray {}
+
+#[cfg(feature = "wgpu")]
+impl InterpolateBackend for burn_cubecl::CubeBackend {}
+
+/// Sums of four rows of `table [images, rows, channels]` for each cell of each image, one image after the other:
+/// `[images * cells, channels]`; differentiable in `table`.
+pub fn interpolate(table: Tensor<3>, cells: Vec<Vec<Cell>>) -> Tensor<2> {
+    Tensor::from_dispatch(Dispatch::read_between(
+        table.into_dispatch(),
+        Arc::new(cells),
+    ))
+}
