@@ -4,7 +4,7 @@ use super::args::Eval;
 use super::names::Names;
 use super::{Exit, settings, ui};
 use crate::config::FitSettings;
-use crate::data::{DataConfig, write_atomically, write_npy};
+use crate::data::{DataConfig, GuideSource, write_atomically, write_npy};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
@@ -12,6 +12,7 @@ use crate::predict::{Method, open_completer, weights_hash, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;
 use lsdc_core::Completer;
+use lsdc_core::fit::FitMethod;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -43,6 +44,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         frames: &*frames,
         candidates,
         completer: network.as_ref().map(|(completer, _)| completer),
+        guides: guides(args, network.as_ref().map(|(completer, _)| completer))?,
         protocol,
         points: eval.points.clone().unwrap_or(preset.points),
         noise: eval.noise,
@@ -57,6 +59,10 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     } else {
         format!("{}: {}", preset.name, preset.source)
     };
+    let guided = match &evaluation.guides {
+        None => String::new(),
+        Some(source) => format!(", beside guides {source}"),
+    };
     let measured = if args.uncertainty {
         ", with its standard deviations"
     } else {
@@ -64,7 +70,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     };
     let weights = network
         .as_ref()
-        .map(|(_, name)| format!("{name}{measured}"));
+        .map(|(_, name)| format!("{name}{guided}{measured}"));
     let weights_file = args.model.weights.as_deref();
     let contents = network.as_ref().map(|_| weights_hash(weights_file));
     let inputs = json!({
@@ -130,6 +136,28 @@ fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let completer = completer.with_fit(fit);
     let name = format!("{}; {}", weights_name(weights)?, completer.fit_config());
     Ok((completer, name))
+}
+
+/// The guides, which must change something and be there for every frame.
+fn guides<'a>(args: &'a Eval, completer: Option<&Completer>) -> Result<Option<&'a GuideSource>> {
+    let Some(source) = &args.guide else {
+        return Ok(None);
+    };
+    let method = completer.map(|completer| completer.fit_config().method);
+    if method.is_none_or(|method| method == FitMethod::Field) {
+        return Err(Error::config(
+            "`--guide` would change nothing: it becomes basis functions of the method `lsdc`, which a field alone \
+             does not have",
+        ));
+    }
+    if !source.path.is_dir() {
+        return Err(Error::config(format!(
+            "`{}` is no folder of guides",
+            source.path.display()
+        ))
+        .hint("guides are called as the frames are, such as FRAME.npy"));
+    }
+    Ok(Some(source))
 }
 
 fn journal(folder: &Path, heading: &Heading, place: &Value, anew: bool) -> Result<Journal> {

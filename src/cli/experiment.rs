@@ -128,6 +128,7 @@ fn lab(args: &Experiments) -> Result<Lab> {
         completer: completer(&opened, &device_of_all)?,
         weights: weights_name(weights)?,
         network: opened.network,
+        guides: args.guide.clone(),
         predictions: args.predictions.clone(),
         diode: diode.transpose()?,
         recipe: Recipe {

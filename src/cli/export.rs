@@ -22,6 +22,7 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
         frames: &*frames,
         candidates: Vec::new(),
         completer: None,
+        guides: None,
         protocol: eval.protocol.unwrap_or(preset.protocol),
         points: points.unwrap_or(&preset.points).clone(),
         noise: args.noise.or(eval.noise),

@@ -23,8 +23,8 @@ const KINDS: [(&str, GuideKind); 3] = [
     ("log", GuideKind::Log),
 ];
 
-/// The endings of guides.
-const ENDINGS: [&str; 9] = [
+/// The endings of files that guides are read from.
+pub const GUIDE_ENDINGS: [&str; 9] = [
     "npy", "npz", "png", "tiff", "tif", "exr", "pfm", "h5", "hdf5",
 ];
 
@@ -70,7 +70,7 @@ impl GuideSource {
             return Ok(self.path.clone());
         }
         let path = self.path.join(name);
-        let files = ENDINGS
+        let files = GUIDE_ENDINGS
             .into_iter()
             .map(|ending| path.with_extension(ending));
         let files: Vec<PathBuf> = files.filter(|file| file.exists()).collect();
@@ -80,7 +80,7 @@ impl GuideSource {
                 "there is no guide of that name in `{}`",
                 self.path.display()
             ))
-            .hint(format!("guides end in {}", ENDINGS.join(", ")))),
+            .hint(format!("guides end in {}", GUIDE_ENDINGS.join(", ")))),
             [one, other, ..] => Err(Error::config(format!(
                 "`{}` and `{}` may both be its guide",
                 one.display(),
@@ -88,6 +88,15 @@ impl GuideSource {
             ))
             .hint("take one away")),
         }
+    }
+
+    /// Reads the guide of a frame of this name: a file of it below the folder.
+    ///
+    /// # Errors
+    /// As [`Self::file_for`] and [`Self::read`].
+    pub fn read_for(&self, frame: &str) -> Result<DepthGuide> {
+        // Whatever follows the last dot of an image's name is taken for its ending.
+        self.read(&self.file_for(Path::new(&format!("{frame}.")))?)
     }
 
     /// Reads a file as a guide. Values of 0 in files other than NumPy's mean that there is none.

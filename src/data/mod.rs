@@ -26,7 +26,7 @@ pub use files::{
     write_pfm, write_ply, write_rgb, write_tiff,
 };
 pub use frame::{Frame, FrameId, Place, check_name};
-pub use guide::GuideSource;
+pub use guide::{GUIDE_ENDINGS, GuideSource};
 pub use lsdc_core::{DepthMap, Point};
 pub use orientation::Orientation;
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};

@@ -1,12 +1,13 @@
 //! What is measured: our own methods, or the depth maps of any other program.
 
-use crate::data::{DepthMap, Frame, Unit, read_depth, stored_unit};
+use super::Evaluation;
+use crate::data::{DepthMap, Frame, GuideSource, Unit, read_depth, stored_unit};
 use crate::error::{Cause, Error, Result};
 use crate::metrics::Foretold;
-use crate::predict::{Method, complete_classic, scene};
+use crate::predict::{Method, complete_classic, guided_scene, scene};
 use crate::provenance;
 use crate::sample::{Interpolation, Size, move_points, resize_depth, resize_rgb};
-use lsdc_core::{Completer, Observations, Scene};
+use lsdc_core::{Completer, DepthGuide, Observations, Scene};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -72,7 +73,7 @@ pub enum Enlargement {
     Bases,
 }
 
-/// What the predictions of a frame have in common: its basis functions.
+/// What the predictions of a frame have in common: its basis functions, and those of its guide.
 pub(super) struct Prepared<'a> {
     network: Option<(&'a Completer, Scene)>,
     uncertainty: bool,
@@ -80,13 +81,17 @@ pub(super) struct Prepared<'a> {
 
 impl<'a> Prepared<'a> {
     pub(super) fn new(
-        completer: Option<&'a Completer>,
+        evaluation: &Evaluation<'a>,
         frame: &Frame,
         uncertainty: bool,
     ) -> Result<Self> {
-        let network = match completer {
+        let network = match evaluation.completer {
             None => None,
-            Some(completer) => Some((completer, scene(completer, &frame.rgb)?)),
+            Some(completer) => {
+                let guide = evaluation.guides.map(|source| guide(source, frame));
+                let scene = guided_scene(completer, &frame.rgb, guide.transpose()?.as_ref())?;
+                Some((completer, scene))
+            }
         };
         Ok(Self {
             network,
@@ -196,6 +201,34 @@ fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
     )
     .hint("expected FRAME.npy in metres or FRAME.png in millimetres"))
 }
+
+/// The guide of a frame, which must show the same part of the image.
+fn guide(source: &GuideSource, frame: &Frame) -> Result<DepthGuide> {
+    let guide = source.read_for(&frame.id)?;
+    let [of_guide, of_frame] = [
+        (guide.width(), guide.height()),
+        (frame.depth.width(), frame.depth.height()),
+    ];
+    let aspect = |(width, height): (usize, usize)| width as f64 / height as f64;
+    if (aspect(of_guide) / aspect(of_frame)).ln().abs() > ASPECTS {
+        return Err(Error::shape(format!(
+            "the guide for `{}` in `{}` is {}x{} but the frame is {}x{}",
+            frame.id,
+            source.path.display(),
+            of_guide.0,
+            of_guide.1,
+            of_frame.0,
+            of_frame.1
+        ))
+        .hint(
+            "guides belong to the frame after resizing and cropping: `lsdc export` writes the images",
+        ));
+    }
+    Ok(guide)
+}
+
+/// How far the logarithms of two aspects may differ that are the same but for rounding.
+const ASPECTS: f64 = 0.02;
 
 fn check(prediction: &DepthMap, frame: &Frame, folder: &Path) -> Result<()> {
     let size = |map: &DepthMap| (map.width(), map.height());

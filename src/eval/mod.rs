@@ -8,7 +8,7 @@ pub use candidate::{Candidate, Enlargement};
 pub use config::EvalConfig;
 pub use journal::Journal;
 
-use crate::data::{Dataset, DepthMap, Frame, Shard};
+use crate::data::{Dataset, DepthMap, Frame, GUIDE_ENDINGS, GuideSource, Shard};
 use crate::error::{Error, Result};
 use crate::metrics::{Certainty, Metric, Profile, Rules, Scores};
 use crate::provenance::{self, Stamp};
@@ -29,6 +29,8 @@ pub struct Evaluation<'a> {
     pub candidates: Vec<(String, Candidate)>,
     /// The network, if a candidate needs one.
     pub completer: Option<&'a Completer>,
+    /// A folder of guides for `lsdc`, by the names of frames, each of the frame after the protocol.
+    pub guides: Option<&'a GuideSource>,
     /// Sizes and valid depths.
     pub protocol: Protocol,
     /// Which points.
@@ -71,6 +73,10 @@ impl Evaluation<'_> {
             Pattern::Files(folder) => Some(provenance::folder(folder, &["npy", "png"])?),
             _ => None,
         };
+        let guides = self.guides.map(|source| {
+            let contents = provenance::folder(&source.path, &GUIDE_ENDINGS)?;
+            Ok::<_, Error>(json!([format!("{:?}", source.kind), contents]))
+        });
         let ids: Vec<_> = (0..self.total()).map(|i| self.frames.id(i)).collect();
         let made_from = json!({
             "program": provenance::program(),
@@ -80,6 +86,7 @@ impl Evaluation<'_> {
             "points": self.points,
             "point_files": point_files,
             "noise": self.noise,
+            "guides": guides.transpose()?,
             "methods": methods,
             "fit": self.completer.map(Completer::fit_config),
             "uncertainty": self.uncertainty,
@@ -208,7 +215,7 @@ impl Evaluation<'_> {
         // In this order: what changes in between is noticed the next time.
         let files = self.stamps(index);
         let frame = self.frame(index)?;
-        let prepared = Prepared::new(self.completer, &frame, self.uncertainty)?;
+        let prepared = Prepared::new(self, &frame, self.uncertainty)?;
         self.seeds
             .iter()
             .map(|&seed| {
@@ -250,7 +257,7 @@ impl Evaluation<'_> {
             .ok_or_else(|| Error::config(format!("there is no frame `{id}`")))?;
         let frame = self.frame(index)?;
         let sparse = self.points(&frame, seed)?;
-        let prepared = Prepared::new(self.completer, &frame, false)?;
+        let prepared = Prepared::new(self, &frame, false)?;
         let predictions = self
             .candidates
             .iter()

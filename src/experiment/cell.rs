@@ -1,7 +1,7 @@
 //! The parts of experiments: what each has done is on disk.
 
 use super::Lab;
-use crate::data::{Dataset, Shard, write_atomically};
+use crate::data::{Dataset, GuideSource, Shard, write_atomically};
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
 use crate::metrics::Scores;
@@ -48,6 +48,7 @@ pub(super) struct Measured<'a> {
     completer: Completer,
     /// The weights of the completer, in words that change with every bit of them.
     weights: String,
+    guides: Option<GuideSource>,
     candidates: Vec<(String, Candidate)>,
     followed: String,
     protocol: Protocol,
@@ -66,6 +67,7 @@ impl<'a> Measured<'a> {
             frames: lab.frames.clone(),
             completer: lab.completer.clone(),
             weights: lab.weights.clone(),
+            guides: None,
             candidates: vec![("lsdc".to_owned(), Candidate::Method(Method::Lsdc))],
             followed: format!("{}: {}", lab.preset.name, lab.preset.source),
             protocol: lab.preset.protocol,
@@ -92,6 +94,12 @@ impl<'a> Measured<'a> {
         candidates: impl IntoIterator<Item = (String, Candidate)>,
     ) -> Self {
         self.candidates.extend(candidates);
+        self
+    }
+
+    /// `lsdc` beside guides.
+    pub(super) fn guides(mut self, guides: Option<GuideSource>) -> Self {
+        self.guides = guides;
         self
     }
 
@@ -156,6 +164,7 @@ impl<'a> Measured<'a> {
             frames: &*self.frames,
             candidates: self.candidates.clone(),
             completer: Some(&self.completer),
+            guides: self.guides.as_ref(),
             protocol: self.protocol,
             points: self.points.clone(),
             noise: self.noise,

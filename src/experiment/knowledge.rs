@@ -13,10 +13,12 @@ use std::path::Path;
 const COUNTS: [usize; 9] = [1, 5, 20, 50, 100, 200, 500, 1000, 5000];
 /// From no knowledge to most.
 const WEIGHTS: [&str; 4] = ["none", "small", "default", "anything"];
+/// Those that guides are given to, if there are any.
+const GUIDED: [&str; 2] = ["none", "default"];
 
 /// Some weights, measured.
 struct Contestant<'a> {
-    name: &'static str,
+    name: String,
     /// Parameters in millions, those of a pretrained encoder not counted.
     parameters: f64,
     errors: Vec<Measured<'a>>,
@@ -33,8 +35,10 @@ pub(super) struct Knowledge<'a> {
 impl<'a> Knowledge<'a> {
     pub(super) fn new(lab: &'a Lab) -> Self {
         let (mut contestants, mut missing) = (Vec::new(), Vec::new());
-        for name in WEIGHTS {
-            match Contestant::new(lab, name) {
+        let guided = GUIDED.into_iter().filter(|_| lab.guides.is_some());
+        let all = WEIGHTS.into_iter().map(|name| (name, false));
+        for (name, guided) in all.chain(guided.map(|name| (name, true))) {
+            match Contestant::new(lab, name, guided) {
                 Ok(contestant) => contestants.push(contestant),
                 Err(error) => missing.push(format!("`{name}` is left out: {error}.")),
             }
@@ -61,7 +65,7 @@ impl<'a> Knowledge<'a> {
                 points.push((*count as f64, value));
             }
             lines.push(Line {
-                name: Some(contestant.name.to_owned()),
+                name: Some(contestant.name.clone()),
                 colour,
                 dashed: false,
                 points,
@@ -72,7 +76,7 @@ impl<'a> Knowledge<'a> {
             title: metric.label().to_owned(),
             rows_are: "points".to_owned(),
             contest: Contest::Columns,
-            columns: names.map(|c| Column::named(c.name, metric)).collect(),
+            columns: names.map(|c| Column::named(&c.name, metric)).collect(),
             rows: rows.into(),
         };
         Ok((table, lines))
@@ -80,13 +84,13 @@ impl<'a> Knowledge<'a> {
 
     fn costs(&self) -> Result<Table> {
         let mut rows = Vec::new();
-        for contestant in &self.contestants {
+        for contestant in self.contestants.iter().filter(|c| !c.times.is_empty()) {
             let mut values = vec![Some(contestant.parameters)];
             for timed in &contestant.times {
                 values.push(Some(timed.total()?));
             }
             rows.push(Row {
-                label: contestant.name.to_owned(),
+                label: contestant.name.clone(),
                 aside: false,
                 values,
             });
@@ -110,32 +114,43 @@ impl<'a> Knowledge<'a> {
 }
 
 impl<'a> Contestant<'a> {
-    fn new(lab: &'a Lab, name: &'static str) -> Result<Self> {
-        let path = Some(Path::new(name));
+    fn new(lab: &'a Lab, weights: &str, guided: bool) -> Result<Self> {
+        let path = Some(Path::new(weights));
         let completer = open_completer(path, &lab.device.0)?;
         let label = weights_name(path)?;
-        let parameters = if name == "none" {
+        let parameters = if weights == "none" {
             0
         } else {
             open_weights(path)?.parameters()
         };
+        let name = match guided {
+            true => format!("{weights} + guide"),
+            false => weights.to_owned(),
+        };
+        let stem = format!("knowledge-{}", name.replace(" + ", "-"));
+        let guides = lab.guides.clone().filter(|_| guided);
         let error = |count: usize| {
-            Measured::new(lab, format!("knowledge-{name}-{count}"))
+            Measured::new(lab, format!("{stem}-{count}"))
                 .completer(completer.clone(), label.clone())
+                .guides(guides.clone())
                 .points(Pattern::Exactly(count))
         };
         let time = |size: crate::sample::Size| Timed {
             lab,
-            name: format!("knowledge-{name}-{}", size.width),
+            name: format!("{stem}-{}", size.width),
             label: label.clone(),
             subject: Subject::Other(Box::new(completer.clone())),
             size,
         };
         Ok(Self {
-            name,
             parameters: parameters as f64 / 1e6,
             errors: COUNTS.map(error).into(),
-            times: SIZES.map(time).into(),
+            // A guide is read from a file; what it costs to make it is not known.
+            times: match guided {
+                true => Vec::new(),
+                false => SIZES.map(time).into(),
+            },
+            name,
         })
     }
 }

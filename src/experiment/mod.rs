@@ -20,7 +20,7 @@ mod uncertainty;
 pub use cost::{Times, time};
 pub use kernels::contact_sheet;
 
-use crate::data::Dataset;
+use crate::data::{Dataset, GuideSource};
 use crate::error::{Error, Result};
 use crate::metrics::Rules;
 use crate::model::NetworkConfig;
@@ -136,6 +136,8 @@ pub struct Lab {
     pub weights: String,
     /// The shape of the network.
     pub network: NetworkConfig,
+    /// Guides for the experiment `knowledge`, by the names of frames.
+    pub guides: Option<GuideSource>,
     /// Depth maps of other programs for the benchmark, by name.
     pub predictions: Vec<(String, PathBuf)>,
     /// DIODE, and where it lies in words, if there is one.

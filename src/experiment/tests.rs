@@ -52,6 +52,7 @@ pub(super) fn lab(folder: &Path) -> Lab {
         completer,
         weights: "of the program".into(),
         network: NetworkConfig::sharp(),
+        guides: None,
         predictions: Vec::new(),
         diode: None,
         recipe: Recipe {

@@ -175,6 +175,45 @@ fn predictions_of_others_are_scored_on_the_same_frames_and_points() {
 }
 
 #[test]
+fn guides_are_given_to_the_frames_of_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let export = ["export", "-o", "frames"];
+    lsdc(folder.path())
+        .args([&export[..], &ROOMS[1..]].concat())
+        .assert()
+        .success();
+    let measured = |args: &[&str]| {
+        let all = [
+            &ROOMS[..],
+            &["--points", "exactly:50", "--json", "r.json", "--force"],
+            args,
+        ];
+        lsdc(folder.path()).args(all.concat()).assert().success();
+        json(&at("r.json"))["means"]["lsdc"]["mean"]["rmse"]
+            .as_f64()
+            .unwrap()
+    };
+    let method = ["--method", "lsdc"];
+    let plain = measured(&method);
+    // The truth, of which no scale is known.
+    let guided = measured(&[&method[..], &["--guide", "frames/gt"]].concat());
+    assert!(guided < 0.5 * plain, "{guided} {plain}");
+    let refuses = |args: &[&str], words: &[&str]| {
+        refused(folder.path(), &[&ROOMS[..], args].concat(), words);
+    };
+    let field = ["--guide", "frames/gt", "--fit", "field"];
+    refuses(&field, &["would change nothing"]);
+    let classic = ["--guide", "frames/gt", "--method", "linear"];
+    refuses(&classic, &["would change nothing"]);
+    refuses(
+        &["--guide", "frames/none"],
+        &["no folder of guides", "hint:"],
+    );
+    refuses(&["--guide", "frames"], &["no guide of that name"]);
+}
+
+#[test]
 fn broken_frames_are_reported_and_the_rest_measured() {
     let folder = tempfile::tempdir().unwrap();
     export_rooms(folder.path());

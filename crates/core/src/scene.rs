@@ -390,7 +390,10 @@ impl Inner {
         if let Some(affinities) = self.affinities.get() {
             return Ok(affinities);
         }
-        let (values, size) = self.completer.run(|| self.basis.affinities());
+        let (mut values, size) = self.completer.run(|| self.basis.affinities());
+        if let Some(guide) = &self.depth_guide {
+            guide.loosen(size, &mut values);
+        }
         let found = Affinities::new(size, &values)?;
         Ok(self.affinities.get_or_init(|| found))
     }

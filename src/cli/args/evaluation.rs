@@ -2,7 +2,7 @@
 
 use super::values::{named_folder, typed};
 use super::{Draws, FitFlags, Model, Settings, Source};
-use crate::data::{Shard, Split};
+use crate::data::{GuideSource, Shard, Split};
 use crate::eval::EvalConfig;
 use crate::predict::Method;
 use crate::sample::{Interpolation, Noise, Pattern};
@@ -39,6 +39,10 @@ pub(in crate::cli) struct Eval {
     pub(in crate::cli) method: Vec<Method>,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
+    /// Give `lsdc` dense predictions of other programs as guides: a folder of files with the names of the frames, and
+    /// what they hold (depth, disparity or log), as for `complete`. They belong to the frames that `lsdc export` writes.
+    #[arg(long, value_parser = typed::<GuideSource>, value_name = "DIR[:KIND]", help_heading = "Methods", hide_short_help = true)]
+    pub(in crate::cli) guide: Option<GuideSource>,
     /// Also evaluate the standard deviations of `lsdc`: how many errors they cover, and how well they
     /// rank the errors.
     #[arg(long, help_heading = "Methods", hide_short_help = true)]

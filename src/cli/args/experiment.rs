@@ -1,7 +1,8 @@
 //! Arguments of `experiment`.
 
-use super::values::{Chosen, named_folder};
+use super::values::{Chosen, named_folder, typed};
 use super::{Draws, Model, Settings, Source};
+use crate::data::GuideSource;
 use clap::Args as ClapArgs;
 use std::path::PathBuf;
 
@@ -36,6 +37,10 @@ pub(in crate::cli) struct Experiments {
         hide_short_help = true
     )]
     pub(in crate::cli) diode: Option<PathBuf>,
+    /// Dense predictions of another program, which the experiment `knowledge` gives to the weights `none` and `default`
+    /// as guides, as for `eval`.
+    #[arg(long, value_parser = typed::<GuideSource>, value_name = "DIR[:KIND]", help_heading = "Input", hide_short_help = true)]
+    pub(in crate::cli) guide: Option<GuideSource>,
     /// Depth maps of another program to include in the benchmark, as for `eval`; may be repeated.
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR", help_heading = "Input", hide_short_help = true)]
     pub(in crate::cli) predictions: Vec<(String, PathBuf)>,
