@@ -18,6 +18,7 @@ mod random_encoder;
 mod resample;
 #[cfg(test)]
 mod tests;
+mod vision;
 mod weights;
 
 pub use bases::{Bases, BasisHead};
@@ -25,9 +26,10 @@ pub use encoding::encode;
 pub use extractor::Extractor;
 pub use lsdc_core::network::{ExtractorConfig, NetworkConfig, NormKind, StageConfig};
 pub use lsdc_core::weights::{Normalisation, Tensor as Table};
-pub use on_device::{OnDevice, encoded_tensor};
+pub use on_device::{Below, OnDevice, encoded_tensor};
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;
+pub use vision::VisionTransformer;
 pub use weights::{Precision, load, to_bytes, transfer, weights_of};
 
 use crate::error::Result;

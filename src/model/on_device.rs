@@ -1,8 +1,8 @@
 //! The network on any device of burn, as completion uses one.
 
-use super::{Bases, BasisNet};
+use super::{Bases, BasisNet, VisionTransformer};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{Basis, Encoded, Encoder, Network};
+use lsdc_core::network::{Basis, Encoded, Encoder, Network, PATCH, in_patches};
 use lsdc_core::{Error, Result, WeightsError};
 use std::sync::Arc;
 
@@ -10,14 +10,22 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct OnDevice {
     net: BasisNet,
-    encoder: Option<Arc<Encoder>>,
+    encoder: Option<Below>,
     device: Device,
 }
 
+/// The pretrained encoder below a network.
+#[derive(Clone, Debug)]
+pub enum Below {
+    /// Prepared for the CPU.
+    Prepared(Arc<Encoder>),
+    /// On the device of the network.
+    OnDevice(Arc<VisionTransformer>),
+}
+
 impl OnDevice {
-    /// A network whose weights are on that device, on top of an encoder, which runs on the CPU, if it was trained on
-    /// one.
-    pub fn new(net: BasisNet, encoder: Option<Arc<Encoder>>, device: &Device) -> Self {
+    /// A network whose weights are on that device, on top of an encoder if it was trained on one.
+    pub fn new(net: BasisNet, encoder: Option<Below>, device: &Device) -> Self {
         Self {
             net,
             encoder,
@@ -29,9 +37,18 @@ impl OnDevice {
         if self.net.extractor.encoded.is_none() {
             return Ok(None);
         }
-        let encoder = self.encoder.as_ref().ok_or(WeightsError::NoEncoder)?;
-        let found = encoder.encode(image, size)?;
-        Ok(Some(encoded_tensor(&[&found], &self.device)))
+        Ok(Some(match &self.encoder {
+            None => return Err(WeightsError::NoEncoder.into()),
+            Some(Below::Prepared(encoder)) => {
+                encoded_tensor(&[&encoder.encode(image, size)?], &self.device)
+            }
+            Some(Below::OnDevice(transformer)) => {
+                let (image, (rows, columns)) = in_patches(image, size)?;
+                let shape = [1, rows * PATCH, columns * PATCH, 3];
+                let image = Tensor::from_data(TensorData::new(image, shape), &self.device);
+                transformer.forward(image)
+            }
+        }))
     }
 }
 

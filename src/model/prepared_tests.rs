@@ -2,8 +2,8 @@
 
 use super::random_encoder;
 use super::{
-    BasisNet, ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind, Normalisation, OnDevice,
-    encoded_tensor, weights_of,
+    BasisNet, Below, ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind, Normalisation,
+    OnDevice, encoded_tensor, weights_of,
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -99,7 +99,11 @@ impl Trained {
     }
 
     fn plain(&self, size: (usize, usize)) -> Box<dyn Basis> {
-        let network = OnDevice::new(self.net.clone(), self.encoder.clone(), &Device::flex());
+        let network = OnDevice::new(
+            self.net.clone(),
+            self.encoder.clone().map(Below::Prepared),
+            &Device::flex(),
+        );
         network.basis(&image(size.0, size.1), size).unwrap()
     }
 

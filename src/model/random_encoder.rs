@@ -9,13 +9,23 @@ use std::sync::Arc;
 
 /// An encoder of random weights with as many channels as the one that networks are trained on.
 pub(crate) fn random_encoder() -> Arc<Encoder> {
-    let config = EncoderConfig {
+    Arc::new(Encoder::new(short(), &random_tensors(), Level::here()).unwrap())
+}
+
+/// Its sizes.
+pub(crate) fn short() -> EncoderConfig {
+    EncoderConfig {
         blocks: 4,
         hidden: 32,
         side: 5,
         taps: vec![0, 1, 2, 3],
         ..EncoderConfig::small()
-    };
+    }
+}
+
+/// Its tensors.
+pub(crate) fn random_tensors() -> BTreeMap<String, Table> {
+    let config = short();
     let (width, hidden) = (config.width, config.hidden);
     let mut tensors = BTreeMap::new();
     let mut add = |name: &str, shape: &[usize], mean: f32| {
@@ -50,5 +60,5 @@ pub(crate) fn random_encoder() -> Arc<Encoder> {
     }
     add("norm.weight", &[width], 1.0);
     add("norm.bias", &[width], 0.0);
-    Arc::new(Encoder::new(config, &tensors, Level::here()).unwrap())
+    tensors
 }

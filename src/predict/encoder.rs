@@ -1,11 +1,24 @@
 //! The pretrained encoder below a network.
 
 use crate::error::Result;
-use crate::model::NetworkConfig;
+use crate::model::{Below, NetworkConfig, VisionTransformer};
 use crate::pretrained::installed;
+use burn::tensor::Device;
 use lsdc_core::network::{Encoder, EncoderConfig};
 use lsdc_kernels::simd::Level;
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// The same where the network is computed on a device.
+///
+/// # Errors
+/// As [`encoder_of`].
+pub(super) fn below(network: &NetworkConfig, device: &Device) -> Result<Option<Below>> {
+    if network.extractor.encoder == 0 || *device == Device::flex() {
+        return Ok(encoder_of(network)?.map(Below::Prepared));
+    }
+    let transformer = VisionTransformer::new(EncoderConfig::small(), &installed()?, device)?;
+    Ok(Some(Below::OnDevice(Arc::new(transformer))))
+}
 
 /// The encoder that a network was trained on; nothing if it needs none. Prepared once.
 ///

@@ -6,6 +6,7 @@ mod method;
 mod preserve;
 mod weights;
 
+use encoder::below;
 pub use encoder::encoder_of;
 pub use lsdc_classic::Classic;
 pub use method::{Method, complete_classic};
@@ -58,7 +59,7 @@ pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
 /// # Errors
 /// Weights that do not belong to their network.
 pub fn plain_completer(weights: &Weights, device: &Device) -> Result<Completer> {
-    let encoder = encoder_of(&weights.network)?;
+    let encoder = below(&weights.network, device)?;
     let network = OnDevice::new(load(weights, device)?, encoder, device);
     Ok(Completer::builder(weights)
         .network(Arc::new(network))

@@ -7,7 +7,7 @@ use crate::data::{Dataset, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{
-    BasisNet, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision, to_bytes,
+    BasisNet, Below, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision, to_bytes,
     transfer, weights_of,
 };
 use crate::predict::{complete, completer, encoder_of, open_weights};
@@ -239,7 +239,11 @@ impl Trainer {
 
     fn completer(&self, net: &BasisNet) -> Result<Completer> {
         let weights = Weights::new(self.network.clone(), self.normalisation, BTreeMap::new());
-        let network = OnDevice::new(net.valid(), self.encoder.clone(), self.device());
+        let network = OnDevice::new(
+            net.valid(),
+            self.encoder.clone().map(Below::Prepared),
+            self.device(),
+        );
         let completer = Completer::builder(&weights).network(Arc::new(network));
         Ok(completer.fit(self.fit).build()?)
     }

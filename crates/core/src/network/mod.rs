@@ -24,7 +24,9 @@ pub use colours_alone::ColoursAlone;
 pub use config::{
     CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
 };
-pub use encoder::{Encoded, Encoder, EncoderConfig, Features, PATCH};
+pub use encoder::{
+    Encoded, Encoder, EncoderConfig, Features, LAYER_EPSILON, PATCH, in_patches, positions,
+};
 pub use encoding::{channels, codes};
 pub use head::STEEPEST;
 

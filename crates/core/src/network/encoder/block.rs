@@ -1,6 +1,6 @@
 //! A block of a transformer.
 
-use super::{EPSILON, EncoderConfig, share};
+use super::{EncoderConfig, LAYER_EPSILON, share};
 use crate::error::WeightsError;
 use crate::network::tensors::Tensors;
 use lsdc_kernels::attention::{attention, gelu, layer_norm};
@@ -108,7 +108,7 @@ impl Block {
 
     fn normalise(&self, room: Room<'_>, which: usize, x: &[f32], output: &mut [f32]) {
         let (gain, shift) = &self.norms[which];
-        layer_norm(room.level, x, (gain, shift), EPSILON, output);
+        layer_norm(room.level, x, (gain, shift), LAYER_EPSILON, output);
     }
 }
 

@@ -28,6 +28,26 @@ impl Encoded {
     }
 }
 
+/// A normalised image `[height, width, 3]`, resized to whole patches by cubic convolution, and how many of them are below
+/// and beside each other.
+///
+/// # Errors
+/// An image without pixels, or another number of values.
+pub fn in_patches(image: &[f32], size: (usize, usize)) -> Result<(Vec<f32>, (usize, usize))> {
+    if size.0 * size.1 == 0 || image.len() != 3 * size.0 * size.1 {
+        let what = format!(
+            "{} values are no image of {}x{} pixels",
+            image.len(),
+            size.1,
+            size.0
+        );
+        return Err(FitError::Shape(what).into());
+    }
+    let (rows, columns) = Encoded::size(size);
+    let image = resized_cubic(image, size, (rows * PATCH, columns * PATCH))?;
+    Ok((image, (rows, columns)))
+}
+
 impl Encoder {
     /// Encodes a normalised image `[height, width, 3]` of any size, which is resized to whole patches by cubic
     /// convolution.
@@ -35,17 +55,7 @@ impl Encoder {
     /// # Errors
     /// An image without pixels, or another number of values.
     pub fn encode(&self, image: &[f32], size: (usize, usize)) -> Result<Encoded> {
-        if size.0 * size.1 == 0 || image.len() != 3 * size.0 * size.1 {
-            let what = format!(
-                "{} values are no image of {}x{} pixels",
-                image.len(),
-                size.1,
-                size.0
-            );
-            return Err(FitError::Shape(what).into());
-        }
-        let (rows, columns) = Encoded::size(size);
-        let image = resized_cubic(image, size, (rows * PATCH, columns * PATCH))?;
+        let (image, (rows, columns)) = in_patches(image, size)?;
         let features = self.features(&image, (rows * PATCH, columns * PATCH))?;
         let width = self.config().width;
         let mut values = Vec::with_capacity(rows * columns * self.config().channels());

@@ -12,17 +12,17 @@ use super::tensors::Tensors;
 use crate::error::{Error, FitError, WeightsError};
 use crate::weights::Tensor;
 use block::{Block, Room};
-pub use encoded::Encoded;
+pub use encoded::{Encoded, in_patches};
 use lsdc_kernels::attention::layer_norm;
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
-use position::positions;
+pub use position::positions;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Pixels of a side of a patch.
 pub const PATCH: usize = 14;
 /// What layer normalisation adds to variances.
-const EPSILON: f32 = 1e-6;
+pub const LAYER_EPSILON: f32 = 1e-6;
 /// Tokens that a task takes of so many: an even number of tasks of at most 84 tokens.
 fn share(tokens: usize) -> usize {
     const MOST: usize = 56;
@@ -189,7 +189,7 @@ impl Encoder {
                     let tokens = tokens[channels..].par_chunks(part);
                     parts
                         .zip(tokens)
-                        .for_each(|(tap, x)| layer_norm(self.level, x, last, EPSILON, tap));
+                        .for_each(|(tap, x)| layer_norm(self.level, x, last, LAYER_EPSILON, tap));
                     taps.push(tap);
                 }
             }

@@ -4,7 +4,7 @@
 const OFFSET: f64 = 0.1;
 
 /// `[1 + rows x columns, channels]` from a table `[1 + side x side, channels]`, by cubic convolution (Keys 1981).
-pub(super) fn positions(
+pub fn positions(
     table: &[f32],
     side: usize,
     channels: usize,
