@@ -13,19 +13,19 @@ extern "C" {
 #endif
 
 // Says what is wrong with a file, and ends the program.
-static void file_error(const char *path, const char *what) {
+static inline void file_error(const char *path, const char *what) {
     fprintf(stderr, "%s: %s\n", path, what);
     exit(EXIT_FAILURE);
 }
 
-static void *allocated(const char *path, size_t bytes) {
+static inline void *allocated(const char *path, size_t bytes) {
     void *memory = malloc(bytes);
     if (memory == NULL) file_error(path, "not enough memory");
     return memory;
 }
 
 // Red, green and blue of every pixel, row by row.
-static uint8_t *read_ppm(const char *path, size_t *width, size_t *height) {
+static inline uint8_t *read_ppm(const char *path, size_t *width, size_t *height) {
     FILE *file = fopen(path, "rb");
     if (file == NULL) file_error(path, "cannot be opened");
     if (fscanf(file, "P6 %zu %zu 255", width, height) != 2 || fgetc(file) == EOF) {
@@ -42,7 +42,7 @@ static uint8_t *read_ppm(const char *path, size_t *width, size_t *height) {
 }
 
 // A map of `width * height` floats, row by row.
-static float *read_npy(const char *path, size_t width, size_t height) {
+static inline float *read_npy(const char *path, size_t width, size_t height) {
     FILE *file = fopen(path, "rb");
     if (file == NULL) file_error(path, "cannot be opened");
     unsigned char start[10];
@@ -51,11 +51,13 @@ static float *read_npy(const char *path, size_t width, size_t height) {
     }
     size_t length = start[8] + 256u * start[9];
     char *header = (char *)allocated(path, length + 1);
-    char shape[64];
     if (fread(header, 1, length, file) != length) file_error(path, "is too short");
     header[length] = '\0';
-    snprintf(shape, sizeof shape, "(%zu, %zu)", height, width);
-    if (!strstr(header, "'<f4'") || !strstr(header, shape) || !strstr(header, "False")) {
+    const char *shape = strstr(header, "'shape': (");
+    size_t rows = 0, columns = 0;
+    int known = shape != NULL && sscanf(shape, "'shape': (%zu, %zu", &rows, &columns) == 2;
+    known &= strstr(header, "'<f4'") != NULL && strstr(header, "'fortran_order': False") != NULL;
+    if (!known || rows != height || columns != width) {
         file_error(path, "does not hold float32 values of the image's size");
     }
     free(header);
@@ -67,8 +69,8 @@ static float *read_npy(const char *path, size_t width, size_t height) {
     return values;
 }
 
-static void write_npy(const char *path, const float *values, size_t width, size_t height) {
-    char dict[128], header[128];
+static inline void write_npy(const char *path, const float *values, size_t width, size_t height) {
+    char dict[118], header[128];
     snprintf(dict, sizeof dict, "{'descr': '<f4', 'fortran_order': False, 'shape': (%zu, %zu), }",
              height, width);
     // The values start at a multiple of 64 bytes.
