@@ -9,7 +9,9 @@ fn main() {
     let version = abi::LSDC_ABI_VERSION;
     match std::env::var("CARGO_CFG_TARGET_OS").as_deref() {
         Ok("macos") => {
-            println!("cargo::rustc-cdylib-link-arg=-Wl,-install_name,@rpath/liblsdc.{version}.dylib");
+            println!(
+                "cargo::rustc-cdylib-link-arg=-Wl,-install_name,@rpath/liblsdc.{version}.dylib"
+            );
         }
         Ok("linux" | "freebsd" | "netbsd" | "openbsd") => {
             println!("cargo::rustc-cdylib-link-arg=-Wl,-soname,liblsdc.so.{version}");

@@ -15,7 +15,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let rgb = image::open(room.join("rgb.png"))?.into_rgb8();
     let (width, height) = (rgb.width() as usize, rgb.height() as usize);
     let header = format!("P6 {width} {height} 255\n").into_bytes();
-    std::fs::write(folder.join("rgb.ppm"), [&header, rgb.as_raw().as_slice()].concat())?;
+    std::fs::write(
+        folder.join("rgb.ppm"),
+        [&header, rgb.as_raw().as_slice()].concat(),
+    )?;
 
     let bytes = std::fs::read(room.join("sparse.npy"))?;
     let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
@@ -27,7 +30,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let image = Image::new(width, height, Channels::Rgb, &rgb)?;
     let completion = completer.scene(&image)?.complete(&points)?;
     write(&folder.join("depth.npy"), &completion.depth()?)?;
-    write(&folder.join("deviation.npy"), &completion.standard_deviation()?)?;
+    write(
+        &folder.join("deviation.npy"),
+        &completion.standard_deviation()?,
+    )?;
     let half = completion.depth_at(width / 2, height / 2)?;
     write(&folder.join("half.npy"), &half)?;
     Ok(())

@@ -152,7 +152,9 @@ fn with(weights: &Weights, options: &lsdc_completer_options) -> Result<Pooled<Co
         ..recorded
     };
     let pool = pool(options.threads)?;
-    let mut builder = Completer::builder(weights).fit(fit).thread_pool(pool.clone());
+    let mut builder = Completer::builder(weights)
+        .fit(fit)
+        .thread_pool(pool.clone());
     match (options.working_height, options.working_width) {
         (0, 0) => {}
         (height, width) => builder = builder.working_size(height, width),
@@ -167,7 +169,9 @@ fn method(fit: lsdc_fit, recorded: FitMethod) -> Result<FitMethod> {
         LSDC_FIT_LSE => Ok(FitMethod::Lse),
         LSDC_FIT_FIELD => Ok(FitMethod::Field),
         LSDC_FIT_JOINT => Ok(FitMethod::Joint),
-        other => Err(Fault::argument(format!("`options->fit` {other} is unknown"))),
+        other => Err(Fault::argument(format!(
+            "`options->fit` {other} is unknown"
+        ))),
     }
 }
 
@@ -189,7 +193,11 @@ fn robust(robust: lsdc_robust, recorded: Option<Robust>) -> Result<Option<Robust
         LSDC_ROBUST_CAUCHY => Loss::Cauchy,
         LSDC_ROBUST_GM => Loss::Gm,
         LSDC_ROBUST_TUKEY => Loss::Tukey,
-        other => return Err(Fault::argument(format!("`options->robust` {other} is unknown"))),
+        other => {
+            return Err(Fault::argument(format!(
+                "`options->robust` {other} is unknown"
+            )));
+        }
     };
     Ok(Some(Robust::new(loss)))
 }

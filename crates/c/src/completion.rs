@@ -111,7 +111,16 @@ pub unsafe extern "C" fn lsdc_completion_depth(
 ) -> lsdc_status {
     let map = |found: &Completion| found.depth_at(width, height);
     // SAFETY: the caller's promise.
-    guard(|| unsafe { write_map(completion, map, [width, height], depth, [size, stride], "depth") })
+    guard(|| unsafe {
+        write_map(
+            completion,
+            map,
+            [width, height],
+            depth,
+            [size, stride],
+            "depth",
+        )
+    })
 }
 
 /// Writes the standard deviation of the error of the depth at every pixel, in the unit of the points: half the width of the
@@ -143,7 +152,11 @@ pub unsafe extern "C" fn lsdc_completion_interval(
     deviations: *mut f64,
 ) -> lsdc_status {
     guard(|| {
-        let found = COMPLETIONS.get(completion)?.value.completion.interval(level)?;
+        let found = COMPLETIONS
+            .get(completion)?
+            .value
+            .completion
+            .interval(level)?;
         // SAFETY: the caller's promise.
         unsafe { memory::put(deviations, found, "deviations") }
     })
@@ -193,7 +206,15 @@ pub unsafe extern "C" fn lsdc_completion_residuals(
     count: usize,
 ) -> lsdc_status {
     // SAFETY: the caller's promise.
-    guard(|| unsafe { write_points(completion, Completion::residuals, residuals, count, "residuals") })
+    guard(|| unsafe {
+        write_points(
+            completion,
+            Completion::residuals,
+            residuals,
+            count,
+            "residuals",
+        )
+    })
 }
 
 /// Writes, for each of the `count` points given, its depth minus what a fit to all others predicts; NaN for those that were not used, and
@@ -205,7 +226,15 @@ pub unsafe extern "C" fn lsdc_completion_leave_one_out(
     count: usize,
 ) -> lsdc_status {
     // SAFETY: the caller's promise.
-    guard(|| unsafe { write_points(completion, Completion::leave_one_out, errors, count, "errors") })
+    guard(|| unsafe {
+        write_points(
+            completion,
+            Completion::leave_one_out,
+            errors,
+            count,
+            "errors",
+        )
+    })
 }
 
 /// Writes the root mean square of the leave-one-out errors, which estimates the error of the depth between the points; NaN
@@ -232,7 +261,15 @@ pub unsafe extern "C" fn lsdc_completion_point_weights(
     count: usize,
 ) -> lsdc_status {
     // SAFETY: the caller's promise.
-    guard(|| unsafe { write_points(completion, Completion::point_weights, weights, count, "weights") })
+    guard(|| unsafe {
+        write_points(
+            completion,
+            Completion::point_weights,
+            weights,
+            count,
+            "weights",
+        )
+    })
 }
 
 /// Lists the points that are more likely wrong than right, worst first. Writes the first `capacity` of them to `outliers`, which
@@ -258,7 +295,10 @@ pub unsafe extern "C" fn lsdc_completion_outliers(
         }
         let points = &fitted.value.points;
         let found = fitted.run(|fitted| fitted.completion.outliers())?;
-        let found: Vec<_> = found.iter().map(|found| outlier_of(found, points)).collect();
+        let found: Vec<_> = found
+            .iter()
+            .map(|found| outlier_of(found, points))
+            .collect();
         let some = &found[..found.len().min(capacity)];
         // SAFETY: the caller's promise.
         unsafe {

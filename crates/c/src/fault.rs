@@ -105,9 +105,9 @@ fn hint(error: &Error) -> Option<&str> {
         Error::Fit(FitError::TooFewPoints(_)) => {
             Some("give more points, or choose another fit (`options.fit = LSDC_FIT_LSE`)")
         }
-        Error::Fit(FitError::OtherWeights { .. }) => {
-            Some("`options.previous` is a completion of a completer with the same weights and settings")
-        }
+        Error::Fit(FitError::OtherWeights { .. }) => Some(
+            "`options.previous` is a completion of a completer with the same weights and settings",
+        ),
         Error::Fit(FitError::NearNothing) => Some("complete this image without `options.previous`"),
         Error::Fit(FitError::NearWithoutPrior) => Some(
             "choose `LSDC_FIT_LSE` or `LSDC_FIT_JOINT`, and weights with a learned prior, such as \"default\"",
@@ -171,7 +171,10 @@ mod tests {
         assert_eq!(guard(|| Err(Fault::null("here"))), LSDC_ERROR_ARGUMENT);
         let other = std::thread::spawn(|| text(last_message())).join().unwrap();
         assert_eq!(guard(|| Ok(())), LSDC_OK);
-        assert_eq!((text(last_message()), other), ("`here` is null".into(), String::new()));
+        assert_eq!(
+            (text(last_message()), other),
+            ("`here` is null".into(), String::new())
+        );
     }
 
     #[test]
@@ -185,6 +188,9 @@ mod tests {
         let error = lsdc_core::Weights::read("no/such/file").unwrap_err();
         guard(|| Err(error.into()));
         let message = text(last_message());
-        assert!(message.starts_with("cannot read weights from `no/such/file`: "), "{message}");
+        assert!(
+            message.starts_with("cannot read weights from `no/such/file`: "),
+            "{message}"
+        );
     }
 }

@@ -69,9 +69,15 @@ mod tests {
 
     #[test]
     fn freed_foreign_and_null_handles_are_found_out() {
-        let (words, numbers) = (Handles::<u8, _>::new("word"), Handles::<u16, _>::new("number"));
+        let (words, numbers) = (
+            Handles::<u8, _>::new("word"),
+            Handles::<u16, _>::new("number"),
+        );
         let (word, number) = (words.add("one"), numbers.add(1));
-        assert_eq!((words.get(word).unwrap(), numbers.get(number).unwrap()), ("one", 1));
+        assert_eq!(
+            (words.get(word).unwrap(), numbers.get(number).unwrap()),
+            ("one", 1)
+        );
         assert!(words.get(number.cast()).is_err());
         assert!(words.get(std::ptr::null()).is_err());
         assert!(words.free(number.cast()).is_err());

@@ -140,7 +140,12 @@ fn unused(reserved: u32, what: &str) -> Result<()> {
 }
 
 /// The rows of `width * height` pixels of `bytes` bytes, which fill `size` bytes.
-fn grid(what: &str, [width, height, bytes]: [usize; 3], stride: usize, size: usize) -> Result<Rows> {
+fn grid(
+    what: &str,
+    [width, height, bytes]: [usize; 3],
+    stride: usize,
+    size: usize,
+) -> Result<Rows> {
     checked_size(what, width, height)?;
     Rows::new(what, height, width * bytes, stride)?.fill(what, size)
 }
@@ -149,8 +154,10 @@ fn grid(what: &str, [width, height, bytes]: [usize; 3], stride: usize, size: usi
 pub(crate) fn checked_size(what: &str, width: usize, height: usize) -> Result<()> {
     match width.checked_mul(height) {
         Some(1..=MAX_PIXELS) => Ok(()),
-        _ => Err(Fault::buffer(format!("{what} cannot have {width}x{height} pixels"))
-            .with_hint(format!("a size is from 1x1 to {MAX_PIXELS} pixels"))),
+        _ => Err(
+            Fault::buffer(format!("{what} cannot have {width}x{height} pixels"))
+                .with_hint(format!("a size is from 1x1 to {MAX_PIXELS} pixels")),
+        ),
     }
 }
 
@@ -187,7 +194,11 @@ impl Pixels {
             LSDC_GREY_F32 => (Channels::Gray, true),
             LSDC_RGBA_F32 => (Channels::Rgba, true),
             LSDC_BGRA_F32 => (Channels::Bgra, true),
-            other => return Err(Fault::argument(format!("`image->format` {other} is unknown"))),
+            other => {
+                return Err(Fault::argument(format!(
+                    "`image->format` {other} is unknown"
+                )));
+            }
         };
         // SAFETY: the caller's promise.
         let values = unsafe {
@@ -251,7 +262,11 @@ impl Map {
                 return Err(Fault::argument(message)
                     .with_hint("say what 1 stands for in metres: 0.001 for millimetres"));
             }
-            other => return Err(Fault::argument(format!("`{what}->format` {other} is unknown"))),
+            other => {
+                return Err(Fault::argument(format!(
+                    "`{what}->format` {other} is unknown"
+                )));
+            }
         };
         let scaled = |value: f64| (value * unit) as f32;
         // SAFETY: the caller's promise.
@@ -280,7 +295,10 @@ impl Map {
         sigma: Option<Self>,
         size: (usize, usize),
     ) -> Result<Observations> {
-        for (map, what) in [(Some(&self), "the depth map"), (sigma.as_ref(), "the map of sigmas")] {
+        for (map, what) in [
+            (Some(&self), "the depth map"),
+            (sigma.as_ref(), "the map of sigmas"),
+        ] {
             let Some(map) = map else { continue };
             if (map.width, map.height) != size {
                 let (width, height) = size;
@@ -309,10 +327,17 @@ impl Map {
             LSDC_GUIDE_DISPARITY => GuideKind::Disparity,
             LSDC_GUIDE_LOG => GuideKind::Log,
             other => {
-                return Err(Fault::argument(format!("`options->guide_kind` {other} is unknown")));
+                return Err(Fault::argument(format!(
+                    "`options->guide_kind` {other} is unknown"
+                )));
             }
         };
-        Ok(DepthGuide::new(kind, self.width, self.height, &self.values)?)
+        Ok(DepthGuide::new(
+            kind,
+            self.width,
+            self.height,
+            &self.values,
+        )?)
     }
 }
 
@@ -340,21 +365,22 @@ pub(crate) unsafe fn observations(points: *const lsdc_points) -> Result<Observat
     // SAFETY: the caller's promise.
     let points = unsafe { memory::structure(points, "points") }?;
     if points.count > MAX_PIXELS {
-        let message = format!("{} points are more than the {MAX_PIXELS} allowed", points.count);
+        let message = format!(
+            "{} points are more than the {MAX_PIXELS} allowed",
+            points.count
+        );
         return Err(Fault::buffer(message));
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller's promise; a stride that is too short for the largest values is refused before others are read.
     let (x, y, depth, sigma) = unsafe {
+        let x = points.column(points.x, "points->x")?;
+        let y = points.column(points.y, "points->y")?;
+        let depth = points.column(points.depth, "points->depth")?;
         let sigma = match points.sigma.is_null() {
             true => None,
             false => Some(points.column(points.sigma, "points->sigma")?),
         };
-        (
-            points.column(points.x, "points->x")?,
-            points.column(points.y, "points->y")?,
-            points.column(points.depth, "points->depth")?,
-            sigma,
-        )
+        (x, y, depth, sigma)
     };
     let observation = |i: usize| Observation {
         u: x[i],
@@ -369,7 +395,12 @@ impl lsdc_points {
     /// # Safety
     /// `first` is null or leads to `count` values `stride` bytes apart, which nobody writes meanwhile.
     unsafe fn column<T: Plain>(&self, first: *const T, what: &str) -> Result<Vec<T>> {
-        let rows = Rows::new(&format!("`{what}`"), self.count, size_of::<T>(), self.stride)?;
+        let rows = Rows::new(
+            &format!("`{what}`"),
+            self.count,
+            size_of::<T>(),
+            self.stride,
+        )?;
         // SAFETY: the caller's promise.
         unsafe { memory::gather(first, rows, what) }
     }

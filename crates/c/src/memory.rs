@@ -50,14 +50,18 @@ impl Rows {
     pub(crate) fn new(what: &str, count: usize, row: usize, stride: usize) -> Result<Self> {
         let stride = if stride == 0 { row } else { stride };
         if stride < row {
-            let message = format!("rows of {what} are {row} bytes long and overlap, {stride} bytes apart");
-            return Err(Fault::buffer(message).with_hint("strides are in bytes; 0 means without gaps"));
+            let message =
+                format!("rows of {what} are {row} bytes long and overlap, {stride} bytes apart");
+            return Err(
+                Fault::buffer(message).with_hint("strides are in bytes; 0 means without gaps")
+            );
         }
         let rows = Self { count, row, stride };
         match stride.checked_mul(count) {
             Some(all) if isize::try_from(all).is_ok() => Ok(rows),
             _ => {
-                let message = format!("{count} rows of {what}, {stride} bytes apart, exceed all memory");
+                let message =
+                    format!("{count} rows of {what}, {stride} bytes apart, exceed all memory");
                 Err(Fault::buffer(message))
             }
         }
@@ -100,7 +104,9 @@ fn check(pointer: *const u8, bytes: usize, what: &str) -> Result<()> {
     }
     match pointer.addr().checked_add(bytes) {
         Some(_) => Ok(()),
-        None => Err(Fault::buffer(format!("`{what}` does not have {bytes} bytes: memory ends before"))),
+        None => Err(Fault::buffer(format!(
+            "`{what}` does not have {bytes} bytes: memory ends before"
+        ))),
     }
 }
 
@@ -125,7 +131,10 @@ pub(crate) unsafe fn gather<T: Plain>(data: *const T, rows: Rows, what: &str) ->
     let target = values.as_mut_ptr().cast::<u8>();
     for y in 0..count {
         // SAFETY: row `y` lies in the caller's memory, and in the capacity of `values`, which is new.
-        unsafe { data.add(y * stride).copy_to_nonoverlapping(target.add(y * row), row) };
+        unsafe {
+            data.add(y * stride)
+                .copy_to_nonoverlapping(target.add(y * row), row)
+        };
     }
     // SAFETY: all `length` values were copied, and any bytes are a value.
     unsafe { values.set_len(length) };
@@ -201,7 +210,10 @@ pub(crate) unsafe fn fill<T: Versioned>(to: *mut T, value: &T, what: &str) -> Re
     let (known, first) = (size.min(size_of::<T>()), size_of::<usize>());
     let (from, to) = (std::ptr::from_ref(value).cast::<u8>(), to.cast::<u8>());
     // SAFETY: both have at least `known` bytes, and `value` is ours.
-    unsafe { from.add(first).copy_to_nonoverlapping(to.add(first), known - first) };
+    unsafe {
+        from.add(first)
+            .copy_to_nonoverlapping(to.add(first), known - first)
+    };
     // SAFETY: the caller's structure has `size` bytes.
     unsafe { to.add(known).write_bytes(0, size - known) };
     Ok(())

@@ -31,7 +31,9 @@ fn started(threads: usize) -> Result<Arc<ThreadPool>> {
         )));
     }
     let named = |i| format!("lsdc-{i}");
-    let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(named);
+    let pool = ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(named);
     let failed = |error| Fault::settings(format!("{threads} threads cannot be started: {error}"));
     pool.build().map(Arc::new).map_err(failed)
 }

@@ -183,5 +183,11 @@ unsafe fn complete(
     };
     let pool = scene.pool;
     // SAFETY: the caller's promise.
-    unsafe { memory::put(completion, COMPLETIONS.add(Pooled { value, pool }), "completion") }
+    unsafe {
+        memory::put(
+            completion,
+            COMPLETIONS.add(Pooled { value, pool }),
+            "completion",
+        )
+    }
 }
