@@ -1,12 +1,13 @@
-// lsdc for C++17: handles that free themselves, exceptions, and views of any matrix. Everything is in this header, on top of
-// lsdc.h, which tells units and threads.
+// lsdc for C++17: handles that free themselves, exceptions, and views of any matrix. Everything is in this
+// header, on top of lsdc.h, which tells units and threads.
 //
 //     lsdc::Completer completer;
-//     auto scene = completer.scene(image);            // cv::Mat, or lsdc::Image(pixels, rows, cols, lsdc::Format::rgb8)
-//     auto completion = scene.complete(points);       // std::vector<lsdc::Point>, or a matrix with depths
-//     completion.depth(depth);                        // into a cv::Mat of CV_32F; or a lsdc::Map is returned
+//     auto scene = completer.scene(image);       // cv::Mat, or lsdc::Image(pixels, rows, cols, format)
+//     auto completion = scene.complete(points);  // std::vector<lsdc::Point>, or a matrix with depths
+//     completion.depth(depth);                   // into a cv::Mat of CV_32F; without it, a lsdc::Map is returned
 //
-// Handles can be moved, and used from any number of threads at once. Every function but destructors throws lsdc::Error.
+// Handles can be moved, and used from any number of threads at once. Every function but destructors throws
+// lsdc::Error.
 
 #ifndef LSDC_HPP
 #define LSDC_HPP
@@ -122,7 +123,8 @@ inline std::size_t span(std::size_t rows, std::size_t row, std::size_t stride) {
 
 } // namespace detail
 
-// A matrix in somebody else's memory: the first value, rows, columns, and bytes from one row to the next (0: no gaps).
+// A matrix in somebody else's memory: the first value, rows, columns, and bytes from one row to the next (0: no
+// gaps).
 template <class T>
 struct View {
     T *data = nullptr;
@@ -278,7 +280,8 @@ public:
     std::size_t rows() const noexcept { return rows_; }
     std::size_t cols() const noexcept { return cols_; }
 
-    // The dense depth in the unit of the points: at the size of the image, at any other, or into a matrix of any size.
+    // The dense depth in the unit of the points: at the size of the image, at any other, or into a matrix of
+    // any size.
     Map depth() const { return depth(rows_, cols_); }
     Map depth(std::size_t rows, std::size_t cols) const { return map(lsdc_completion_depth, rows, cols); }
     void depth(View<float> into) const { write(lsdc_completion_depth, into); }
@@ -446,7 +449,7 @@ private:
 // A trained network with the settings of the fit, and threads.
 class Completer {
 public:
-    // With weights of the library: "default" or "small".
+    // With weights of the library: "default", "small" or, for scenes with a guide, "none".
     explicit Completer(const std::string &weights = "default", const Options &options = {})
         : Completer(options, [&](const lsdc_completer_options *settings, lsdc_completer **completer) {
               return lsdc_completer_create(weights.c_str(), settings, completer);

@@ -3,7 +3,7 @@
 use crate::fault::{Fault, Result, guard};
 use crate::handles::Handles;
 use crate::memory::{self, Versioned};
-use crate::pool::{Pooled, pool};
+use crate::pool::{Pool, Pooled};
 use crate::status::lsdc_status;
 use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
 use lsdc_core::{Completer, Weights};
@@ -57,8 +57,8 @@ pub struct lsdc_completer_options {
     pub struct_size: usize,
     /// Threads of its own, at most 4096. 0 means those that all such completers share, one per core.
     pub threads: usize,
-    /// With `working_height`: images are resized to about as many pixels as this size has, with their aspect ratio
-    /// kept, before they enter the network. Both 0 means the size of the training images.
+    /// With `working_height`: images are resized to about as many pixels as this size has, with their aspect
+    /// ratio kept, before they enter the network. Both 0 means the size of the training images.
     pub working_width: usize,
     /// See `working_width`.
     pub working_height: usize,
@@ -73,9 +73,9 @@ unsafe impl Versioned for lsdc_completer_options {
     const LEAST: usize = size_of::<usize>();
 }
 
-/// Makes a completer with weights of the library: "default", the most accurate, or "small", which take two thirds of
-/// the time. `options` may be null. `*completer` becomes a handle to be freed with `lsdc_completer_free`, or null if
-/// the call fails.
+/// Makes a completer with weights of the library: "default", the most accurate, "small", which take two thirds
+/// of the time, or "none", no network at all, for scenes with a guide. `options` may be null. `*completer` becomes
+/// a handle to be freed with `lsdc_completer_free`, or null if the call fails.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_create(
     weights: *const c_char,
@@ -88,8 +88,8 @@ pub unsafe extern "C" fn lsdc_completer_create(
     guard(|| unsafe { make(weights, options, completer) })
 }
 
-/// Makes a completer with weights from a file, as `lsdc train` writes them. `path` ends with a zero; it is UTF-8 on
-/// Windows. Otherwise as `lsdc_completer_create`.
+/// Makes a completer with weights from a file, as `lsdc train` writes them. `path` ends with a zero; it is
+/// UTF-8 on Windows. Otherwise as `lsdc_completer_create`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_create_from_file(
     path: *const c_char,
@@ -97,13 +97,13 @@ pub unsafe extern "C" fn lsdc_completer_create_from_file(
     completer: *mut *mut lsdc_completer,
 ) -> lsdc_status {
     // SAFETY: the caller's promise.
-    let weights = || Ok(Weights::read(unsafe { memory::path(path, "path") }?)?);
+    let weights = || Chosen::all(Weights::read(unsafe { memory::path(path, "path") }?));
     // SAFETY: the caller's promise.
     guard(|| unsafe { make(weights, options, completer) })
 }
 
-/// Makes a completer with weights from the `size` bytes of such a file in memory, which are not needed afterwards.
-/// Otherwise as `lsdc_completer_create`.
+/// Makes a completer with weights from the `size` bytes of such a file in memory, which are not needed
+/// afterwards. Otherwise as `lsdc_completer_create`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_create_from_memory(
     data: *const c_void,
@@ -115,23 +115,36 @@ pub unsafe extern "C" fn lsdc_completer_create_from_memory(
         let rows = memory::Rows::new("the weights", 1, size, 0)?;
         // SAFETY: the caller's promise.
         let bytes = unsafe { memory::gather(data.cast(), rows, "data") }?;
-        Ok(Weights::from_bytes(&bytes)?)
+        Chosen::all(Weights::from_bytes(&bytes))
     };
     // SAFETY: the caller's promise.
     guard(|| unsafe { make(weights, options, completer) })
 }
 
-/// Frees a completer; null is ignored. Its scenes, and calls that use it at this moment, are not affected. A handle that
-/// was freed before is an error, `LSDC_ERROR_HANDLE`.
+/// Frees a completer; null is ignored. Its scenes, and calls that use it at this moment, are not affected. A
+/// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_completer_free(completer: *mut lsdc_completer) -> lsdc_status {
     guard(|| COMPLETERS.free(completer))
 }
 
+/// Weights, or the settings of their fit alone.
+struct Chosen {
+    weights: Weights,
+    network: bool,
+}
+
+impl Chosen {
+    fn all(weights: lsdc_core::Result<Weights>) -> Result<Self> {
+        let (weights, network) = (weights?, true);
+        Ok(Self { weights, network })
+    }
+}
+
 /// # Safety
 /// The pointers are null or lead to what they say.
 unsafe fn make(
-    weights: impl FnOnce() -> Result<Weights>,
+    weights: impl FnOnce() -> Result<Chosen>,
     options: *const lsdc_completer_options,
     completer: *mut *mut lsdc_completer,
 ) -> Result<()> {
@@ -144,22 +157,25 @@ unsafe fn make(
     unsafe { memory::put(completer, made, "completer") }
 }
 
-fn with(weights: &Weights, options: &lsdc_completer_options) -> Result<Pooled<Completer>> {
-    let recorded = weights.fit()?.unwrap_or_default();
+fn with(chosen: &Chosen, options: &lsdc_completer_options) -> Result<Pooled<Completer>> {
+    let recorded = chosen.weights.fit()?.unwrap_or_default();
     let fit = FitConfig {
         method: method(options.fit, recorded.method)?,
         robust: robust(options.robust, recorded.robust)?,
         ..recorded
     };
-    let pool = pool(options.threads)?;
-    let mut builder = Completer::builder(weights)
-        .fit(fit)
-        .thread_pool(pool.clone());
+    let pool = Pool::new(options.threads)?;
+    let mut value = match chosen.network {
+        true => {
+            let builder = Completer::builder(&chosen.weights).fit(fit);
+            builder.thread_pool(pool.threads.clone()).build()?
+        }
+        false => Completer::without_network(fit)?,
+    };
     match (options.working_height, options.working_width) {
         (0, 0) => {}
-        (height, width) => builder = builder.working_size(height, width),
+        (height, width) => value = value.with_working_size(height, width)?,
     }
-    let value = builder.build()?;
     Ok(Pooled { value, pool })
 }
 
@@ -203,18 +219,23 @@ fn robust(robust: lsdc_robust, recorded: Option<Robust>) -> Result<Option<Robust
 }
 
 #[cfg(feature = "weights")]
-fn builtin(name: &str) -> Result<Weights> {
-    match name {
-        "default" => Ok(Weights::builtin()),
-        "small" => Ok(Weights::builtin_small()),
-        other => Err(Fault::weights(format!("there are no weights named `{other}`")).with_hint(
-            "choose \"default\" or \"small\", or read a file with lsdc_completer_create_from_file",
-        )),
-    }
+fn builtin(name: &str) -> Result<Chosen> {
+    let (weights, network) = match name {
+        "default" => (Weights::builtin(), true),
+        "small" => (Weights::builtin_small(), true),
+        "none" => (Weights::builtin(), false),
+        other => {
+            let fault = Fault::weights(format!("there are no weights named `{other}`"));
+            return Err(fault.with_hint(
+                "choose \"default\" or \"small\", or read a file with lsdc_completer_create_from_file",
+            ));
+        }
+    };
+    Ok(Chosen { weights, network })
 }
 
 #[cfg(not(feature = "weights"))]
-fn builtin(_: &str) -> Result<Weights> {
+fn builtin(_: &str) -> Result<Chosen> {
     let fault = Fault::weights("this library was built without weights");
     Err(fault.with_hint("read a file with lsdc_completer_create_from_file"))
 }

@@ -88,7 +88,8 @@ pub struct lsdc_outlier {
     pub depth: f64,
     /// The probability that it is wrong, from 0.5 to 1.
     pub probability: f64,
-    /// Its distance from what the others predict, in the scale of the errors of right points there; positive if it is farther away.
+    /// Its distance from what the others predict, in the scale of the errors of right points there; positive
+    /// if it is farther away.
     pub score: f64,
     /// Its depth minus what the others predict.
     pub error: f64,
@@ -96,10 +97,10 @@ pub struct lsdc_outlier {
     pub weight: f64,
 }
 
-/// Writes the dense depth, in the unit of the points, as `height` rows of `width` floats, whose rows start `stride` bytes
-/// apart (without gaps if that is 0). `size` is the number of bytes from `depth` to the end of the buffer; bytes between rows are
-/// left as they are. Any size may be asked for: that of the image, see `lsdc_scene_size`, gives a depth for each of its pixels.
-/// If the call fails, the buffer is unchanged.
+/// Writes the dense depth, in the unit of the points, as `height` rows of `width` floats, whose rows start
+/// `stride` bytes apart (without gaps if that is 0). `size` is the number of bytes from `depth` to the end of
+/// the buffer; bytes between rows are left as they are. Any size may be asked for: that of the image, see
+/// `lsdc_scene_size`, gives a depth for each of its pixels. If the call fails, the buffer is unchanged.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_depth(
     completion: *const lsdc_completion,
@@ -123,9 +124,9 @@ pub unsafe extern "C" fn lsdc_completion_depth(
     })
 }
 
-/// Writes the standard deviation of the error of the depth at every pixel, in the unit of the points: half the width of the
-/// interval around the depth that holds 68.27 % of errors. Otherwise as `lsdc_completion_depth`. Fails with `LSDC_ERROR_FIT`
-/// if there are too few points to tell.
+/// Writes the standard deviation of the error of the depth at every pixel, in the unit of the points: half
+/// the width of the interval around the depth that holds 68.27 % of errors. Otherwise as
+/// `lsdc_completion_depth`. Fails with `LSDC_ERROR_FIT` if there are too few points to tell.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_standard_deviation(
     completion: *const lsdc_completion,
@@ -143,8 +144,8 @@ pub unsafe extern "C" fn lsdc_completion_standard_deviation(
     })
 }
 
-/// Writes the number of standard deviations around the depth that hold a share `level` of errors, between 0 and 1: 95 %
-/// need more than 1.96.
+/// Writes the number of standard deviations around the depth that hold a share `level` of errors, between 0
+/// and 1: 95 % need more than 1.96.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_interval(
     completion: *const lsdc_completion,
@@ -162,8 +163,8 @@ pub unsafe extern "C" fn lsdc_completion_interval(
     })
 }
 
-/// Writes the depth at `count` positions of the image, which may lie between pixels; see `lsdc_points` for `x` and `y`.
-/// Fails with `LSDC_ERROR_FIT`, and writes nothing, if one is outside the image.
+/// Writes the depth at `count` positions of the image, which may lie between pixels; see `lsdc_points` for
+/// `x` and `y`. Fails with `LSDC_ERROR_FIT`, and writes nothing, if one is outside the image.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_depth_at(
     completion: *const lsdc_completion,
@@ -178,7 +179,7 @@ pub unsafe extern "C" fn lsdc_completion_depth_at(
         // SAFETY: the caller's promise.
         let (x, y) = unsafe { (memory::gather(x, rows, "x")?, memory::gather(y, rows, "y")?) };
         let places: Vec<[f64; 2]> = x.into_iter().zip(y).map(|(x, y)| [x, y]).collect();
-        let found = fitted.run(|fitted| fitted.completion.at(&places))?;
+        let found = fitted.run(|fitted| Ok(fitted.completion.at(&places)?))?;
         // SAFETY: the caller's promise.
         unsafe { write_values(&found, depth, count, "depth") }
     })
@@ -197,8 +198,8 @@ pub unsafe extern "C" fn lsdc_completion_report(
     })
 }
 
-/// Writes, for each of the `count` points given, its depth minus the fitted depth; NaN for those that were not used. `count`
-/// must be `given` of the report.
+/// Writes, for each of the `count` points given, its depth minus the fitted depth; NaN for those that were
+/// not used. `count` must be `given` of the report.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_residuals(
     completion: *const lsdc_completion,
@@ -217,8 +218,9 @@ pub unsafe extern "C" fn lsdc_completion_residuals(
     })
 }
 
-/// Writes, for each of the `count` points given, its depth minus what a fit to all others predicts; NaN for those that were not used, and
-/// those that the fit passes through whatever their depths are. `count` must be `given` of the report.
+/// Writes, for each of the `count` points given, its depth minus what a fit to all others predicts; NaN for
+/// those that were not used, and those that the fit passes through whatever their depths are. `count` must be
+/// `given` of the report.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_leave_one_out(
     completion: *const lsdc_completion,
@@ -237,8 +239,8 @@ pub unsafe extern "C" fn lsdc_completion_leave_one_out(
     })
 }
 
-/// Writes the root mean square of the leave-one-out errors, which estimates the error of the depth between the points; NaN
-/// if no point has one.
+/// Writes the root mean square of the leave-one-out errors, which estimates the error of the depth between
+/// the points; NaN if no point has one.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_leave_one_out_error(
     completion: *const lsdc_completion,
@@ -246,14 +248,15 @@ pub unsafe extern "C" fn lsdc_completion_leave_one_out_error(
 ) -> lsdc_status {
     guard(|| {
         let fitted = COMPLETIONS.get(completion)?;
-        let found = fitted.run(|fitted| fitted.completion.leave_one_out_error());
+        let found = fitted.run(|fitted| Ok(fitted.completion.leave_one_out_error()))?;
         // SAFETY: the caller's promise.
         unsafe { memory::put(error, found.unwrap_or(f64::NAN), "error") }
     })
 }
 
-/// Writes the final weight of each of the `count` points given: 1 in a plain fit without sigmas, less for a point that a robust fit trusts
-/// less, or that has a larger sigma; NaN for those that were not used. `count` must be `given` of the report.
+/// Writes the final weight of each of the `count` points given: 1 in a plain fit without sigmas, less for a
+/// point that a robust fit trusts less, or that has a larger sigma; NaN for those that were not used. `count`
+/// must be `given` of the report.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_point_weights(
     completion: *const lsdc_completion,
@@ -272,8 +275,9 @@ pub unsafe extern "C" fn lsdc_completion_point_weights(
     })
 }
 
-/// Lists the points that are more likely wrong than right, worst first. Writes the first `capacity` of them to `outliers`, which
-/// may be null if that is 0, and the number of all to `*count`. `outlier_size` is `sizeof(lsdc_outlier)`.
+/// Lists the points that are more likely wrong than right, worst first. Writes the first `capacity` of them
+/// to `outliers`, which may be null if that is 0, and the number of all to `*count`. `outlier_size` is
+/// `sizeof(lsdc_outlier)`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completion_outliers(
     completion: *const lsdc_completion,
@@ -294,7 +298,7 @@ pub unsafe extern "C" fn lsdc_completion_outliers(
             return Err(Fault::null("outliers"));
         }
         let points = &fitted.value.points;
-        let found = fitted.run(|fitted| fitted.completion.outliers())?;
+        let found = fitted.run(|fitted| Ok(fitted.completion.outliers()?))?;
         let found: Vec<_> = found
             .iter()
             .map(|found| outlier_of(found, points))
@@ -308,8 +312,8 @@ pub unsafe extern "C" fn lsdc_completion_outliers(
     })
 }
 
-/// Frees a completion; null is ignored. Calls that use it at this moment are not affected. A handle that was freed before is an error,
-/// `LSDC_ERROR_HANDLE`.
+/// Frees a completion; null is ignored. Calls that use it at this moment are not affected. A handle that was
+/// freed before is an error, `LSDC_ERROR_HANDLE`.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_completion_free(completion: *mut lsdc_completion) -> lsdc_status {
     guard(|| COMPLETIONS.free(completion))
@@ -375,7 +379,7 @@ unsafe fn write_map(
     let name = format!("`{what}`");
     checked_size(&name, width, height)?;
     let rows = Rows::new(&name, height, width * size_of::<f32>(), stride)?.fit(&name, size)?;
-    let found = fitted.run(|fitted| map(&fitted.completion))?;
+    let found = fitted.run(|fitted| Ok(map(&fitted.completion)?))?;
     // SAFETY: the rows lie within `size` bytes.
     unsafe { memory::scatter(found.values(), data, rows, what) }
 }
@@ -398,7 +402,7 @@ unsafe fn write_points(
         let message = format!("`{what}` has {count} values for {given} points");
         return Err(Fault::buffer(message).with_hint("`count` is `given` of the report"));
     }
-    let found = fitted.run(|fitted| values(&fitted.completion));
+    let found = fitted.run(|fitted| Ok(values(&fitted.completion)))?;
     // SAFETY: the caller's promise.
     unsafe { write_values(&found, data, count, what) }
 }

@@ -43,6 +43,11 @@ impl Fault {
         Self::new(LSDC_ERROR_HANDLE, message)
     }
 
+    pub(crate) fn forked() -> Self {
+        let message = "the threads of this completer are those of the process before fork()";
+        Self::new(LSDC_ERROR_HANDLE, message).with_hint("make a completer in this process")
+    }
+
     pub(crate) fn buffer(message: impl Into<String>) -> Self {
         Self::new(LSDC_ERROR_BUFFER, message)
     }
@@ -120,7 +125,8 @@ thread_local! {
     static LAST: RefCell<(CString, CString)> = RefCell::default();
 }
 
-/// Runs the body of a function of the interface: no panic leaves it, and an error is kept for `lsdc_last_error`.
+/// Runs the body of a function of the interface: no panic leaves it, and an error is kept for
+/// `lsdc_last_error`.
 pub(crate) fn guard(work: impl FnOnce() -> Result<()>) -> lsdc_status {
     let caught = catch_unwind(AssertUnwindSafe(work));
     match caught.unwrap_or_else(|payload| Err(Fault::panic(&*payload))) {

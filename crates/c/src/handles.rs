@@ -1,7 +1,7 @@
 //! Handles: numbers that look like pointers, and the tables of what they stand for.
 //!
-//! A number is given out once. Hence a handle that was freed, twice or while another thread uses it, and one that
-//! was never made, are found out; none is ever followed.
+//! A number is given out once. Hence a handle that was freed, twice or while another thread uses it, and one
+//! that was never made, are found out; none is ever followed.
 
 use crate::fault::{Fault, Result};
 use std::collections::BTreeMap;
@@ -10,8 +10,8 @@ use std::ptr::without_provenance_mut;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{PoisonError, RwLock};
 
-/// No address of x86-64 or AArch64 begins like this, so that a pointer of the caller is not taken for a handle, and a
-/// handle that is followed stops the program.
+/// No address of x86-64 or AArch64 begins like this, so that a pointer of the caller is not taken for a
+/// handle, and a handle that is followed stops the program.
 const FIRST: usize = usize::MAX / 9 * 4;
 
 static NEXT: AtomicUsize = AtomicUsize::new(FIRST);

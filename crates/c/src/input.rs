@@ -81,7 +81,8 @@ pub struct lsdc_map {
     pub height: usize,
     /// Bytes from the start of one row to the next; 0 means without gaps.
     pub stride: usize,
-    /// What a value of 1 stands for, in metres: 0.001 for millimetres. 0 means 1 for floats; integers need it.
+    /// What a value of 1 stands for, in metres: 0.001 for millimetres. 0 means 1 for floats; integers need
+    /// it.
     pub unit: f64,
     /// `LSDC_F32` or `LSDC_U16`.
     pub format: lsdc_depth_format,
@@ -94,10 +95,11 @@ unsafe impl Versioned for lsdc_map {
     const LEAST: usize = size_of::<Self>();
 }
 
-/// Known depths at some positions of an image, in the caller's memory. Set `struct_size` to `sizeof(lsdc_points)`.
+/// Known depths at some positions of an image, in the caller's memory. Set `struct_size` to
+/// `sizeof(lsdc_points)`.
 ///
-/// With a stride of 0, `x`, `y`, `depth` and `sigma` are arrays of `count` values; otherwise they lead to the fields of
-/// the first of `count` structures that are `stride` bytes apart.
+/// With a stride of 0, `x`, `y`, `depth` and `sigma` are arrays of `count` values; otherwise they lead to the
+/// fields of the first of `count` structures that are `stride` bytes apart.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct lsdc_points {
@@ -105,7 +107,8 @@ pub struct lsdc_points {
     pub struct_size: usize,
     /// Number of points, at most 2^30.
     pub count: usize,
-    /// Columns, which may lie between pixels: 0 is the centre of the first, and the image ends at `width - 0.5`.
+    /// Columns, which may lie between pixels: 0 is the centre of the first, and the image ends at `width -
+    /// 0.5`.
     pub x: *const f64,
     /// Rows, downwards: 0 is the centre of the first, and the image ends at `height - 0.5`.
     pub y: *const f64,
@@ -288,8 +291,8 @@ impl Map {
         })
     }
 
-    /// The measurements of a map of the size of an image, in the order of rows. Where the map is 0, there is none; what
-    /// cannot be a depth is kept, to be counted.
+    /// The measurements of a map of the size of an image, in the order of rows. Where the map is 0, there is
+    /// none; what cannot be a depth is kept, to be counted.
     pub(crate) fn observations(
         self,
         sigma: Option<Self>,

@@ -1,12 +1,12 @@
 //! The C interface of `lsdc`; see `README.md` for how to use it from C and C++.
 //!
-//! Functions enter in `completer`, `scene`, `completion` and `status`. Each reads the caller's memory (`memory`)
-//! into types of Rust, does its work on them, and writes the results back; handles are looked up in tables
-//! (`handles`), so that none is ever followed as a pointer. Whatever fails becomes a status code, and a message that
-//! the thread can ask for (`fault`).
+//! Functions enter in `completer`, `scene`, `completion` and `status`. Each reads the caller's memory
+//! (`memory`) into types of Rust, does its work on them, and writes the results back; handles are looked up
+//! in tables (`handles`), so that none is ever followed as a pointer. Whatever fails becomes a status code,
+//! and a message that the thread can ask for (`fault`).
 //!
-//! `cargo run --manifest-path crates/c/header/Cargo.toml` writes `include/lsdc.h` from the types, constants and
-//! comments here.
+//! `cargo run --manifest-path crates/c/header/Cargo.toml` writes `include/lsdc.h` from the types, constants
+//! and comments here.
 
 #![allow(non_camel_case_types)]
 // What C code passes can only be reached through its pointers.

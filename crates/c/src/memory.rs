@@ -1,7 +1,8 @@
 //! Reading and writing the caller's memory: the only file in which its pointers are followed.
 //!
-//! Everything is copied, byte by byte, so that neither alignment nor what lies between rows, or overlaps, matters.
-//! That pointers lead to as many bytes as their sizes say is the caller's promise, and cannot be checked here.
+//! Everything is copied, byte by byte, so that neither alignment nor what lies between rows, or overlaps,
+//! matters. That pointers lead to as many bytes as their sizes say is the caller's promise, and cannot be
+//! checked here.
 
 use crate::fault::{Fault, Result};
 use std::ffi::{CStr, c_char};
@@ -46,7 +47,8 @@ pub(crate) struct Rows {
 }
 
 impl Rows {
-    /// `count` rows of `row` bytes, `stride` bytes apart (without gaps if that is 0). `what` names them in errors.
+    /// `count` rows of `row` bytes, `stride` bytes apart (without gaps if that is 0). `what` names them in
+    /// errors.
     pub(crate) fn new(what: &str, count: usize, row: usize, stride: usize) -> Result<Self> {
         let stride = if stride == 0 { row } else { stride };
         if stride < row {
@@ -85,7 +87,8 @@ impl Rows {
         Err(Fault::buffer(message))
     }
 
-    /// Checks that they fit into `size` bytes, and that nothing follows: a longer buffer has another format or stride.
+    /// Checks that they fit into `size` bytes, and that nothing follows: a longer buffer has another format
+    /// or stride.
     pub(crate) fn fill(self, what: &str, size: usize) -> Result<Self> {
         let all = self.stride * self.count;
         if size > all {
@@ -165,7 +168,8 @@ pub(crate) unsafe fn scatter<T: Plain>(
     Ok(())
 }
 
-/// A structure of the caller, as of any version: what an older one lacks is 0, and what a newer one has more must be.
+/// A structure of the caller, as of any version: what an older one lacks is 0, and what a newer one has more
+/// must be.
 ///
 /// # Safety
 /// `from` is null or leads to memory with as many bytes as its `struct_size` says.
@@ -203,7 +207,8 @@ pub(crate) unsafe fn optional<T: Versioned>(from: *const T, what: &str) -> Resul
 /// Fills a structure of the caller, of whatever version, after its `struct_size`.
 ///
 /// # Safety
-/// `to` is null or leads to memory with as many bytes as its `struct_size` says, which nobody else uses meanwhile.
+/// `to` is null or leads to memory with as many bytes as its `struct_size` says, which nobody else uses
+/// meanwhile.
 pub(crate) unsafe fn fill<T: Versioned>(to: *mut T, value: &T, what: &str) -> Result<()> {
     // SAFETY: the caller's promise.
     let size = unsafe { struct_size(to, what) }?;

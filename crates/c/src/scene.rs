@@ -23,8 +23,8 @@ static SCENES: Handles<lsdc_scene, Pooled<Scene>> = Handles::new("scene");
 pub struct lsdc_scene_options {
     /// `sizeof(lsdc_scene_options)`.
     pub struct_size: usize,
-    /// A dense prediction of the depth of the image by other means, of any size, or null. Unit, scale and shift need not
-    /// be known; NaN marks gaps.
+    /// A dense prediction of the depth of the image by other means, of any size, or null. Unit, scale and
+    /// shift need not be known; NaN marks gaps.
     pub guide: *const lsdc_map,
     /// What its values mean.
     pub guide_kind: lsdc_guide_kind,
@@ -43,8 +43,8 @@ unsafe impl Versioned for lsdc_scene_options {
 pub struct lsdc_complete_options {
     /// `sizeof(lsdc_complete_options)`.
     pub struct_size: usize,
-    /// The completion of the previous frame of a video, towards which this one is drawn, or null. Both need completers
-    /// with the same weights and fit.
+    /// The completion of the previous frame of a video, towards which this one is drawn, or null. Both need
+    /// completers with the same weights and fit.
     pub previous: *const lsdc_completion,
 }
 
@@ -53,8 +53,8 @@ unsafe impl Versioned for lsdc_complete_options {
     const LEAST: usize = size_of::<usize>();
 }
 
-/// Runs the network on an image. The buffer is not needed afterwards. `options` may be null. `*scene` becomes a handle to
-/// be freed with `lsdc_scene_free`, or null if the call fails.
+/// Runs the network on an image. The buffer is not needed afterwards. `options` may be null. `*scene` becomes
+/// a handle to be freed with `lsdc_scene_free`, or null if the call fails.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_scene_create(
     completer: *const lsdc_completer,
@@ -77,7 +77,7 @@ pub unsafe extern "C" fn lsdc_scene_create(
             // SAFETY: the caller's promise.
             false => Some(unsafe { Map::read(options.guide, "options->guide") }?),
         };
-        let value = completer.run(|completer| -> Result<Scene> {
+        let value = completer.run(|completer| {
             let image = pixels.image()?;
             Ok(match guide {
                 None => completer.scene(&image)?,
@@ -107,9 +107,9 @@ pub unsafe extern "C" fn lsdc_scene_size(
     })
 }
 
-/// Fits the scene to points. They are not needed afterwards. Points outside the image, and those whose depth or sigma is not
-/// from 1e-15 to 1e15, are left out and counted in the report. `options` may be null. `*completion` becomes a handle to be
-/// freed with `lsdc_completion_free`, or null if the call fails.
+/// Fits the scene to points. They are not needed afterwards. Points outside the image, and those whose depth
+/// or sigma is not from 1e-15 to 1e15, are left out and counted in the report. `options` may be null.
+/// `*completion` becomes a handle to be freed with `lsdc_completion_free`, or null if the call fails.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_scene_complete(
     scene: *const lsdc_scene,
@@ -123,9 +123,10 @@ pub unsafe extern "C" fn lsdc_scene_complete(
     guard(|| unsafe { complete(scene, points, options, completion) })
 }
 
-/// Fits the scene to a map of the size of its image, where 0 means no measurement. NaN, infinite and negative values are
-/// left out and counted in the report, as invalid. The points are the pixels that are not 0, row by row. `sigma` is a map
-/// of the standard deviations of the depths, 0 where it is unknown, or null. Otherwise as `lsdc_scene_complete`.
+/// Fits the scene to a map of the size of its image, where 0 means no measurement. NaN, infinite and negative
+/// values are left out and counted in the report, as invalid. The points are the pixels that are not 0, row
+/// by row. `sigma` is a map of the standard deviations of the depths, 0 where it is unknown, or null.
+/// Otherwise as `lsdc_scene_complete`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_scene_complete_map(
     scene: *const lsdc_scene,
@@ -148,8 +149,8 @@ pub unsafe extern "C" fn lsdc_scene_complete_map(
     guard(|| unsafe { complete(scene, points, options, completion) })
 }
 
-/// Frees a scene; null is ignored. Its completions, and calls that use it at this moment, are not affected. A handle that
-/// was freed before is an error, `LSDC_ERROR_HANDLE`.
+/// Frees a scene; null is ignored. Its completions, and calls that use it at this moment, are not affected. A
+/// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_scene_free(scene: *mut lsdc_scene) -> lsdc_status {
     guard(|| SCENES.free(scene))
@@ -173,9 +174,11 @@ unsafe fn complete(
         false => Some(COMPLETIONS.get(options.previous)?.value.completion),
     };
     let points = points(&scene.value)?;
-    let fitted = scene.run(|scene| match &near {
-        None => scene.complete(&points),
-        Some(near) => scene.complete_near(&points, near.weights()),
+    let fitted = scene.run(|scene| {
+        Ok(match &near {
+            None => scene.complete(&points)?,
+            Some(near) => scene.complete_near(&points, near.weights())?,
+        })
     })?;
     let value = Fitted {
         completion: fitted,

@@ -11,7 +11,7 @@ pub type lsdc_status = i32;
 pub const LSDC_OK: lsdc_status = 0;
 /// A pointer is null, a structure has an impossible `struct_size`, or a constant is unknown.
 pub const LSDC_ERROR_ARGUMENT: lsdc_status = 1;
-/// A handle was freed before, or is none of this library's.
+/// A handle was freed before, is none of this library's, or was made before `fork()`.
 pub const LSDC_ERROR_HANDLE: lsdc_status = 2;
 /// The size, the stride or the number of pixels of a buffer is not that of its contents.
 pub const LSDC_ERROR_BUFFER: lsdc_status = 3;
@@ -28,9 +28,9 @@ pub const LSDC_ERROR_MEMORY: lsdc_status = 8;
 /// An error in lsdc itself, which should be reported.
 pub const LSDC_ERROR_INTERNAL: lsdc_status = 9;
 
-/// What was wrong in the last call on this thread that failed: one sentence in UTF-8, or "" if none failed yet.
-/// Calls that succeed leave it as it is. The text belongs to the library and lives until the next failing call on
-/// this thread, or its end.
+/// What was wrong in the last call on this thread that failed: one sentence in UTF-8, or "" if none failed
+/// yet. Calls that succeed leave it as it is. The text belongs to the library and lives until the next
+/// failing call on this thread, or its end.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_last_error() -> *const c_char {
     fault::last_message()
@@ -48,8 +48,8 @@ pub extern "C" fn lsdc_version() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
 }
 
-/// The version of the interface of the library that was loaded. A program can compare it with `LSDC_ABI_VERSION`, that
-/// of the header which it was compiled with.
+/// The version of the interface of the library that was loaded. A program can compare it with
+/// `LSDC_ABI_VERSION`, that of the header which it was compiled with.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_abi_version() -> u32 {
     LSDC_ABI_VERSION

@@ -264,6 +264,15 @@ static void guides(void) {
     CHECK(report.guide_trust >= 0.0);
     OK(lsdc_completion_free(guided));
     OK(lsdc_scene_free(made));
+    // A guide without a network.
+    lsdc_completer_options settings = quick();
+    lsdc_completer *alone;
+    OK(lsdc_completer_create("none", &settings, &alone));
+    OK(lsdc_scene_create(alone, &image, &options, &made));
+    OK(lsdc_scene_complete(made, &points, NULL, &guided));
+    OK(lsdc_completion_free(guided));
+    OK(lsdc_scene_free(made));
+    OK(lsdc_completer_free(alone));
     for (int i = 0; i < PIXELS; ++i) dense[i] = NAN;
     FAILS(LSDC_ERROR_IMAGE, "the guide says nothing", lsdc_scene_create(completer, &image, &options, &made));
     CHECK(made == NULL);

@@ -1,9 +1,10 @@
-// Random arguments: nulls, sizes, strides, formats, values, handles that live, were freed or never were. Whatever comes, a
-// call returns a status, and the library can go on. To be run under sanitizers and valgrind.
+// Random arguments: nulls, sizes, strides, formats, values, handles that live, were freed or never were.
+// Whatever comes, a call returns a status, and the library can go on. To be run under sanitizers and valgrind.
 //
 //     fuzz CALLS SEED
 //
-// Only one promise is kept: that a buffer is as long as its size says. Each is allocated anew with just that length.
+// Only one promise is kept: that a buffer is as long as its size says. Each is allocated anew with just that
+// length.
 
 #include "check.h"
 
@@ -94,7 +95,7 @@ static lsdc_status create_completer(void) {
     case 0: status = lsdc_completer_create((const char *)garbage, &options, out); break;
     case 1: status = lsdc_completer_create_from_file((const char *)garbage, &options, out); break;
     case 2: status = lsdc_completer_create_from_memory(garbage, below(65), &options, out); break;
-    case 3: status = lsdc_completer_create(NULL, &options, out); break;
+    case 3: status = lsdc_completer_create(once_in(2) ? NULL : "none", &options, out); break;
     default: status = lsdc_completer_create("small", &options, out);
     }
     return out == NULL ? status : made(status, completer, &completers, free_completer);

@@ -1,4 +1,5 @@
-// lsdc.hpp: the same bits as the interface in C, exceptions, ownership, and views of matrices that only look like cv::Mat.
+// lsdc.hpp: the same bits as the interface in C, exceptions, ownership, and views of matrices that only look
+// like cv::Mat.
 
 #include "check.h"
 #include <lsdc.hpp>
@@ -94,7 +95,7 @@ int main(int count, char **arguments) {
     CHECK(completer.scene(image, guide).complete(map).report().guide_trust >= 0.0);
 
     // What cannot be is an exception, with its hint.
-    throws(LSDC_ERROR_WEIGHTS, "no weights named `none`", [] { lsdc::Completer("none"); });
+    throws(LSDC_ERROR_WEIGHTS, "no weights named `huge`", [] { lsdc::Completer("huge"); });
     throws(LSDC_ERROR_WEIGHTS, arguments[1], [&] { lsdc::Completer::from_file(arguments[1]); });
     throws(LSDC_ERROR_WEIGHTS, "safetensors", [&] { lsdc::Completer::from_memory(rgb.data(), rgb.size()); });
     throws(LSDC_ERROR_FIT, "no sparse depth", [&] { scene.complete(std::vector<lsdc::Point>()); });

@@ -1,8 +1,12 @@
-// One completer, one scene and one completion, used by eight threads at once: the bits of one thread, errors of each thread
-// for itself, and handles that are freed in the middle of it.
+// One completer, one scene and one completion, used by eight threads at once: the bits of one thread, errors of
+// each thread for itself, handles that are freed in the middle of it, and a fork.
+
+#define _POSIX_C_SOURCE 200809L
 
 #include "check.h"
 #include <pthread.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 enum { THREADS = 8, ROUNDS = 6, COUNT = 100 };
 
@@ -84,6 +88,24 @@ static void *compete(void *argument) {
     return NULL;
 }
 
+// A child has none of the threads of its parent, and can start its own.
+static void fork_away(lsdc_completer_options options) {
+    pid_t child = fork();
+    CHECK(child >= 0);
+    if (child == 0) {
+        static float depth[PIXELS];
+        lsdc_completion *none;
+        lsdc_points points = points_of(xs, ys, depths, COUNT);
+        FAILS(LSDC_ERROR_HANDLE, "fork()", lsdc_scene_complete(scene, &points, NULL, &none));
+        FAILS(LSDC_ERROR_HANDLE, "fork()", lsdc_completion_depth(completion, WIDTH, HEIGHT, depth, sizeof depth, 0));
+        OK(lsdc_completer_create("small", &options, &completer));
+        check_results(completed(1), 1);
+        _exit(EXIT_SUCCESS);
+    }
+    int status;
+    CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == EXIT_SUCCESS);
+}
+
 static void together(void *(*job)(void *)) {
     pthread_t threads[THREADS];
     int numbers[THREADS];
@@ -129,6 +151,7 @@ int main(void) {
         int all = 0;
         for (int k = 0; k < THREADS; ++k) all += freed[k];
         CHECK(all == ROUNDS);
+        fork_away(options);
         OK(lsdc_completion_free(completion));
         OK(lsdc_scene_free(scene));
         OK(lsdc_completer_free(completer));

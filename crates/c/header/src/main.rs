@@ -13,28 +13,32 @@ const SOURCES: [&str; 6] = ["abi", "status", "input", "completer", "scene", "com
 const ABOUT: &str = "\
 // lsdc: an RGB image and a few sparse depths in, a dense depth map out.
 //
-// An lsdc_completer turns an image into an lsdc_scene, which runs the network, once; a scene turns points into an
-// lsdc_completion, which runs a fit, as often as you like. Depth, standard deviations, residuals and outliers are asked
-// from the completion.
+// An lsdc_completer turns an image into an lsdc_scene, which runs the network, once; a scene turns points
+// into an lsdc_completion, which runs a fit, as often as you like. Depth, standard deviations, residuals
+// and outliers are asked from the completion.
 //
-// Units. Depths are along the optical axis in metres, or in any other unit, which is then that of all results. Positions are
-// in pixels: x to the right, y down, (0, 0) is the centre of the first pixel. Strides and sizes of buffers are in bytes.
+// Units. Depths are along the optical axis in metres, or in any other unit, which is then that of all
+// results. Positions are in pixels: x to the right, y down, (0, 0) is the centre of the first pixel.
+// Strides and sizes of buffers are in bytes.
 //
-// Errors. A function returns LSDC_OK or one of LSDC_ERROR_...; lsdc_last_error() and lsdc_last_hint() tell this thread
-// what was wrong and what to do. A call that fails changes nothing but the handle that it would have returned, or the count
-// of outliers, which become null and 0.
+// Errors. A function returns LSDC_OK or one of LSDC_ERROR_...; lsdc_last_error() and lsdc_last_hint() tell
+// this thread what was wrong and what to do. A call that fails changes nothing but the handle that it would
+// have returned, or the count of outliers, which become null and 0.
 //
-// Ownership. What the caller passes is copied, so that it may be freed or changed as soon as the call returns. Handles belong
-// to the caller, who frees each once, in any order; they are numbers, not addresses. Null, freed and foreign handles give an error.
-// That a buffer is as long as its size says cannot be checked.
+// Ownership. What the caller passes is copied, so that it may be freed or changed as soon as the call
+// returns. Handles belong to the caller, who frees each once, in any order; they are numbers, not
+// addresses. Null, freed and foreign handles give an error. That a buffer is as long as its size says
+// cannot be checked.
 //
-// Threads. Every function may be called from any number of threads at once, on the same handle too: handles do not change.
-// The same input gives the same bits for any number of threads. After fork(), a child can not use completers of its parent.
+// Threads. Every function may be called from any number of threads at once, on the same handle too: handles
+// do not change. The same input gives the same bits for any number of threads. After fork(), a child makes
+// a completer of its own: work with those of its parent gives LSDC_ERROR_HANDLE.
 //
-// Structures begin with their size, so that fields can be added at their end: a program that was compiled with an older header
-// keeps working. Set struct_size, leave the other fields that you do not need 0:
+// Structures begin with their size, so that fields can be added at their end: a program that was compiled
+// with an older header keeps working. Set struct_size, leave the other fields that you do not need 0:
 //
-//     lsdc_image image = {.struct_size = sizeof image, .data = pixels, .size = 3 * 640 * 480, .width = 640, .height = 480};
+//     lsdc_image image = {.struct_size = sizeof image, .data = pixels, .size = 3 * 640 * 480,
+//                         .width = 640, .height = 480, .format = LSDC_RGB8};
 //
 // Written by cbindgen from the sources of lsdc-c. Do not edit.
 ";
