@@ -165,12 +165,11 @@ fn with(chosen: &Chosen, options: &lsdc_completer_options) -> Result<Pooled<Comp
         ..recorded
     };
     let pool = Pool::new(options.threads)?;
-    let mut value = match chosen.network {
-        true => {
-            let builder = Completer::builder(&chosen.weights).fit(fit);
-            builder.thread_pool(pool.threads.clone()).build()?
-        }
-        false => Completer::without_network(fit)?,
+    let mut value = if chosen.network {
+        let builder = Completer::builder(&chosen.weights).fit(fit);
+        builder.thread_pool(pool.threads.clone()).build()?
+    } else {
+        Completer::without_network(fit)?
     };
     match (options.working_height, options.working_width) {
         (0, 0) => {}

@@ -173,14 +173,15 @@ mod tests {
 
     #[test]
     fn errors_belong_to_their_thread_and_outlive_success() {
-        assert_eq!(text(last_message()), "");
-        assert_eq!(guard(|| Err(Fault::null("here"))), LSDC_ERROR_ARGUMENT);
-        let other = std::thread::spawn(|| text(last_message())).join().unwrap();
-        assert_eq!(guard(|| Ok(())), LSDC_OK);
-        assert_eq!(
-            (text(last_message()), other),
-            ("`here` is null".into(), String::new())
-        );
+        let own = || {
+            assert_eq!(text(last_message()), "");
+            assert_eq!(guard(|| Err(Fault::null("here"))), LSDC_ERROR_ARGUMENT);
+            let other = std::thread::spawn(|| text(last_message())).join().unwrap();
+            assert_eq!(guard(|| Ok(())), LSDC_OK);
+            (text(last_message()), other)
+        };
+        let (here, other) = std::thread::spawn(own).join().unwrap();
+        assert_eq!([here.as_str(), other.as_str()], ["`here` is null", ""]);
     }
 
     #[test]

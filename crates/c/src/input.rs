@@ -135,7 +135,7 @@ pub const LSDC_GUIDE_DISPARITY: lsdc_guide_kind = 1;
 /// Logarithms of depths.
 pub const LSDC_GUIDE_LOG: lsdc_guide_kind = 2;
 
-fn unused(reserved: u32, what: &str) -> Result<()> {
+pub(crate) fn unused(reserved: u32, what: &str) -> Result<()> {
     match reserved {
         0 => Ok(()),
         _ => Err(Fault::argument(format!("`{what}->reserved` is not 0"))),
@@ -282,7 +282,9 @@ impl Map {
             }
         };
         if map.format == LSDC_F32 && unit != 1.0 {
-            values.iter_mut().for_each(|v| *v = scaled((*v).into()));
+            for value in &mut values {
+                *value = scaled((*value).into());
+            }
         }
         Ok(Self {
             width: map.width,
@@ -379,9 +381,10 @@ pub(crate) unsafe fn observations(points: *const lsdc_points) -> Result<Observat
         let x = points.column(points.x, "points->x")?;
         let y = points.column(points.y, "points->y")?;
         let depth = points.column(points.depth, "points->depth")?;
-        let sigma = match points.sigma.is_null() {
-            true => None,
-            false => Some(points.column(points.sigma, "points->sigma")?),
+        let sigma = if points.sigma.is_null() {
+            None
+        } else {
+            Some(points.column(points.sigma, "points->sigma")?)
         };
         (x, y, depth, sigma)
     };

@@ -136,8 +136,8 @@ pub(crate) unsafe fn gather<T: Plain>(data: *const T, rows: Rows, what: &str) ->
         // SAFETY: row `y` lies in the caller's memory, and in the capacity of `values`, which is new.
         unsafe {
             data.add(y * stride)
-                .copy_to_nonoverlapping(target.add(y * row), row)
-        };
+                .copy_to_nonoverlapping(target.add(y * row), row);
+        }
     }
     // SAFETY: all `length` values were copied, and any bytes are a value.
     unsafe { values.set_len(length) };
@@ -217,8 +217,8 @@ pub(crate) unsafe fn fill<T: Versioned>(to: *mut T, value: &T, what: &str) -> Re
     // SAFETY: both have at least `known` bytes, and `value` is ours.
     unsafe {
         from.add(first)
-            .copy_to_nonoverlapping(to.add(first), known - first)
-    };
+            .copy_to_nonoverlapping(to.add(first), known - first);
+    }
     // SAFETY: the caller's structure has `size` bytes.
     unsafe { to.add(known).write_bytes(0, size - known) };
     Ok(())

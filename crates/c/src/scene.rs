@@ -2,9 +2,11 @@
 
 use crate::completer::{COMPLETERS, lsdc_completer};
 use crate::completion::{COMPLETIONS, Fitted, lsdc_completion};
-use crate::fault::{Fault, Result, guard};
+use crate::fault::{Result, guard};
 use crate::handles::Handles;
-use crate::input::{Map, Pixels, lsdc_guide_kind, lsdc_image, lsdc_map, lsdc_points, observations};
+use crate::input::{
+    Map, Pixels, lsdc_guide_kind, lsdc_image, lsdc_map, lsdc_points, observations, unused,
+};
 use crate::memory::{self, Versioned};
 use crate::pool::Pooled;
 use crate::status::lsdc_status;
@@ -69,13 +71,12 @@ pub unsafe extern "C" fn lsdc_scene_create(
         // SAFETY: the caller's promise.
         let (pixels, options) =
             unsafe { (Pixels::read(image)?, memory::optional(options, "options")?) };
-        if options.reserved != 0 {
-            return Err(Fault::argument("`options->reserved` is not 0"));
-        }
-        let guide = match options.guide.is_null() {
-            true => None,
+        unused(options.reserved, "options")?;
+        let guide = if options.guide.is_null() {
+            None
+        } else {
             // SAFETY: the caller's promise.
-            false => Some(unsafe { Map::read(options.guide, "options->guide") }?),
+            Some(unsafe { Map::read(options.guide, "options->guide") }?)
         };
         let value = completer.run(|completer| {
             let image = pixels.image()?;
@@ -138,10 +139,11 @@ pub unsafe extern "C" fn lsdc_scene_complete_map(
     let points = |scene: &Scene| {
         // SAFETY: the caller's promise.
         let depth = unsafe { Map::read(depth, "depth") }?;
-        let sigma = match sigma.is_null() {
-            true => None,
+        let sigma = if sigma.is_null() {
+            None
+        } else {
             // SAFETY: the caller's promise.
-            false => Some(unsafe { Map::read(sigma, "sigma") }?),
+            Some(unsafe { Map::read(sigma, "sigma") }?)
         };
         depth.observations(sigma, (scene.width(), scene.height()))
     };
@@ -169,9 +171,10 @@ unsafe fn complete(
     let scene = SCENES.get(scene)?;
     // SAFETY: the caller's promise.
     let options = unsafe { memory::optional(options, "options") }?;
-    let near = match options.previous.is_null() {
-        true => None,
-        false => Some(COMPLETIONS.get(options.previous)?.value.completion),
+    let near = if options.previous.is_null() {
+        None
+    } else {
+        Some(COMPLETIONS.get(options.previous)?.value.completion)
     };
     let points = points(&scene.value)?;
     let fitted = scene.run(|scene| {
