@@ -2,7 +2,7 @@
 
 use crate::completer::{COMPLETERS, lsdc_completer};
 use crate::completion::{COMPLETIONS, Fitted, lsdc_completion};
-use crate::fault::{Result, guard};
+use crate::fault::{Fault, Result, guard};
 use crate::handles::Handles;
 use crate::input::{
     Map, Pixels, lsdc_guide_kind, lsdc_image, lsdc_map, lsdc_points, observations, unused,
@@ -100,6 +100,9 @@ pub unsafe extern "C" fn lsdc_scene_size(
 ) -> lsdc_status {
     guard(|| {
         let scene = SCENES.get(scene)?.value;
+        if height.is_null() {
+            return Err(Fault::null("height"));
+        }
         // SAFETY: the caller's promise.
         unsafe {
             memory::put(width, scene.width(), "width")?;

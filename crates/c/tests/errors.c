@@ -130,7 +130,9 @@ static void handles(void) {
     CHECK(nothing == NULL);
     FAILS(LSDC_ERROR_ARGUMENT, "`scene` is null", lsdc_scene_size(NULL, &width, &height));
     FAILS(LSDC_ERROR_ARGUMENT, "`width` is null", lsdc_scene_size(scene, NULL, &height));
+    width = 5;
     FAILS(LSDC_ERROR_ARGUMENT, "`height` is null", lsdc_scene_size(scene, &width, NULL));
+    CHECK(width == 5);
     OK(lsdc_scene_size(scene, &width, &height));
     CHECK(width == WIDTH && height == HEIGHT);
 
