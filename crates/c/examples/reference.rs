@@ -1,0 +1,49 @@
+//! What the examples in C and C++ must give, bit for bit: the room of the repository by `lsdc-core`.
+//!
+//!     cargo run --release -p lsdc-c --example reference -- FOLDER
+//!
+//! Writes `rgb.ppm`, and `depth.npy`, `deviation.npy` and `half.npy` (at half size) as the examples write them.
+
+use lsdc_core::{Channels, Completer, DepthMap, Image, Observations, Weights};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let folder = std::env::args_os().nth(1).ok_or("which folder?")?;
+    let folder = PathBuf::from(folder);
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/room");
+    let rgb = image::open(room.join("rgb.png"))?.into_rgb8();
+    let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+    let header = format!("P6 {width} {height} 255\n").into_bytes();
+    std::fs::write(
+        folder.join("rgb.ppm"),
+        [&header, rgb.as_raw().as_slice()].concat(),
+    )?;
+
+    let bytes = std::fs::read(room.join("sparse.npy"))?;
+    let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let depths = bytes[start..].chunks_exact(4);
+    let depths = depths.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    let points = Observations::from_map(&DepthMap::new(width, height, depths.collect())?);
+
+    let completer = Completer::new(&Weights::builtin())?;
+    let image = Image::new(width, height, Channels::Rgb, &rgb)?;
+    let completion = completer.scene(&image)?.complete(&points)?;
+    write(&folder.join("depth.npy"), &completion.depth()?)?;
+    write(
+        &folder.join("deviation.npy"),
+        &completion.standard_deviation()?,
+    )?;
+    let half = completion.depth_at(width / 2, height / 2)?;
+    write(&folder.join("half.npy"), &half)?;
+    Ok(())
+}
+
+fn write(path: &Path, map: &DepthMap) -> std::io::Result<()> {
+    let shape = format!("({}, {})", map.height(), map.width());
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
+    let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    bytes.extend(format!("{header:117}\n").into_bytes());
+    bytes.extend(map.values().iter().flat_map(|value| value.to_le_bytes()));
+    std::fs::write(path, bytes)
+}

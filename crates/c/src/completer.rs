@@ -1,0 +1,240 @@
+//! Completers: weights, settings and threads.
+
+use crate::fault::{Fault, Result, guard};
+use crate::handles::Handles;
+use crate::memory::{self, Versioned};
+use crate::pool::{Pool, Pooled};
+use crate::status::lsdc_status;
+use lsdc_core::settings::{FitConfig, FitMethod, Loss, Robust};
+use lsdc_core::{Completer, Weights};
+use std::ffi::{c_char, c_void};
+
+/// A trained network with the settings of the fit, and threads.
+pub struct lsdc_completer {
+    _opaque: [u8; 0],
+}
+
+pub(crate) static COMPLETERS: Handles<lsdc_completer, Pooled<Completer>> =
+    Handles::new("completer");
+
+/// The model of depth: one of the constants `LSDC_FIT_...`.
+pub type lsdc_fit = u32;
+
+/// That for which the weights were trained.
+pub const LSDC_FIT_DEFAULT: lsdc_fit = 0;
+/// Basis functions alone: least squares as in the paper.
+pub const LSDC_FIT_LSE: lsdc_fit = 1;
+/// A field alone, which is smooth except across edges.
+pub const LSDC_FIT_FIELD: lsdc_fit = 2;
+/// Basis functions and a field.
+pub const LSDC_FIT_JOINT: lsdc_fit = 3;
+
+/// How the influence of wrong points is limited: one of the constants `LSDC_ROBUST_...`.
+pub type lsdc_robust = u32;
+
+/// As the weights say; those of the library do not limit it.
+pub const LSDC_ROBUST_DEFAULT: lsdc_robust = 0;
+/// Not at all.
+pub const LSDC_ROBUST_NONE: lsdc_robust = 1;
+/// By the probability of each point to be right, judged by the others.
+pub const LSDC_ROBUST_AUTO: lsdc_robust = 2;
+/// Least absolute residuals, as in the paper.
+pub const LSDC_ROBUST_IRLS: lsdc_robust = 3;
+/// Huber's loss.
+pub const LSDC_ROBUST_HUBER: lsdc_robust = 4;
+/// Cauchy's loss.
+pub const LSDC_ROBUST_CAUCHY: lsdc_robust = 5;
+/// The loss of Geman and McClure.
+pub const LSDC_ROBUST_GM: lsdc_robust = 6;
+/// Tukey's biweight.
+pub const LSDC_ROBUST_TUKEY: lsdc_robust = 7;
+
+/// Settings of a completer; zeros are the defaults. Set `struct_size` to `sizeof(lsdc_completer_options)`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct lsdc_completer_options {
+    /// `sizeof(lsdc_completer_options)`.
+    pub struct_size: usize,
+    /// Threads of its own, at most 4096. 0 means those that all such completers share, one per core.
+    pub threads: usize,
+    /// With `working_height`: images are resized to about as many pixels as this size has, with their aspect
+    /// ratio kept, before they enter the network. Both 0 means the size of the training images.
+    pub working_width: usize,
+    /// See `working_width`.
+    pub working_height: usize,
+    /// The model of depth.
+    pub fit: lsdc_fit,
+    /// How the influence of wrong points is limited.
+    pub robust: lsdc_robust,
+}
+
+// SAFETY: it is `repr(C)`, begins with its size, and consists of numbers.
+unsafe impl Versioned for lsdc_completer_options {
+    const LEAST: usize = size_of::<usize>();
+}
+
+/// Makes a completer with weights of the library: "default", the most accurate, "small", which take two thirds
+/// of the time, or "none", no network at all, for scenes with a guide. `options` may be null. `*completer` becomes
+/// a handle to be freed with `lsdc_completer_free`, or null if the call fails.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completer_create(
+    weights: *const c_char,
+    options: *const lsdc_completer_options,
+    completer: *mut *mut lsdc_completer,
+) -> lsdc_status {
+    // SAFETY: the caller's promise.
+    let weights = || builtin(&unsafe { memory::text(weights, "weights") }?);
+    // SAFETY: the caller's promise.
+    guard(|| unsafe { make(weights, options, completer) })
+}
+
+/// Makes a completer with weights from a file, as `lsdc train` writes them. `path` ends with a zero; it is
+/// UTF-8 on Windows. Otherwise as `lsdc_completer_create`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completer_create_from_file(
+    path: *const c_char,
+    options: *const lsdc_completer_options,
+    completer: *mut *mut lsdc_completer,
+) -> lsdc_status {
+    // SAFETY: the caller's promise.
+    let weights = || Chosen::all(Weights::read(unsafe { memory::path(path, "path") }?));
+    // SAFETY: the caller's promise.
+    guard(|| unsafe { make(weights, options, completer) })
+}
+
+/// Makes a completer with weights from the `size` bytes of such a file in memory, which are not needed
+/// afterwards. Otherwise as `lsdc_completer_create`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completer_create_from_memory(
+    data: *const c_void,
+    size: usize,
+    options: *const lsdc_completer_options,
+    completer: *mut *mut lsdc_completer,
+) -> lsdc_status {
+    let weights = || {
+        let rows = memory::Rows::new("the weights", 1, size, 0)?;
+        // SAFETY: the caller's promise.
+        let bytes = unsafe { memory::gather(data.cast(), rows, "data") }?;
+        Chosen::all(Weights::from_bytes(&bytes))
+    };
+    // SAFETY: the caller's promise.
+    guard(|| unsafe { make(weights, options, completer) })
+}
+
+/// Frees a completer; null is ignored. Its scenes, and calls that use it at this moment, are not affected. A
+/// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
+#[unsafe(no_mangle)]
+pub extern "C" fn lsdc_completer_free(completer: *mut lsdc_completer) -> lsdc_status {
+    guard(|| COMPLETERS.free(completer))
+}
+
+/// Weights, or the settings of their fit alone.
+struct Chosen {
+    weights: Weights,
+    network: bool,
+}
+
+impl Chosen {
+    fn all(weights: lsdc_core::Result<Weights>) -> Result<Self> {
+        let (weights, network) = (weights?, true);
+        Ok(Self { weights, network })
+    }
+}
+
+/// # Safety
+/// The pointers are null or lead to what they say.
+unsafe fn make(
+    weights: impl FnOnce() -> Result<Chosen>,
+    options: *const lsdc_completer_options,
+    completer: *mut *mut lsdc_completer,
+) -> Result<()> {
+    // SAFETY: the caller's promise.
+    unsafe { memory::put(completer, std::ptr::null_mut(), "completer") }?;
+    // SAFETY: the caller's promise.
+    let options = unsafe { memory::optional(options, "options") }?;
+    let made = COMPLETERS.add(with(&weights()?, &options)?);
+    // SAFETY: the caller's promise.
+    unsafe { memory::put(completer, made, "completer") }
+}
+
+fn with(chosen: &Chosen, options: &lsdc_completer_options) -> Result<Pooled<Completer>> {
+    let recorded = chosen.weights.fit()?.unwrap_or_default();
+    let fit = FitConfig {
+        method: method(options.fit, recorded.method)?,
+        robust: robust(options.robust, recorded.robust)?,
+        ..recorded
+    };
+    let pool = Pool::new(options.threads)?;
+    let mut value = if chosen.network {
+        let builder = Completer::builder(&chosen.weights).fit(fit);
+        builder.thread_pool(pool.threads.clone()).build()?
+    } else {
+        Completer::without_network(fit)?
+    };
+    match (options.working_height, options.working_width) {
+        (0, 0) => {}
+        (height, width) => value = value.with_working_size(height, width)?,
+    }
+    Ok(Pooled { value, pool })
+}
+
+fn method(fit: lsdc_fit, recorded: FitMethod) -> Result<FitMethod> {
+    match fit {
+        LSDC_FIT_DEFAULT => Ok(recorded),
+        LSDC_FIT_LSE => Ok(FitMethod::Lse),
+        LSDC_FIT_FIELD => Ok(FitMethod::Field),
+        LSDC_FIT_JOINT => Ok(FitMethod::Joint),
+        other => Err(Fault::argument(format!(
+            "`options->fit` {other} is unknown"
+        ))),
+    }
+}
+
+pub(crate) fn fit_of(method: FitMethod) -> lsdc_fit {
+    match method {
+        FitMethod::Lse => LSDC_FIT_LSE,
+        FitMethod::Field => LSDC_FIT_FIELD,
+        FitMethod::Joint => LSDC_FIT_JOINT,
+    }
+}
+
+fn robust(robust: lsdc_robust, recorded: Option<Robust>) -> Result<Option<Robust>> {
+    let loss = match robust {
+        LSDC_ROBUST_DEFAULT => return Ok(recorded),
+        LSDC_ROBUST_NONE => return Ok(None),
+        LSDC_ROBUST_AUTO => Loss::Auto,
+        LSDC_ROBUST_IRLS => Loss::Irls,
+        LSDC_ROBUST_HUBER => Loss::Huber,
+        LSDC_ROBUST_CAUCHY => Loss::Cauchy,
+        LSDC_ROBUST_GM => Loss::Gm,
+        LSDC_ROBUST_TUKEY => Loss::Tukey,
+        other => {
+            return Err(Fault::argument(format!(
+                "`options->robust` {other} is unknown"
+            )));
+        }
+    };
+    Ok(Some(Robust::new(loss)))
+}
+
+#[cfg(feature = "weights")]
+fn builtin(name: &str) -> Result<Chosen> {
+    let (weights, network) = match name {
+        "default" => (Weights::builtin(), true),
+        "small" => (Weights::builtin_small(), true),
+        "none" => (Weights::builtin(), false),
+        other => {
+            let fault = Fault::weights(format!("there are no weights named `{other}`"));
+            return Err(fault.with_hint(
+                "choose \"default\" or \"small\", or read a file with lsdc_completer_create_from_file",
+            ));
+        }
+    };
+    Ok(Chosen { weights, network })
+}
+
+#[cfg(not(feature = "weights"))]
+fn builtin(_: &str) -> Result<Chosen> {
+    let fault = Fault::weights("this library was built without weights");
+    Err(fault.with_hint("read a file with lsdc_completer_create_from_file"))
+}

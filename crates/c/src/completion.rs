@@ -1,0 +1,421 @@
+//! Completions: depth, its errors, and what the points say of each other.
+
+use crate::completer::{fit_of, lsdc_fit};
+use crate::fault::{Fault, Result, guard};
+use crate::handles::Handles;
+use crate::input::checked_size;
+use crate::memory::{self, Rows, Versioned};
+use crate::pool::Pooled;
+use crate::status::lsdc_status;
+use lsdc_core::{Completion, Observations, Outlier};
+use std::sync::Arc;
+
+/// A scene fitted to points. What is not part of the fit is computed on request.
+pub struct lsdc_completion {
+    _opaque: [u8; 0],
+}
+
+/// A completion, and the points that it was fitted to.
+#[derive(Clone)]
+pub(crate) struct Fitted {
+    pub(crate) completion: Completion,
+    pub(crate) points: Arc<Observations>,
+}
+
+pub(crate) static COMPLETIONS: Handles<lsdc_completion, Pooled<Fitted>> =
+    Handles::new("completion");
+
+/// Statistics of a fit. Set `struct_size` to `sizeof(lsdc_report)`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct lsdc_report {
+    /// `sizeof(lsdc_report)`.
+    pub struct_size: usize,
+    /// Points that were given: `used + invalid + outside`.
+    pub given: usize,
+    /// Points that were fitted.
+    pub used: usize,
+    /// Points left out because their depth or sigma is not from 1e-15 to 1e15, or their position not finite.
+    pub invalid: usize,
+    /// Points left out because they are outside the image.
+    pub outside: usize,
+    /// Points used without a sigma where others had one.
+    pub without_deviation: usize,
+    /// Directions that the points determine, at most `functions`.
+    pub rank: usize,
+    /// Basis functions of the network, including the constant.
+    pub functions: usize,
+    /// Root mean square of the residuals, in the unit of the points.
+    pub residual: f64,
+    /// The strength of the prior; NaN if there is none.
+    pub lambda: f64,
+    /// How far the guide was trusted, 0 if the points do not support it; NaN if there was none.
+    pub guide_trust: f64,
+    /// Depths are clamped to be at least this, a tenth of the smallest given depth.
+    pub lowest: f64,
+    /// Depths are clamped to be at most this, ten times the largest given depth.
+    pub highest: f64,
+    /// Run time of the network in seconds.
+    pub network_seconds: f64,
+    /// Run time of the fit in seconds, including `field_seconds` and `solve_seconds`.
+    pub fit_seconds: f64,
+    /// Run time of what only the first fit to an image does, in seconds.
+    pub field_seconds: f64,
+    /// Run time of the solver in seconds.
+    pub solve_seconds: f64,
+    /// The model of depth: `LSDC_FIT_LSE`, `LSDC_FIT_FIELD` or `LSDC_FIT_JOINT`.
+    pub fit: lsdc_fit,
+    /// 0.
+    pub reserved: u32,
+}
+
+// SAFETY: it is `repr(C)`, begins with its size, and consists of numbers.
+unsafe impl Versioned for lsdc_report {
+    const LEAST: usize = size_of::<usize>();
+}
+
+/// A point that is more likely wrong than right, judged by the others.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct lsdc_outlier {
+    /// Its index among the given points, from 0.
+    pub index: usize,
+    /// Its column.
+    pub x: f64,
+    /// Its row.
+    pub y: f64,
+    /// Its depth.
+    pub depth: f64,
+    /// The probability that it is wrong, from 0.5 to 1.
+    pub probability: f64,
+    /// Its distance from what the others predict, in the scale of the errors of right points there; positive
+    /// if it is farther away.
+    pub score: f64,
+    /// Its depth minus what the others predict.
+    pub error: f64,
+    /// The weight that it kept in a robust fit.
+    pub weight: f64,
+}
+
+/// Writes the dense depth, in the unit of the points, as `height` rows of `width` floats, whose rows start
+/// `stride` bytes apart (without gaps if that is 0). `size` is the number of bytes from `depth` to the end of
+/// the buffer; bytes between rows are left as they are. Any size may be asked for: that of the image, see
+/// `lsdc_scene_size`, gives a depth for each of its pixels. If the call fails, the buffer is unchanged.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_depth(
+    completion: *const lsdc_completion,
+    width: usize,
+    height: usize,
+    depth: *mut f32,
+    size: usize,
+    stride: usize,
+) -> lsdc_status {
+    let map = |found: &Completion| found.depth_at(width, height);
+    // SAFETY: the caller's promise.
+    guard(|| unsafe {
+        write_map(
+            completion,
+            map,
+            [width, height],
+            depth,
+            [size, stride],
+            "depth",
+        )
+    })
+}
+
+/// Writes the standard deviation of the error of the depth at every pixel, in the unit of the points: half
+/// the width of the interval around the depth that holds 68.27 % of errors. Otherwise as
+/// `lsdc_completion_depth`. Fails with `LSDC_ERROR_FIT` if there are too few points to tell.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_standard_deviation(
+    completion: *const lsdc_completion,
+    width: usize,
+    height: usize,
+    deviation: *mut f32,
+    size: usize,
+    stride: usize,
+) -> lsdc_status {
+    let map = |found: &Completion| found.standard_deviation_at(width, height);
+    guard(|| {
+        let (shape, room) = ([width, height], [size, stride]);
+        // SAFETY: the caller's promise.
+        unsafe { write_map(completion, map, shape, deviation, room, "deviation") }
+    })
+}
+
+/// Writes the number of standard deviations around the depth that hold a share `level` of errors, between 0
+/// and 1: 95 % need more than 1.96.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_interval(
+    completion: *const lsdc_completion,
+    level: f64,
+    deviations: *mut f64,
+) -> lsdc_status {
+    guard(|| {
+        let found = COMPLETIONS
+            .get(completion)?
+            .value
+            .completion
+            .interval(level)?;
+        // SAFETY: the caller's promise.
+        unsafe { memory::put(deviations, found, "deviations") }
+    })
+}
+
+/// Writes the depth at `count` positions of the image, which may lie between pixels; see `lsdc_points` for
+/// `x` and `y`. Fails with `LSDC_ERROR_FIT`, and writes nothing, if one is outside the image.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_depth_at(
+    completion: *const lsdc_completion,
+    x: *const f64,
+    y: *const f64,
+    depth: *mut f32,
+    count: usize,
+) -> lsdc_status {
+    guard(|| {
+        let fitted = COMPLETIONS.get(completion)?;
+        let rows = Rows::new("positions", count, size_of::<f64>(), 0)?;
+        // SAFETY: the caller's promise.
+        let (x, y) = unsafe { (memory::gather(x, rows, "x")?, memory::gather(y, rows, "y")?) };
+        let places: Vec<[f64; 2]> = x.into_iter().zip(y).map(|(x, y)| [x, y]).collect();
+        let found = fitted.run(|fitted| Ok(fitted.completion.at(&places)?))?;
+        // SAFETY: the caller's promise.
+        unsafe { write_values(&found, depth, count, "depth") }
+    })
+}
+
+/// Writes the report.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_report(
+    completion: *const lsdc_completion,
+    report: *mut lsdc_report,
+) -> lsdc_status {
+    guard(|| {
+        let fitted = COMPLETIONS.get(completion)?.value;
+        // SAFETY: the caller's promise.
+        unsafe { memory::fill(report, &report_of(&fitted.completion), "report") }
+    })
+}
+
+/// Writes, for each of the `count` points given, its depth minus the fitted depth; NaN for those that were
+/// not used. `count` must be `given` of the report.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_residuals(
+    completion: *const lsdc_completion,
+    residuals: *mut f64,
+    count: usize,
+) -> lsdc_status {
+    // SAFETY: the caller's promise.
+    guard(|| unsafe {
+        write_points(
+            completion,
+            Completion::residuals,
+            residuals,
+            count,
+            "residuals",
+        )
+    })
+}
+
+/// Writes, for each of the `count` points given, its depth minus what a fit to all others predicts; NaN for
+/// those that were not used, and those that the fit passes through whatever their depths are. `count` must be
+/// `given` of the report.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_leave_one_out(
+    completion: *const lsdc_completion,
+    errors: *mut f64,
+    count: usize,
+) -> lsdc_status {
+    // SAFETY: the caller's promise.
+    guard(|| unsafe {
+        write_points(
+            completion,
+            Completion::leave_one_out,
+            errors,
+            count,
+            "errors",
+        )
+    })
+}
+
+/// Writes the root mean square of the leave-one-out errors, which estimates the error of the depth between
+/// the points; NaN if no point has one.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_leave_one_out_error(
+    completion: *const lsdc_completion,
+    error: *mut f64,
+) -> lsdc_status {
+    guard(|| {
+        let fitted = COMPLETIONS.get(completion)?;
+        let found = fitted.run(|fitted| Ok(fitted.completion.leave_one_out_error()))?;
+        // SAFETY: the caller's promise.
+        unsafe { memory::put(error, found.unwrap_or(f64::NAN), "error") }
+    })
+}
+
+/// Writes the final weight of each of the `count` points given: 1 in a plain fit without sigmas, less for a
+/// point that a robust fit trusts less, or that has a larger sigma; NaN for those that were not used. `count`
+/// must be `given` of the report.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_point_weights(
+    completion: *const lsdc_completion,
+    weights: *mut f64,
+    count: usize,
+) -> lsdc_status {
+    // SAFETY: the caller's promise.
+    guard(|| unsafe {
+        write_points(
+            completion,
+            Completion::point_weights,
+            weights,
+            count,
+            "weights",
+        )
+    })
+}
+
+/// Lists the points that are more likely wrong than right, worst first. Writes the first `capacity` of them
+/// to `outliers`, which may be null if that is 0, and the number of all to `*count`. `outlier_size` is
+/// `sizeof(lsdc_outlier)`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_completion_outliers(
+    completion: *const lsdc_completion,
+    outliers: *mut lsdc_outlier,
+    capacity: usize,
+    outlier_size: usize,
+    count: *mut usize,
+) -> lsdc_status {
+    guard(|| {
+        // SAFETY: the caller's promise.
+        unsafe { memory::put(count, 0, "count") }?;
+        let fitted = COMPLETIONS.get(completion)?;
+        if outlier_size != size_of::<lsdc_outlier>() {
+            let message = format!("`outlier_size` is {outlier_size}");
+            return Err(Fault::argument(message).with_hint("set it to sizeof(lsdc_outlier)"));
+        }
+        if outliers.is_null() && capacity > 0 {
+            return Err(Fault::null("outliers"));
+        }
+        let points = &fitted.value.points;
+        let found = fitted.run(|fitted| Ok(fitted.completion.outliers()?))?;
+        let found: Vec<_> = found
+            .iter()
+            .map(|found| outlier_of(found, points))
+            .collect();
+        let some = &found[..found.len().min(capacity)];
+        // SAFETY: the caller's promise.
+        unsafe {
+            write_values(some, outliers, some.len(), "outliers")?;
+            memory::put(count, found.len(), "count")
+        }
+    })
+}
+
+/// Frees a completion; null is ignored. Calls that use it at this moment are not affected. A handle that was
+/// freed before is an error, `LSDC_ERROR_HANDLE`.
+#[unsafe(no_mangle)]
+pub extern "C" fn lsdc_completion_free(completion: *mut lsdc_completion) -> lsdc_status {
+    guard(|| COMPLETIONS.free(completion))
+}
+
+// SAFETY: it is `repr(C)` with fields of 8 bytes each where a pointer has 8; it is only ever copied out, never read.
+unsafe impl memory::Plain for lsdc_outlier {}
+
+fn report_of(completion: &Completion) -> lsdc_report {
+    let report = completion.report();
+    let (lowest, highest) = completion.limits();
+    lsdc_report {
+        struct_size: size_of::<lsdc_report>(),
+        given: report.given,
+        used: report.used,
+        invalid: report.invalid,
+        outside: report.outside,
+        without_deviation: report.without_deviation,
+        rank: report.rank,
+        functions: report.functions,
+        residual: report.residual,
+        lambda: report.lambda.unwrap_or(f64::NAN),
+        guide_trust: report.guide_trust.unwrap_or(f64::NAN),
+        lowest: lowest.into(),
+        highest: highest.into(),
+        network_seconds: report.network.as_secs_f64(),
+        fit_seconds: report.fit.as_secs_f64(),
+        field_seconds: report.field.as_secs_f64(),
+        solve_seconds: report.solve.as_secs_f64(),
+        fit: fit_of(report.method),
+        reserved: 0,
+    }
+}
+
+fn outlier_of(found: &Outlier, points: &Observations) -> lsdc_outlier {
+    let point = points.as_slice()[found.index];
+    lsdc_outlier {
+        index: found.index,
+        x: point.u,
+        y: point.v,
+        depth: point.depth.into(),
+        probability: found.probability,
+        score: found.score,
+        error: found.error,
+        weight: found.weight,
+    }
+}
+
+/// # Safety
+/// `data` is null or leads to `size` bytes, which nobody else uses meanwhile.
+unsafe fn write_map(
+    completion: *const lsdc_completion,
+    map: impl FnOnce(&Completion) -> lsdc_core::Result<lsdc_core::DepthMap> + Send,
+    [width, height]: [usize; 2],
+    data: *mut f32,
+    [size, stride]: [usize; 2],
+    what: &str,
+) -> Result<()> {
+    let fitted = COMPLETIONS.get(completion)?;
+    if data.is_null() {
+        return Err(Fault::null(what));
+    }
+    let name = format!("`{what}`");
+    checked_size(&name, width, height)?;
+    let rows = Rows::new(&name, height, width * size_of::<f32>(), stride)?.fit(&name, size)?;
+    let found = fitted.run(|fitted| Ok(map(&fitted.completion)?))?;
+    // SAFETY: the rows lie within `size` bytes.
+    unsafe { memory::scatter(found.values(), data, rows, what) }
+}
+
+/// # Safety
+/// `data` is null or leads to `count` values, which nobody else uses meanwhile.
+unsafe fn write_points(
+    completion: *const lsdc_completion,
+    values: impl FnOnce(&Completion) -> Vec<f64> + Send,
+    data: *mut f64,
+    count: usize,
+    what: &str,
+) -> Result<()> {
+    let fitted = COMPLETIONS.get(completion)?;
+    if data.is_null() {
+        return Err(Fault::null(what));
+    }
+    let given = fitted.value.completion.report().given;
+    if count != given {
+        let message = format!("`{what}` has {count} values for {given} points");
+        return Err(Fault::buffer(message).with_hint("`count` is `given` of the report"));
+    }
+    let found = fitted.run(|fitted| Ok(values(&fitted.completion)))?;
+    // SAFETY: the caller's promise.
+    unsafe { write_values(&found, data, count, what) }
+}
+
+/// # Safety
+/// `data` is null or leads to `count` values, which nobody else uses meanwhile.
+unsafe fn write_values<T: memory::Plain>(
+    values: &[T],
+    data: *mut T,
+    count: usize,
+    what: &str,
+) -> Result<()> {
+    let rows = Rows::new(what, count, size_of::<T>(), 0)?;
+    // SAFETY: the caller's promise.
+    unsafe { memory::scatter(values, data, rows, what) }
+}

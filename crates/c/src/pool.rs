@@ -1,0 +1,68 @@
+//! Threads.
+
+use crate::fault::{Fault, Result};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+/// Threads of a pool.
+const MOST: usize = 4096;
+
+/// The threads of a completer, and the process in which they are: a fork has none of them.
+#[derive(Clone)]
+pub(crate) struct Pool {
+    pub(crate) threads: Arc<ThreadPool>,
+    process: u32,
+}
+
+/// The threads that completers share as long as one does, and their process.
+static SHARED: Mutex<(Weak<ThreadPool>, u32)> = Mutex::new((Weak::new(), 0));
+
+impl Pool {
+    /// A pool of `threads` threads; the shared one, with a thread per core, if that is 0.
+    pub(crate) fn new(threads: usize) -> Result<Self> {
+        let process = std::process::id();
+        if threads > 0 {
+            let threads = started(threads)?;
+            return Ok(Self { threads, process });
+        }
+        let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+        let threads = match shared.0.upgrade() {
+            Some(threads) if shared.1 == process => threads,
+            _ => started(0)?,
+        };
+        *shared = (Arc::downgrade(&threads), process);
+        Ok(Self { threads, process })
+    }
+}
+
+fn started(threads: usize) -> Result<Arc<ThreadPool>> {
+    if threads > MOST {
+        let message = format!("a completer has at most {MOST} threads, not {threads}");
+        return Err(Fault::settings(message));
+    }
+    let named = |i| format!("lsdc-{i}");
+    let pool = ThreadPoolBuilder::new().num_threads(threads);
+    let failed = |error| Fault::settings(format!("{threads} threads cannot be started: {error}"));
+    pool.thread_name(named)
+        .build()
+        .map(Arc::new)
+        .map_err(failed)
+}
+
+/// A value, and the threads that work on it.
+#[derive(Clone)]
+pub(crate) struct Pooled<T> {
+    pub(crate) value: T,
+    pub(crate) pool: Pool,
+}
+
+impl<T: Sync> Pooled<T> {
+    /// Runs `work` on the pool.
+    pub(crate) fn run<R: Send>(&self, work: impl FnOnce(&T) -> Result<R> + Send) -> Result<R> {
+        // Nobody would do it.
+        if self.pool.process != std::process::id() {
+            return Err(Fault::forked());
+        }
+        self.pool.threads.install(|| work(&self.value))
+    }
+}

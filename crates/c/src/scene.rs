@@ -1,0 +1,202 @@
+//! Scenes: what the network makes of an image, ready for any points.
+
+use crate::completer::{COMPLETERS, lsdc_completer};
+use crate::completion::{COMPLETIONS, Fitted, lsdc_completion};
+use crate::fault::{Fault, Result, guard};
+use crate::handles::Handles;
+use crate::input::{
+    Map, Pixels, lsdc_guide_kind, lsdc_image, lsdc_map, lsdc_points, observations, unused,
+};
+use crate::memory::{self, Versioned};
+use crate::pool::Pooled;
+use crate::status::lsdc_status;
+use lsdc_core::{Observations, Scene};
+
+/// Everything that depends on an image alone: the network ran once, each set of points costs a fit.
+pub struct lsdc_scene {
+    _opaque: [u8; 0],
+}
+
+static SCENES: Handles<lsdc_scene, Pooled<Scene>> = Handles::new("scene");
+
+/// Settings of a scene; zeros are the defaults. Set `struct_size` to `sizeof(lsdc_scene_options)`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct lsdc_scene_options {
+    /// `sizeof(lsdc_scene_options)`.
+    pub struct_size: usize,
+    /// A dense prediction of the depth of the image by other means, of any size, or null. Unit, scale and
+    /// shift need not be known; NaN marks gaps.
+    pub guide: *const lsdc_map,
+    /// What its values mean.
+    pub guide_kind: lsdc_guide_kind,
+    /// 0.
+    pub reserved: u32,
+}
+
+// SAFETY: it is `repr(C)`, begins with its size, and consists of numbers and a pointer, which may be 0.
+unsafe impl Versioned for lsdc_scene_options {
+    const LEAST: usize = size_of::<usize>();
+}
+
+/// Settings of a completion; zeros are the defaults. Set `struct_size` to `sizeof(lsdc_complete_options)`.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct lsdc_complete_options {
+    /// `sizeof(lsdc_complete_options)`.
+    pub struct_size: usize,
+    /// The completion of the previous frame of a video, towards which this one is drawn, or null. Both need
+    /// completers with the same weights and fit.
+    pub previous: *const lsdc_completion,
+}
+
+// SAFETY: as above.
+unsafe impl Versioned for lsdc_complete_options {
+    const LEAST: usize = size_of::<usize>();
+}
+
+/// Runs the network on an image. The buffer is not needed afterwards. `options` may be null. `*scene` becomes
+/// a handle to be freed with `lsdc_scene_free`, or null if the call fails.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_scene_create(
+    completer: *const lsdc_completer,
+    image: *const lsdc_image,
+    options: *const lsdc_scene_options,
+    scene: *mut *mut lsdc_scene,
+) -> lsdc_status {
+    guard(|| {
+        // SAFETY: the caller's promise.
+        unsafe { memory::put(scene, std::ptr::null_mut(), "scene") }?;
+        let completer = COMPLETERS.get(completer)?;
+        // SAFETY: the caller's promise.
+        let (pixels, options) =
+            unsafe { (Pixels::read(image)?, memory::optional(options, "options")?) };
+        unused(options.reserved, "options")?;
+        let guide = if options.guide.is_null() {
+            None
+        } else {
+            // SAFETY: the caller's promise.
+            Some(unsafe { Map::read(options.guide, "options->guide") }?)
+        };
+        let value = completer.run(|completer| {
+            let image = pixels.image()?;
+            Ok(match guide {
+                None => completer.scene(&image)?,
+                Some(guide) => completer.guided_scene(&image, &guide.guide(options.guide_kind)?)?,
+            })
+        })?;
+        let pool = completer.pool;
+        // SAFETY: the caller's promise.
+        unsafe { memory::put(scene, SCENES.add(Pooled { value, pool }), "scene") }
+    })
+}
+
+/// The size of the image of a scene.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_scene_size(
+    scene: *const lsdc_scene,
+    width: *mut usize,
+    height: *mut usize,
+) -> lsdc_status {
+    guard(|| {
+        let scene = SCENES.get(scene)?.value;
+        if height.is_null() {
+            return Err(Fault::null("height"));
+        }
+        // SAFETY: the caller's promise.
+        unsafe {
+            memory::put(width, scene.width(), "width")?;
+            memory::put(height, scene.height(), "height")
+        }
+    })
+}
+
+/// Fits the scene to points. They are not needed afterwards. Points outside the image, and those whose depth
+/// or sigma is not from 1e-15 to 1e15, are left out and counted in the report. `options` may be null.
+/// `*completion` becomes a handle to be freed with `lsdc_completion_free`, or null if the call fails.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_scene_complete(
+    scene: *const lsdc_scene,
+    points: *const lsdc_points,
+    options: *const lsdc_complete_options,
+    completion: *mut *mut lsdc_completion,
+) -> lsdc_status {
+    // SAFETY: the caller's promise.
+    let points = |_: &Scene| unsafe { observations(points) };
+    // SAFETY: the caller's promise.
+    guard(|| unsafe { complete(scene, points, options, completion) })
+}
+
+/// Fits the scene to a map of the size of its image, where 0 means no measurement. NaN, infinite and negative
+/// values are left out and counted in the report, as invalid. The points are the pixels that are not 0, row
+/// by row. `sigma` is a map of the standard deviations of the depths, 0 where it is unknown, or null.
+/// Otherwise as `lsdc_scene_complete`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lsdc_scene_complete_map(
+    scene: *const lsdc_scene,
+    depth: *const lsdc_map,
+    sigma: *const lsdc_map,
+    options: *const lsdc_complete_options,
+    completion: *mut *mut lsdc_completion,
+) -> lsdc_status {
+    let points = |scene: &Scene| {
+        // SAFETY: the caller's promise.
+        let depth = unsafe { Map::read(depth, "depth") }?;
+        let sigma = if sigma.is_null() {
+            None
+        } else {
+            // SAFETY: the caller's promise.
+            Some(unsafe { Map::read(sigma, "sigma") }?)
+        };
+        depth.observations(sigma, (scene.width(), scene.height()))
+    };
+    // SAFETY: the caller's promise.
+    guard(|| unsafe { complete(scene, points, options, completion) })
+}
+
+/// Frees a scene; null is ignored. Its completions, and calls that use it at this moment, are not affected. A
+/// handle that was freed before is an error, `LSDC_ERROR_HANDLE`.
+#[unsafe(no_mangle)]
+pub extern "C" fn lsdc_scene_free(scene: *mut lsdc_scene) -> lsdc_status {
+    guard(|| SCENES.free(scene))
+}
+
+/// # Safety
+/// The pointers are null or lead to what they say.
+unsafe fn complete(
+    scene: *const lsdc_scene,
+    points: impl FnOnce(&Scene) -> Result<Observations>,
+    options: *const lsdc_complete_options,
+    completion: *mut *mut lsdc_completion,
+) -> Result<()> {
+    // SAFETY: the caller's promise.
+    unsafe { memory::put(completion, std::ptr::null_mut(), "completion") }?;
+    let scene = SCENES.get(scene)?;
+    // SAFETY: the caller's promise.
+    let options = unsafe { memory::optional(options, "options") }?;
+    let near = if options.previous.is_null() {
+        None
+    } else {
+        Some(COMPLETIONS.get(options.previous)?.value.completion)
+    };
+    let points = points(&scene.value)?;
+    let fitted = scene.run(|scene| {
+        Ok(match &near {
+            None => scene.complete(&points)?,
+            Some(near) => scene.complete_near(&points, near.weights())?,
+        })
+    })?;
+    let value = Fitted {
+        completion: fitted,
+        points: points.into(),
+    };
+    let pool = scene.pool;
+    // SAFETY: the caller's promise.
+    unsafe {
+        memory::put(
+            completion,
+            COMPLETIONS.add(Pooled { value, pool }),
+            "completion",
+        )
+    }
+}
