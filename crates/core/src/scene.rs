@@ -6,8 +6,8 @@ use crate::completion::Completion;
 use crate::depth_guide::DepthGuide;
 use crate::error::{FitError, Result};
 use crate::fit::{
-    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Judgement, Points, Prior,
-    PriorKind, Scene as Placed, dot, fit, judge,
+    Affinities, Bases, CosineBasis, FitConfig, FitMethod, Functions, ImageMoments, Judgement,
+    Points, Prior, PriorKind, Robust, Scene as Placed, dot, fit, judge,
 };
 use crate::guide::Guide;
 use crate::image::Image;
@@ -36,16 +36,16 @@ pub struct Scene(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     completer: Completer,
-    basis: Box<dyn Basis>,
+    basis: Arc<dyn Basis>,
     /// Computed immediately for a fit with a field, otherwise on first use.
-    affinities: OnceLock<Affinities>,
+    affinities: Arc<OnceLock<Affinities>>,
     /// A prediction of depth by other means, whose functions lie between those of the network and the cosines.
     depth_guide: Option<DepthGuide>,
     cosines: CosineBasis,
     /// Height and width of the image.
     size: (usize, usize),
     /// How depth is read from the grid that it is solved on, in a fit with a field to an image that is larger.
-    guide: Option<Guide>,
+    guide: Option<Arc<Guide>>,
     /// The last weights that functions were combined with on the grid of the guide, and the map.
     combined: Mutex<Option<Combined>>,
     network: Duration,
@@ -91,12 +91,12 @@ impl Scene {
         };
         let mut inner = Inner {
             completer,
-            basis,
-            affinities: OnceLock::new(),
+            basis: basis.into(),
+            affinities: Arc::default(),
             depth_guide,
             cosines,
             size: (height, width),
-            guide,
+            guide: guide.map(Arc::new),
             combined: Mutex::default(),
             network: Duration::ZERO,
         };
@@ -118,6 +118,73 @@ impl Scene {
     /// The run time of the network.
     pub fn network_time(&self) -> Duration {
         self.0.network
+    }
+
+    /// The same scene with other settings of robustness, or none: the network does not run again.
+    ///
+    /// # Errors
+    /// Settings that are out of range.
+    ///
+    /// ```
+    /// # #[cfg(feature = "weights")]
+    /// # fn main() -> lsdc_core::Result<()> {
+    /// # use lsdc_core::settings::{Loss, Robust};
+    /// # use lsdc_core::{Channels, Completer, Image, Observations, Weights};
+    /// # let completer = Completer::new(&Weights::builtin_small())?;
+    /// # let grey = vec![128_u8; 3 * 64 * 48];
+    /// let scene = completer.scene(&Image::new(64, 48, Channels::Rgb, &grey)?)?;
+    /// let mut points = Observations::new();
+    /// for i in 0..50 {
+    ///     let (u, v) = (37 * i % 64, 29 * i % 48);
+    ///     points.add(f64::from(u), f64::from(v), if i == 7 { 6.0 } else { 2.0 });
+    /// }
+    /// let robust = scene.with_robust(Some(Robust::new(Loss::Auto)))?;
+    /// assert!(robust.complete(&points)?.point_weights()[7] < 0.1);
+    /// assert_eq!(scene.complete(&points)?.point_weights()[7], 1.0);
+    /// # Ok(())
+    /// # }
+    /// # #[cfg(not(feature = "weights"))]
+    /// # fn main() {}
+    /// ```
+    pub fn with_robust(&self, robust: Option<Robust>) -> Result<Self> {
+        let completer = &self.0.completer;
+        let fit = FitConfig {
+            robust,
+            ..*completer.fit_config()
+        };
+        fit.check()?;
+        Ok(self.share(completer.with_fit(fit), self.0.depth_guide.clone()))
+    }
+
+    /// The same scene with another prediction of its depth by other means, or none (see
+    /// [`Completer::guided_scene`]): the network does not run again.
+    #[must_use]
+    pub fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
+        self.share(self.0.completer.clone(), guide.cloned())
+    }
+
+    /// The network's output of this scene, for other fits to the same image.
+    fn share(&self, completer: Completer, depth_guide: Option<DepthGuide>) -> Self {
+        let Inner {
+            basis,
+            affinities,
+            cosines,
+            size,
+            guide,
+            network,
+            ..
+        } = &*self.0;
+        Self(Arc::new(Inner {
+            completer,
+            basis: basis.clone(),
+            affinities: affinities.clone(),
+            depth_guide,
+            cosines: cosines.clone(),
+            size: *size,
+            guide: guide.clone(),
+            combined: Mutex::default(),
+            network: *network,
+        }))
     }
 
     /// Fits the basis functions of the image to observations of its depth.
@@ -259,7 +326,7 @@ impl Scene {
 
     /// How maps are read from the grid that depth is solved on, if not at every pixel.
     pub(crate) fn guide(&self) -> Option<&Guide> {
-        self.0.guide.as_ref()
+        self.0.guide.as_deref()
     }
 
     /// The pixels of the field, which has `grid` (height, width), that a position (u, v) of the image is read
@@ -411,7 +478,7 @@ impl Inner {
             scene: affinities.map(|affinities| Placed {
                 affinities,
                 size,
-                guide: self.guide.as_ref(),
+                guide: self.guide.as_deref(),
             }),
         }
     }
