@@ -84,13 +84,15 @@ def complete(
     >>> bool(np.allclose(lsdc.complete(image, millimetres, unit="mm"), depth, atol=2e-3))
     True
     """
-    named = isinstance(weights, str) and weights in NAMES
-    completer = _prepared(weights, threads) if named else Completer(weights, threads=threads)
+    if isinstance(weights, str) and weights in NAMES:
+        completer = _prepared(weights, threads)
+    else:
+        completer = Completer(weights, threads=threads)
     scene = completer.scene(image, guide=guide, order=order)
     completion = scene.complete(sparse, sigma=sigma, unit=unit, robust=robust)
     return completion.depth_at(scene.size if size is None else size)
 
 
 @lru_cache(maxsize=4)
-def _prepared(weights: Weights, threads: int | None) -> Completer:
+def _prepared(weights: str, threads: int | None) -> Completer:
     return Completer(weights, threads=threads)

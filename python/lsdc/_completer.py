@@ -176,7 +176,7 @@ def _restored(
 ) -> Completer:
     fit = None if changes is None else cast(FitSettings, json.loads(changes))
     completer = Completer(weights, fit=fit, working_size=working_size, threads=threads)
-    completer._name = name  # pyright: ignore[reportPrivateUsage]
+    completer._name = name
     return completer
 
 

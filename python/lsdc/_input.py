@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any, Literal, Protocol, Union
+from typing import Any, Literal, Protocol, Union, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,7 +44,7 @@ def array(value: Array, what: str) -> NDArray[Any]:
     try:
         if hasattr(value, "__dlpack__"):
             try:
-                return np.from_dlpack(value)
+                return np.from_dlpack(cast(Any, value))
             # Exporters also refuse what NumPy can look at in other ways, as read-only memory.
             except (BufferError, RuntimeError, TypeError, ValueError):
                 if not hasattr(value, "__array__"):
@@ -62,13 +62,7 @@ def image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
     """Colours `(H, W, C)`, 8 bits or floats from 0 to 1, and whether blue comes first."""
     if order not in ("rgb", "bgr"):
         raise InputError(f"`order` is {order!r}", 'orders are "rgb" and "bgr"')
-    if isinstance(value, (str, os.PathLike)):
-        value = _opened(value)
-    pillow = sys.modules.get("PIL.Image")
-    if pillow is not None and isinstance(value, pillow.Image) and value.mode not in ("L", "RGB", "RGBA", "I;16", "F"):
-        # Palettes, CMYK, two colours, ...
-        value = value.convert("RGB")
-    colours = array(value, "the image")
+    colours = array(_unpacked(value), "the image")
     if colours.ndim == 2:
         colours = colours[:, :, None]
     if colours.ndim != 3 or colours.shape[2] not in (1, 3, 4):
@@ -89,6 +83,18 @@ def image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
     return np.ascontiguousarray(colours), bgr
 
 
+def _unpacked(value: ImageLike) -> Array:
+    """The image in a file, and the colours of palettes, of CMYK and other forms of Pillow's."""
+    if isinstance(value, (str, os.PathLike)):
+        value = _opened(value)
+    pillow: Any = sys.modules.get("PIL.Image")
+    if pillow is None or not isinstance(value, pillow.Image):
+        return cast(Array, value)
+    picture = cast(Any, value)
+    known = picture.mode in ("L", "RGB", "RGBA", "I;16")
+    return cast(Array, picture if known else picture.convert("RGB"))
+
+
 def _opened(path: str | os.PathLike[str]) -> Any:
     """The image in a file, upright."""
     try:
@@ -105,10 +111,10 @@ def _opened(path: str | os.PathLike[str]) -> Any:
 
 def guide(value: Array) -> NDArray[np.float32]:
     """Values of a guide `(H, W)`."""
-    found = np.ma.filled(array(value, "the guide"), np.nan) if np.ma.isMaskedArray(value) else array(value, "the guide")
+    found = array(value, "the guide")
     if found.ndim != 2 or found.dtype.kind not in "fiu":
         raise InputError(f"a guide is a map of numbers (H, W), not {_shape(found)} of {found.dtype}")
-    return np.ascontiguousarray(found, dtype=np.float32)
+    return np.ascontiguousarray(_unmasked(found.astype(np.float32, copy=False), np.nan))
 
 
 def observations(
@@ -130,9 +136,7 @@ def observations(
         hint = "give columns as a tuple (x, y, depth)"
         raise InputError(f"{_shape(given)} may be a map of the image or a table of points", hint)
     if is_map:
-        if np.ma.isMaskedArray(given):
-            given = np.ma.filled(given, 0)
-        depths = _metres(given, unit)
+        depths = _metres(_unmasked(given, 0), unit)
         deviations = None if sigma is None else _deviations(sigma, unit, depths.shape)
         return _native.Observations.of_map(depths, deviations)
     if is_table:
@@ -164,11 +168,9 @@ def _points(table: NDArray[Any], sigma: Array | float | None, unit: Unit | None)
     """From rows x, y, depth and possibly sigma."""
     if table.ndim != 2 or table.shape[1] not in (3, 4):
         raise InputError(f"points have x, y, depth and possibly sigma, not {_shape(table)}")
-    if np.ma.isMaskedArray(table):
-        table = np.ma.filled(table.astype(np.float64), np.nan)
     if table.dtype.kind in "iu" and unit is None:
         raise _unknown_unit()
-    rows = np.array(_numbers(table, "the points"), order="C")
+    rows = np.array(_unmasked(_numbers(table, "the points"), np.nan), order="C")
     factor = per_metre(unit)
     rows[:, 2:] /= factor
     deviations: NDArray[np.float32] | None = None
@@ -240,6 +242,12 @@ def pixels(value: Size, what: str) -> Size:
     if width < 1 or height < 1:
         raise InputError(f"`{what}` is {width}x{height}")
     return width, height
+
+
+def _unmasked(values: NDArray[Any], missing: float) -> NDArray[Any]:
+    """What is masked as missing."""
+    masked = isinstance(values, np.ma.MaskedArray)
+    return cast("NDArray[Any]", cast(Any, values).filled(missing)) if masked else values
 
 
 def _shape(values: NDArray[Any]) -> str:

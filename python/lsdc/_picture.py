@@ -22,7 +22,8 @@ def coloured(depth: NDArray[np.float32], low: float, high: float) -> NDArray[np.
     share = np.clip((depth - low) / max(high - low, 1e-12), 0.0, 1.0)
     colours = np.stack([np.polyval(channel, share) for channel in TURBO], axis=-1)
     colours[~(depth > 0)] = 0.0
-    return np.clip(np.rint(colours), 0, 255).astype(np.uint8)
+    levels: NDArray[np.uint8] = np.clip(colours, 0, 255).astype(np.uint8)
+    return levels
 
 
 def png(colours: NDArray[np.uint8]) -> bytes:

@@ -113,4 +113,4 @@ class Scene:
 
 def _guide(guide: Guide) -> _native.DepthGuide:
     guide = guide if isinstance(guide, DepthGuide) else DepthGuide(guide)
-    return guide._native  # pyright: ignore[reportPrivateUsage]
+    return guide._native
