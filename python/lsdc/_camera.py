@@ -67,10 +67,18 @@ class Camera:
         rotation: Array | None = None,
         translation: Array | None = None,
     ) -> None:
-        turned = np.eye(3) if rotation is None else np.asarray(array(rotation, "the rotation"), dtype=np.float64)
-        moved = np.zeros(3) if translation is None else np.asarray(array(translation, "the translation"), np.float64)
+        turned = (
+            np.eye(3) if rotation is None else np.asarray(array(rotation, "the rotation"), dtype=np.float64)
+        )
+        moved = (
+            np.zeros(3)
+            if translation is None
+            else np.asarray(array(translation, "the translation"), np.float64)
+        )
         if turned.shape != (3, 3) or moved.shape != (3,):
-            raise InputError(f"a pose is a rotation (3, 3) and a translation (3,), not {turned.shape}, {moved.shape}")
+            raise InputError(
+                f"a pose is a rotation (3, 3) and a translation (3,), not {turned.shape}, {moved.shape}"
+            )
         self.lens: Lens = lens
         self.coefficients = tuple(float(value) for value in coefficients)
         self.rotation, self.translation = turned, moved

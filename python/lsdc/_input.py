@@ -67,7 +67,11 @@ def image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
         colours = colours[:, :, None]
     if colours.ndim != 3 or colours.shape[2] not in (1, 3, 4):
         planes = colours.ndim == 3 and colours.shape[0] in (1, 3, 4)
-        hint = "move the colours last: `image.transpose(1, 2, 0)`" if planes else "give (H, W), (H, W, 3) or (H, W, 4)"
+        hint = (
+            "move the colours last: `image.transpose(1, 2, 0)`"
+            if planes
+            else "give (H, W), (H, W, 3) or (H, W, 4)"
+        )
         raise InputError(f"{_shape(colours)} is not the shape of an image", hint)
     bgr = order == "bgr"
     if colours.shape[2] == 3 and colours.strides[2] == -colours.itemsize:
@@ -220,7 +224,9 @@ def per_metre(unit: Unit | None) -> float:
             return UNITS[unit]
     elif np.isfinite(unit) and unit > 0:
         return 1.0 / float(unit)
-    raise InputError(f"{unit!r} is not a unit", 'give "m", "cm", "mm", or the metres of one step, such as 1 / 256')
+    raise InputError(
+        f"{unit!r} is not a unit", 'give "m", "cm", "mm", or the metres of one step, such as 1 / 256'
+    )
 
 
 def places(value: Array, columns: int = 2) -> NDArray[np.float64]:

@@ -54,7 +54,7 @@ FitSettings = TypedDict(
         "prior": Literal["none", "flat", "learned"],
         "lambda": Union[Literal["evidence", "gcv"], float, "list[tuple[float, float]]"],
         "space": Literal["depth", "log", "inverse"],
-        "robust": Union[Loss, RobustSettings, None],
+        "robust": Loss | RobustSettings | None,
     },
     total=False,
 )

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-import lsdc
 import numpy as np
 import pytest
+
+import lsdc
 
 ROOM = Path(__file__).parents[2] / "assets/room"
 

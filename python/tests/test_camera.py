@@ -1,9 +1,10 @@
 """Cameras against the closed form of a pinhole, and OpenCV's models."""
 
-import lsdc
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+
+import lsdc
 
 FOCAL, CENTER = (100.0, 90.0), (31.5, 23.5)
 
@@ -99,7 +100,9 @@ def test_cameras_that_cannot_be(options):
         lsdc.Camera(**{"focal": FOCAL, "center": CENTER, **options})
 
 
-@pytest.mark.parametrize("options", [{"focal": 5}, {"focal": (1, 2, 3)}, {"rotation": np.eye(2)}, {"translation": [0, 0]}])
+@pytest.mark.parametrize(
+    "options", [{"focal": 5}, {"focal": (1, 2, 3)}, {"rotation": np.eye(2)}, {"translation": [0, 0]}]
+)
 def test_numbers_of_another_shape(options):
     with pytest.raises(lsdc.InputError):
         lsdc.Camera(**{"focal": FOCAL, "center": CENTER, **options})

@@ -9,10 +9,11 @@ import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
-import lsdc
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+
+import lsdc
 
 SMALL = Path(__file__).parents[2] / "crates/core/weights/small.safetensors"
 ENCODED = SMALL.with_name("anything.safetensors")

@@ -4,10 +4,11 @@ import json
 import struct
 import zlib
 
-import lsdc
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+
+import lsdc
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,15 @@ def test_depth_is_that_of_the_plane(completion, sparse):
 
 
 def test_results_are_computed_once_and_cannot_be_written_to(completion):
-    names = ["depth", "standard_deviation", "points", "residuals", "leave_one_out", "point_weights", "weights"]
+    names = [
+        "depth",
+        "standard_deviation",
+        "points",
+        "residuals",
+        "leave_one_out",
+        "point_weights",
+        "weights",
+    ]
     for name in names:
         first = getattr(completion, name)
         assert getattr(completion, name) is first

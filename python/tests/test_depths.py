@@ -1,9 +1,10 @@
 """Known depths in every form."""
 
-import lsdc
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+
+import lsdc
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,13 @@ def test_types_and_layouts(scene, sparse, dtype, layout):
 
 @pytest.mark.parametrize(
     ("unit", "steps", "dtype"),
-    [("mm", 1000, np.uint16), ("cm", 100, np.int32), (1 / 256, 256, np.uint16), (1 / 5000, 5000, np.uint16), ("m", 1, np.float64)],
+    [
+        ("mm", 1000, np.uint16),
+        ("cm", 100, np.int32),
+        (1 / 256, 256, np.uint16),
+        (1 / 5000, 5000, np.uint16),
+        ("m", 1, np.float64),
+    ],
 )
 def test_units(scene, sparse, unit, steps, dtype):
     stored = np.rint(sparse * steps).astype(dtype) if dtype != np.float64 else sparse.astype(dtype)
@@ -76,7 +83,13 @@ def test_integers_need_a_unit(scene, sparse):
 def test_points(scene, sparse, expected):
     table = rows(sparse)
     u, v, depth = table.T
-    for form in (table, table.tolist(), np.asfortranarray(table), (u, v, depth), (u.astype(int), v.astype(int), depth)):
+    for form in (
+        table,
+        table.tolist(),
+        np.asfortranarray(table),
+        (u, v, depth),
+        (u.astype(int), v.astype(int), depth),
+    ):
         completion = scene.complete(form)
         assert_array_equal(completion.depth, expected)
         assert_array_equal(completion.points, table)
@@ -114,7 +127,15 @@ def test_deviations_that_cannot_be_leave_points_out(scene, sparse):
 
 
 def test_what_is_left_out_is_counted(scene):
-    points = [[5, 5, 2.0], [6.5, 9.25, 2.1], [-1, 5, 2.0], [64, 5, 2.0], [5, 5, np.nan], [5, np.inf, 2.0], [5, 5, 0.0]]
+    points = [
+        [5, 5, 2.0],
+        [6.5, 9.25, 2.1],
+        [-1, 5, 2.0],
+        [64, 5, 2.0],
+        [5, 5, np.nan],
+        [5, np.inf, 2.0],
+        [5, 5, 0.0],
+    ]
     completion = scene.complete(points)
     report = completion.report
     assert (report["used"], report["outside"], report["invalid"]) == (2, 2, 3)
@@ -145,7 +166,14 @@ def test_what_is_no_depth_is_refused(scene, sparse, form):
 
 
 @pytest.mark.parametrize(
-    "form", [np.zeros((48, 64), np.float32), np.full((48, 64), np.nan), np.zeros((0, 3)), np.zeros((0, 4)), [[99, 99, 2.0]]]
+    "form",
+    [
+        np.zeros((48, 64), np.float32),
+        np.full((48, 64), np.nan),
+        np.zeros((0, 3)),
+        np.zeros((0, 4)),
+        [[99, 99, 2.0]],
+    ],
 )
 def test_no_depth_at_all(scene, form):
     with pytest.raises(lsdc.FitError, match="no sparse depth") as caught:

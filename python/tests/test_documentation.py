@@ -5,8 +5,9 @@ import importlib
 import pkgutil
 from pathlib import Path
 
-import lsdc
 import pytest
+
+import lsdc
 
 MODULES = ["lsdc", *(f"lsdc.{module.name}" for module in pkgutil.iter_modules(lsdc.__path__))]
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS

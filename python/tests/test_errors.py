@@ -3,8 +3,9 @@
 import pickle
 import traceback
 
-import lsdc
 import pytest
+
+import lsdc
 
 CLASSES = [lsdc.InputError, lsdc.SettingsError, lsdc.WeightsError, lsdc.FitError, lsdc.ReadError]
 

@@ -1,9 +1,10 @@
 """Images in every form give the depth of the plain array."""
 
-import lsdc
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+
+import lsdc
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,10 @@ import os
 import sys
 from pathlib import Path
 
-import lsdc
 import numpy as np
 import pytest
+
+import lsdc
 
 CALLS = int(os.environ.get("LSDC_CALLS", "2000"))
 MEGABYTE = 1 << 20

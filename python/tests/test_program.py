@@ -7,9 +7,10 @@ import os
 import subprocess
 from pathlib import Path
 
-import lsdc
 import numpy as np
 import pytest
+
+import lsdc
 
 ROOT = Path(__file__).parents[2]
 ROOM = ROOT / "assets/room"
