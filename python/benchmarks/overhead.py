@@ -62,7 +62,9 @@ def throughput(image: np.ndarray, sparse: np.ndarray, count: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--images", type=int, default=48)
     count = parser.parse_args().images
     image, sparse = np.asarray(Image.open(ROOM / "rgb.png")), np.load(ROOM / "sparse.npy")

@@ -76,7 +76,7 @@ def methods(image: Map) -> dict[str, Callable[[Map, Map], Map]]:
     scene = lsdc.Completer().scene(image)
     return {
         "`lsdc.complete`": lsdc.complete,
-        "... with `weights=\"small\"`": lambda image, sparse: small.complete(image, sparse).depth,
+        '... with `weights="small"`': lambda image, sparse: small.complete(image, sparse).depth,
         "`scene.complete`, the image being known": lambda image, sparse: scene.complete(sparse).depth,
         "OpenCV `inpaint`, Telea": inpainted(cv2.INPAINT_TELEA),
         "OpenCV `inpaint`, Navier-Stokes": inpainted(cv2.INPAINT_NS),
@@ -89,7 +89,9 @@ def methods(image: Map) -> dict[str, Callable[[Map, Map], Map]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rounds", type=int, default=7)
     rounds = parser.parse_args().rounds
     image = np.asarray(Image.open(ROOM / "rgb.png"))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._errors import InputError
-from ._input import Array, Size, array, pixels, places
+from ._input import Array, Size, as_array, as_positions, as_size
 
 Floats = NDArray[np.float64]
 Lens = Literal["pinhole", "radtan", "fisheye"]
@@ -68,12 +68,14 @@ class Camera:
         translation: Array | None = None,
     ) -> None:
         turned = (
-            np.eye(3) if rotation is None else np.asarray(array(rotation, "the rotation"), dtype=np.float64)
+            np.eye(3)
+            if rotation is None
+            else np.asarray(as_array(rotation, "the rotation"), dtype=np.float64)
         )
         moved = (
             np.zeros(3)
             if translation is None
-            else np.asarray(array(translation, "the translation"), np.float64)
+            else np.asarray(as_array(translation, "the translation"), np.float64)
         )
         if turned.shape != (3, 3) or moved.shape != (3,):
             raise InputError(
@@ -96,12 +98,12 @@ class Camera:
     def see(self, points: Array, size: Size) -> Cloud:
         """The points `(N, 3)` of the world that are visible in an image of this width and height. Points occluded by
         nearer surfaces are left out; where the nearer points are sparse, some remain."""
-        return Cloud(*self._native.see(places(points, 3), *pixels(size, "size")))
+        return Cloud(*self._native.see(as_positions(points, 3), *as_size(size, "size")))
 
     def project(self, points: Array) -> Floats:
         """Rows x, y, depth `(N, 3)` of points `(N, 3)` of the world, in their order; NaN where a point is behind the
         camera, or beyond what the lens sees. Neither the borders of an image nor occlusion are looked at."""
-        return self._native.project(places(points, 3))
+        return self._native.project(as_positions(points, 3))
 
     def unproject(self, depth: Array) -> Floats:
         """Points of the world: `(H, W, 3)` of a depth map `(H, W)`, or `(N, 3)` of rows x, y, depth `(N, 3)`. NaN
@@ -110,7 +112,7 @@ class Camera:
         >>> lsdc.Camera((100, 100), (31.5, 23.5)).unproject([[36.5, 23.5, 2.0]])
         array([[0.1, 0. , 2. ]])
         """
-        given = np.asarray(array(depth, "the depth"), dtype=np.float64)
+        given = np.asarray(as_array(depth, "the depth"), dtype=np.float64)
         if given.ndim != 2:
             raise InputError(f"depth is a map (H, W) or rows x, y, depth, not {given.shape}")
         if given.shape[1] == 3:

@@ -10,7 +10,7 @@ from . import _native
 from ._completion import Completion
 from ._errors import ReadError, SettingsError
 from ._guide import DepthGuide
-from ._input import Array, ImageLike, Order, Size, Unit, image, pixels
+from ._input import Array, ImageLike, Order, Size, Unit, as_image, as_size
 from ._scene import Scene
 from ._settings import FitSettings, Robust, as_json
 
@@ -75,7 +75,7 @@ class Completer:
             raise SettingsError(f"`threads` is {threads}, which is less than one")
         self._name, self._weights = _loaded(weights)
         self._changes = as_json(changes) if changes else None
-        self._working_size = None if working_size is None else pixels(working_size, "working_size")
+        self._working_size = None if working_size is None else as_size(working_size, "working_size")
         self._threads = threads
         self._build()
 
@@ -131,7 +131,7 @@ class Completer:
         InputError
             Not an image, or one with colours that are NaN or far above 1.
         """
-        return Scene(self._here().scene(*_colours(image, order)), guide)
+        return Scene(self._here().scene(*as_image(image, order)), guide)
 
     def complete(
         self,
@@ -178,10 +178,6 @@ def _restored(
     completer = Completer(weights, fit=fit, working_size=working_size, threads=threads)
     completer._name = name
     return completer
-
-
-def _colours(value: ImageLike, order: Order) -> tuple[Any, bool]:
-    return image(value, order)
 
 
 def _loaded(weights: Weights) -> tuple[str, str | bytes]:

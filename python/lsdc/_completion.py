@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
-from ._input import Array, Size, pixels, places
+from ._input import Array, Size, as_positions, as_size
 from ._picture import coloured, png
 
 Floats = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Completion:
 
     def depth_at(self, size: Size) -> NDArray[np.float32]:
         """The dense depth at another width and height, computed anew."""
-        return self._native.depth_at(*pixels(size, "size"))
+        return self._native.depth_at(*as_size(size, "size"))
 
     @cached_property
     def standard_deviation(self) -> NDArray[np.float32]:
@@ -80,7 +80,7 @@ class Completion:
 
     def standard_deviation_at(self, size: Size) -> NDArray[np.float32]:
         """The standard deviations at another width and height, computed anew."""
-        return self._native.standard_deviation_at(*pixels(size, "size"))
+        return self._native.standard_deviation_at(*as_size(size, "size"))
 
     def interval(self, level: float) -> float:
         """The number of standard deviations around the depth that hold a share of errors between 0 and 1.
@@ -97,7 +97,7 @@ class Completion:
 
     def at(self, positions: Array) -> NDArray[np.float32]:
         """The depth `(N,)` at positions `(N, 2)` of x and y in the image, which may lie between pixels."""
-        return self._native.at(places(positions))
+        return self._native.at(as_positions(positions))
 
     @cached_property
     def points(self) -> Floats:

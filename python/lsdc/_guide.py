@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from . import _native
-from ._input import Array
-from ._input import guide as as_guide
+from ._input import Array, as_guide
 
 GuideKind = Literal["depth", "disparity", "log"]
 

@@ -37,7 +37,7 @@ Size = tuple[int, int]
 UNITS = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
 
-def array(value: Array, what: str) -> NDArray[Any]:
+def as_array(value: Array, what: str) -> NDArray[Any]:
     """`value` as an array of any layout and type, which shares its memory where possible."""
     if isinstance(value, np.ndarray):
         return value
@@ -58,26 +58,23 @@ def array(value: Array, what: str) -> NDArray[Any]:
     return found
 
 
-def image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
+def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
     """Colours `(H, W, C)`, 8 bits or floats from 0 to 1, and whether blue comes first."""
     if order not in ("rgb", "bgr"):
         raise InputError(f"`order` is {order!r}", 'orders are "rgb" and "bgr"')
-    colours = array(_unpacked(value), "the image")
+    colours = as_array(_unpacked(value), "the image")
     if colours.ndim == 2:
         colours = colours[:, :, None]
     if colours.ndim != 3 or colours.shape[2] not in (1, 3, 4):
-        planes = colours.ndim == 3 and colours.shape[0] in (1, 3, 4)
-        hint = (
-            "move the colours last: `image.transpose(1, 2, 0)`"
-            if planes
-            else "give (H, W), (H, W, 3) or (H, W, 4)"
-        )
+        hint = "give (H, W), (H, W, 3) or (H, W, 4)"
+        if colours.ndim == 3 and colours.shape[0] in (1, 3, 4):
+            hint = "move the colours last: `image.transpose(1, 2, 0)`"
         raise InputError(f"{_shape(colours)} is not the shape of an image", hint)
     bgr = order == "bgr"
     if colours.shape[2] == 3 and colours.strides[2] == -colours.itemsize:
         # `bgr[..., ::-1]`: as it lies in memory, nothing need be copied.
         colours, bgr = colours[:, :, ::-1], not bgr
-    if colours.dtype == np.uint16:
+    if (colours.dtype.kind, colours.itemsize) == ("u", 2):
         colours = colours / np.float32(65535)
     elif colours.dtype.kind == "f":
         colours = colours.astype(np.float32, copy=False)
@@ -113,15 +110,15 @@ def _opened(path: str | os.PathLike[str]) -> Any:
         raise ReadError(f"`{os.fspath(path)}` cannot be read as an image: {error}") from error
 
 
-def guide(value: Array) -> NDArray[np.float32]:
+def as_guide(value: Array) -> NDArray[np.float32]:
     """Values of a guide `(H, W)`."""
-    found = array(value, "the guide")
+    found = as_array(value, "the guide")
     if found.ndim != 2 or found.dtype.kind not in "fiu":
         raise InputError(f"a guide is a map of numbers (H, W), not {_shape(found)} of {found.dtype}")
     return np.ascontiguousarray(_unmasked(found.astype(np.float32, copy=False), np.nan))
 
 
-def observations(
+def as_observations(
     sparse: Array | tuple[Array, ...],
     sigma: Array | float | None,
     unit: Unit | None,
@@ -130,7 +127,7 @@ def observations(
     """Known depths, from a map of the image's shape, or a table, or columns."""
     if isinstance(sparse, tuple):
         return _points(_stacked(sparse, unit), sigma, unit)
-    given = array(sparse, "the sparse depths")
+    given = as_array(sparse, "the sparse depths")
     if given.ndim == 3 and given.shape[2] == 1:
         given = given[:, :, 0]
     width, height = size
@@ -154,7 +151,11 @@ def observations(
 
 def _stacked(columns: tuple[Array, ...], unit: Unit | None) -> NDArray[np.float64]:
     """Rows of columns."""
-    found = [array(column, "a column of the points") for column in columns]
+    if any(isinstance(column, (list, tuple)) for column in columns):
+        raise InputError(
+            "a tuple holds columns of points, as arrays", "give rows as a list or an array (N, 3)"
+        )
+    found = [as_array(column, "a column of the points") for column in columns]
     lengths = {column.shape for column in found}
     if len(found) not in (3, 4) or len(lengths) != 1 or found[0].ndim != 1:
         shapes = ", ".join(_shape(column) for column in found)
@@ -195,7 +196,7 @@ def _numbers(values: NDArray[Any], what: str) -> NDArray[np.float64]:
 
 def _deviations(sigma: Array | float, unit: Unit | None, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """One standard deviation for each value of an array of this shape; one number stands for all."""
-    given = array(sigma, "`sigma`")
+    given = as_array(sigma, "`sigma`")
     if given.shape not in ((), shape):
         raise InputError(f"`sigma` has the shape {_shape(given)}, but depths have {shape}")
     scaled = _numbers(given, "`sigma`") / per_metre(unit)
@@ -229,9 +230,9 @@ def per_metre(unit: Unit | None) -> float:
     )
 
 
-def places(value: Array, columns: int = 2) -> NDArray[np.float64]:
+def as_positions(value: Array, columns: int = 2) -> NDArray[np.float64]:
     """Rows of coordinates."""
-    found = array(value, "the positions")
+    found = as_array(value, "the positions")
     if found.ndim == 1 and found.shape == (columns,):
         found = found[None]
     if found.ndim != 2 or found.shape[1] != columns:
@@ -239,7 +240,7 @@ def places(value: Array, columns: int = 2) -> NDArray[np.float64]:
     return np.ascontiguousarray(_numbers(found, "the positions"))
 
 
-def pixels(value: Size, what: str) -> Size:
+def as_size(value: Size, what: str) -> Size:
     """Width and height."""
     try:
         width, height = (int(side) for side in value)

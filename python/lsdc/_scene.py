@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from . import _native
 from ._completion import Completion
 from ._guide import DepthGuide
-from ._input import Array, Size, Unit, array, observations, pixels, places
+from ._input import Array, Size, Unit, as_array, as_observations, as_positions, as_size
 from ._settings import Robust, as_json
 
 Guide = Union[DepthGuide, Array]
@@ -89,7 +89,7 @@ class Scene:
         >>> report["used"], report["outside"]
         (3, 1)
         """
-        known = observations(sparse, sigma, unit, self.size)
+        known = as_observations(sparse, sigma, unit, self.size)
         scene = self._native
         if robust is not None:
             scene = scene.with_robust(as_json(robust))
@@ -97,14 +97,14 @@ class Scene:
             scene = scene.with_guide(_guide(guide))
         weights = near.weights if isinstance(near, Completion) else near
         if weights is not None:
-            weights = np.ascontiguousarray(array(weights, "`near`"), dtype=np.float64)
-        size = self.size if size is None else pixels(size, "size")
+            weights = np.ascontiguousarray(as_array(weights, "`near`"), dtype=np.float64)
+        size = self.size if size is None else as_size(size, "size")
         return Completion(scene.complete(known, weights), known, size)
 
     def basis_functions(self, positions: Array) -> NDArray[np.float32]:
         """The functions that the network found, `(N, functions)`, at positions `(N, 2)` of x and y; the first is
         the constant."""
-        return self._native.basis_functions(places(positions))
+        return self._native.basis_functions(as_positions(positions))
 
     def __repr__(self) -> str:
         width, height = self.size

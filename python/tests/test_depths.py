@@ -150,6 +150,7 @@ REFUSED = {
     "five columns": lambda sparse: np.ones((9, 5)),
     "columns of different lengths": lambda sparse: (np.ones(3), np.ones(3), np.ones(4)),
     "two columns in a tuple": lambda sparse: (np.ones(3), np.ones(3)),
+    "rows in a tuple": lambda sparse: ((5, 5, 2.0), (9, 9, 2.0), (20, 9, 2.1)),
     "maps in a tuple": lambda sparse: (sparse, sparse, sparse),
     "truth values": lambda sparse: sparse > 0,
     "complex": lambda sparse: sparse.astype(complex),

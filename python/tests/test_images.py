@@ -56,6 +56,7 @@ LAYOUTS = {
     "colours reversed in memory": lambda image: np.ascontiguousarray(image[..., ::-1])[..., ::-1],
     "read-only": read_only,
     "16 bits": lambda image: image.astype(np.uint16) * 257,
+    "16 bits, other byte order": lambda image: (image.astype(np.uint16) * 257).astype(">u2"),
     "float32": lambda image: image.astype(np.float32) / 255,
     "float64": lambda image: image / 255,
     "fourth channel": lambda image: np.dstack([image, np.full(image.shape[:2], 7, np.uint8)]),
