@@ -131,15 +131,15 @@ def as_observations(
     if given.ndim == 3 and given.shape[2] == 1:
         given = given[:, :, 0]
     width, height = size
-    is_map = given.shape == (height, width)
     is_table = given.ndim == 2 and given.shape[1] in (3, 4)
+    is_map = given.shape == (height, width) or (not is_table and _same_view(given.shape, (height, width)))
     if is_map and is_table:
         hint = "give columns as a tuple (x, y, depth)"
         raise InputError(f"{_shape(given)} may be a map of the image or a table of points", hint)
     if is_map:
         depths = _metres(_unmasked(given, 0), unit)
         deviations = None if sigma is None else _deviations(sigma, unit, depths.shape)
-        return _native.Observations.of_map(depths, deviations)
+        return _native.Observations.of_map(depths, deviations, size)
     if is_table:
         return _points(given, sigma, unit)
     hint = "points are rows x, y, depth[, sigma], with x to the right"
@@ -147,6 +147,15 @@ def as_observations(
         f"{_shape(given)} is neither a map of the image of {height} rows and {width} columns nor a table of points",
         hint,
     )
+
+
+def _same_view(map: tuple[int, ...], image: tuple[int, int]) -> bool:
+    """Whether a map has the proportions of an image, but for the rounding to whole pixels. With as many rows or
+    columns, but not both, it was cropped."""
+    if len(map) != 2 or 0 in map or map[0] == image[0] or map[1] == image[1]:
+        return False
+    down, across = image[0] / map[0], image[1] / map[1]
+    return abs(across / down - 1) * min(*map, *image) <= 1 + 1e-9
 
 
 def _stacked(columns: tuple[Array, ...], unit: Unit | None) -> NDArray[np.float64]:

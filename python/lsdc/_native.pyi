@@ -14,7 +14,9 @@ _Floats = NDArray[np.float64]
 @final
 class Observations:
     @staticmethod
-    def of_map(map: NDArray[np.float32], sigma: NDArray[np.float32] | None) -> Observations: ...
+    def of_map(
+        map: NDArray[np.float32], sigma: NDArray[np.float32] | None, size: tuple[int, int]
+    ) -> Observations: ...
     @staticmethod
     def of_table(table: _Floats, sigma: NDArray[np.float32] | None) -> Observations: ...
     @property

@@ -51,8 +51,8 @@ class Scene:
         Parameters
         ----------
         sparse : array (H, W), (N, 3) or (N, 4), or tuple of arrays (N,)
-            A depth map of the image's shape, where 0, negative, NaN and infinite values (and what is masked) mean no
-            measurement; or points, one row x, y, depth[, sigma] each; or these columns as a tuple. x points to the
+            A depth map of the image's shape, or of the same proportions with fewer or more pixels, where 0, negative,
+            NaN and infinite values (and what is masked) mean no measurement; or points, one row x, y, depth[, sigma] each; or these columns as a tuple. x points to the
             right, y down, in pixels from the centre of the first; fractions are allowed. Depths are measured along
             the optical axis.
         sigma : array of the shape of the depths, or a number, optional

@@ -17,12 +17,14 @@ pub(crate) struct Observations {
 
 #[pymethods]
 impl Observations {
-    /// The measurements of a map `(height, width)`, with standard deviations of the same shape.
+    /// The measurements of a map `(height, width)` of an image of this width and height, with standard deviations of
+    /// the same shape. A map of fewer or more pixels shows what the image shows.
     #[staticmethod]
     fn of_map(
         py: Python<'_>,
         map: PyReadonlyArray2<'_, f32>,
         sigma: Option<PyReadonlyArray2<'_, f32>>,
+        size: (usize, usize),
     ) -> PyResult<Self> {
         let (height, width) = (map.shape()[0], map.shape()[1]);
         let map = DepthMap::new(width, height, map.as_slice()?.to_vec());
@@ -39,6 +41,14 @@ impl Observations {
                 ..*point
             };
             all = all.iter().map(with).collect();
+        }
+        if (width, height) != size {
+            let placed = |point: &Observation| Observation {
+                u: rescaled(point.u, width, size.0),
+                v: rescaled(point.v, height, size.1),
+                ..*point
+            };
+            all = all.iter().map(placed).collect();
         }
         Ok(Self {
             all,
@@ -76,4 +86,9 @@ impl Observations {
     fn __len__(&self) -> usize {
         self.all.len()
     }
+}
+
+/// Where on `to` pixels lies what is at `place` on `from` pixels of the same view.
+fn rescaled(place: f64, from: usize, to: usize) -> f64 {
+    (place + 0.5) * (to as f64 / from as f64) - 0.5
 }

@@ -142,9 +142,23 @@ def test_what_is_left_out_is_counted(scene):
     assert_array_equal(np.isnan(completion.residuals), [False, False, True, True, True, True, True])
 
 
+def test_maps_of_fewer_and_more_pixels(scene):
+    low = np.linspace(1.5, 2.5, 12 * 16, dtype=np.float32).reshape(12, 16)
+    v, u = np.mgrid[:12, :16]
+    # The centre of a pixel of the map, between those of four by four.
+    points = np.column_stack([4 * u.ravel() + 1.5, 4 * v.ravel() + 1.5, low.ravel()])
+    completion = scene.complete(low, sigma=np.full_like(low, 0.1))
+    assert_array_equal(completion.points, points)
+    assert_array_equal(completion.depth, scene.complete(points, sigma=0.1).depth)
+    high = scene.complete(np.full((96, 128), 2.0)).points
+    assert_array_equal(high[[0, -1], :2], [[-0.25, -0.25], [63.25, 47.25]])
+
+
 REFUSED = {
     "another shape": lambda sparse: sparse[:-1],
+    "no pixels": lambda sparse: sparse[:0, :0],
     "turned": lambda sparse: sparse.T,
+    "half the rows": lambda sparse: sparse[::2],
     "one number": lambda sparse: 2.0,
     "two columns": lambda sparse: np.ones((9, 2)),
     "five columns": lambda sparse: np.ones((9, 5)),

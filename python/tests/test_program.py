@@ -59,6 +59,15 @@ def test_millimetres_sizes_and_robust_fits_to_the_bit(room, results, tmp_path):
     np.testing.assert_array_equal(found, np.load(out / "rgb_depth.npy"))
 
 
+def test_maps_of_fewer_pixels_to_the_bit(room, results, tmp_path):
+    image, sparse = room
+    low = sparse[::2, ::2]
+    np.save(tmp_path / "low.npy", low)
+    out = results("low", tmp_path / "low.npy", "--weights", "small")
+    found = lsdc.complete(image, low, weights="small")
+    np.testing.assert_array_equal(found, np.load(out / "rgb_depth.npy"))
+
+
 def test_the_picture_is_that_of_the_program(room, results):
     out = results("picture", ROOM / "sparse.npy")
     expected = np.asarray(Image.open(out / "rgb_depth_color.png").convert("RGB"), dtype=int)
