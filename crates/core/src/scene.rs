@@ -1,5 +1,7 @@
 //! The network's output for one image, ready for any set of points.
 
+mod again;
+
 use crate::bilinear::Taps;
 use crate::completer::Completer;
 use crate::completion::Completion;
@@ -36,16 +38,16 @@ pub struct Scene(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     completer: Completer,
-    basis: Box<dyn Basis>,
+    basis: Arc<dyn Basis>,
     /// Computed immediately for a fit with a field, otherwise on first use.
-    affinities: OnceLock<Affinities>,
+    affinities: Arc<OnceLock<Affinities>>,
     /// A prediction of depth by other means, whose functions lie between those of the network and the cosines.
     depth_guide: Option<DepthGuide>,
     cosines: CosineBasis,
     /// Height and width of the image.
     size: (usize, usize),
     /// How depth is read from the grid that it is solved on, in a fit with a field to an image that is larger.
-    guide: Option<Guide>,
+    guide: Option<Arc<Guide>>,
     /// The last weights that functions were combined with on the grid of the guide, and the map.
     combined: Mutex<Option<Combined>>,
     network: Duration,
@@ -91,12 +93,12 @@ impl Scene {
         };
         let mut inner = Inner {
             completer,
-            basis,
-            affinities: OnceLock::new(),
+            basis: basis.into(),
+            affinities: Arc::default(),
             depth_guide,
             cosines,
             size: (height, width),
-            guide,
+            guide: guide.map(Arc::new),
             combined: Mutex::default(),
             network: Duration::ZERO,
         };
@@ -259,7 +261,7 @@ impl Scene {
 
     /// How maps are read from the grid that depth is solved on, if not at every pixel.
     pub(crate) fn guide(&self) -> Option<&Guide> {
-        self.0.guide.as_ref()
+        self.0.guide.as_deref()
     }
 
     /// The pixels of the field, which has `grid` (height, width), that a position (u, v) of the image is read
@@ -414,7 +416,7 @@ impl Inner {
             scene: affinities.map(|affinities| Placed {
                 affinities,
                 size,
-                guide: self.guide.as_ref(),
+                guide: self.guide.as_deref(),
             }),
         }
     }

@@ -2,9 +2,9 @@
 #![allow(clippy::unwrap_used)]
 #![cfg(feature = "weights")]
 
-use lsdc_core::settings::{FitConfig, FitMethod, PriorKind};
+use lsdc_core::settings::{FitConfig, FitMethod, Loss, PriorKind, Robust};
 use lsdc_core::{
-    Channels, Completer, DepthGuide, DepthMap, GuideKind, Image, Observations, Weights,
+    Channels, Completer, DepthGuide, DepthMap, GuideKind, Image, Observations, Scene, Weights,
 };
 
 const WIDTH: usize = 96;
@@ -165,4 +165,40 @@ fn a_field_alone_takes_no_guide() {
     let guide = of(GuideKind::Depth, |d| d);
     let (without, _) = completed(&completer, None, 40);
     assert_eq!(completed(&completer, Some(&guide), 40), (without, None));
+}
+
+#[test]
+fn fits_with_other_settings_share_a_scene() {
+    let (completer, points) = (
+        Completer::new(&Weights::builtin_small()).unwrap(),
+        points(60),
+    );
+    let guide = of(GuideKind::Disparity, |d| 1.0 / d);
+    let grey = vec![128_u8; 3 * WIDTH * HEIGHT];
+    let image = Image::new(WIDTH, HEIGHT, Channels::Rgb, &grey).unwrap();
+    let depth = |scene: &Scene| scene.complete(&points).unwrap().depth().unwrap();
+    for method in [FitMethod::Lse, FitMethod::Joint] {
+        let plain = FitConfig {
+            method,
+            robust: None,
+            ..*completer.fit_config()
+        };
+        let robust = Some(Robust::new(Loss::Auto));
+        let scene = completer.with_fit(plain).scene(&image).unwrap();
+        let own = completer.with_fit(FitConfig { robust, ..plain });
+        let shared = scene.with_robust(robust).unwrap();
+        assert_eq!(depth(&shared), depth(&own.scene(&image).unwrap()));
+        let guided = own.guided_scene(&image, &guide).unwrap();
+        assert_eq!(depth(&shared.with_guide(Some(&guide))), depth(&guided));
+        assert_ne!(depth(&guided), depth(&scene));
+        let back = guided.with_guide(None).with_robust(None).unwrap();
+        assert_eq!(depth(&back), depth(&scene));
+    }
+    let scene = completer.scene(&image).unwrap();
+    let tuning = Some(-1.0);
+    let wrong = Robust {
+        tuning,
+        ..Robust::default()
+    };
+    assert!(scene.with_robust(Some(wrong)).is_err());
 }

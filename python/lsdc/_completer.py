@@ -1,0 +1,197 @@
+"""A trained network with the settings of the fit."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any, Literal, Union, cast
+
+from . import _native
+from ._completion import Completion
+from ._errors import ReadError, SettingsError
+from ._guide import DepthGuide
+from ._input import Array, ImageLike, Order, Size, Unit, as_image, as_size
+from ._scene import Scene
+from ._settings import FitSettings, Robust, as_json
+
+Weights = Union[Literal["default", "small", "none"], str, "os.PathLike[str]", bytes]
+"""A name, the path of a weights file, or the bytes of one."""
+
+NAMES = ("default", "small", "none")
+
+
+class Completer:
+    """A trained network with the settings of the fit: make one, use it for every image, from any thread.
+
+    Parameters
+    ----------
+    weights : name, path or bytes
+        "default", the most accurate; "small", for weak machines; "none", no network at all, for scenes with a guide;
+        or a weights file as written by `lsdc train`. A file called like one of these is `Path("default")`.
+    fit : FitSettings, optional
+        Settings that differ from those stored with the weights, by the names of the program's configuration, such as
+        `{"method": "lse", "joint": {"cosines": 0}}`.
+    robust : optional
+        Short for `fit={"robust": ...}`: "auto", the name of another loss, or `RobustSettings`.
+    working_size : (width, height), optional
+        Images are resized to about as many pixels before they enter the network, instead of to the size of the
+        training images. More pixels cost more time and resolve more edges.
+    threads : int, optional
+        Threads of a pool of its own. By default all completers share a pool with a thread for every core (or
+        RAYON_NUM_THREADS). The number of threads changes no bit of a result.
+
+    Raises
+    ------
+    ReadError, WeightsError, SettingsError
+        A file that cannot be read or is no weights file, or settings out of range.
+
+    >>> completer = lsdc.Completer("small")
+    >>> completer
+    lsdc.Completer('small')
+    >>> scene = completer.scene(image)                 # the network runs, once
+    >>> for points in (sparse, sparse * 2):
+    ...     print(f"{scene.complete(points).depth.mean():.1f} m")
+    2.0 m
+    4.0 m
+
+    Completers can be pickled: for multiprocessing, Ray and Dask. Weights from a file travel with them.
+    """
+
+    def __init__(
+        self,
+        weights: Weights = "default",
+        *,
+        fit: FitSettings | None = None,
+        robust: Robust = None,
+        working_size: Size | None = None,
+        threads: int | None = None,
+    ) -> None:
+        changes: dict[str, Any] = dict(fit or {})
+        if robust is not None:
+            if "robust" in changes:
+                raise SettingsError("`robust` is given twice, once in `fit`")
+            changes["robust"] = robust
+        if threads is not None and threads < 1:
+            raise SettingsError(f"`threads` is {threads}, which is less than one")
+        self._name, self._weights = _loaded(weights)
+        self._changes = as_json(changes) if changes else None
+        self._working_size = None if working_size is None else as_size(working_size, "working_size")
+        self._threads = threads
+        self._build()
+
+    def _build(self) -> None:
+        self._process = os.getpid()
+        self._native = _native.Completer(self._weights, self._changes, self._working_size, self._threads)
+
+    def _here(self) -> _native.Completer:
+        """Made again in a process that was forked, where the threads of the other one are missing."""
+        if self._process != os.getpid():
+            self._build()
+        return self._native
+
+    @property
+    def fit(self) -> FitSettings:
+        """All settings of the fit.
+
+        >>> lsdc.Completer("small", fit={"method": "lse"}).fit["method"]
+        'lse'
+        """
+        return cast(FitSettings, json.loads(self._native.fit))
+
+    @property
+    def parameters(self) -> int:
+        """The number of trained parameters of the network."""
+        return self._native.parameters
+
+    @property
+    def threads(self) -> int:
+        """The number of threads that work for this completer."""
+        return self._here().threads
+
+    def scene(
+        self,
+        image: ImageLike,
+        *,
+        guide: DepthGuide | Array | None = None,
+        order: Order = "rgb",
+    ) -> Scene:
+        """Runs the network on an image, and computes everything that depends on the image alone.
+
+        Parameters
+        ----------
+        image : array (H, W, 3), (H, W) or (H, W, 4), image of Pillow, or path
+            Unsigned integers of 8 or 16 bits, or floats from 0 to 1. The fourth channel is ignored.
+        guide : DepthGuide or array (H, W), optional
+            A prediction of its depth by other means; an array is one of depths.
+        order : "rgb" or "bgr"
+            The order of the colours in memory: "bgr" as read by OpenCV.
+
+        Raises
+        ------
+        InputError
+            Not an image, or one with colours that are NaN or far above 1.
+        """
+        return Scene(self._here().scene(*as_image(image, order)), guide)
+
+    def complete(
+        self,
+        image: ImageLike,
+        sparse: Array | tuple[Array, ...],
+        *,
+        sigma: Array | float | None = None,
+        unit: Unit | None = None,
+        guide: DepthGuide | Array | None = None,
+        size: Size | None = None,
+        order: Order = "rgb",
+    ) -> Completion:
+        """`scene(image).complete(sparse)`, for an image that has one set of points; see `Scene.complete`.
+
+        >>> lsdc.Completer("small").complete(image, sparse)
+        <lsdc.Completion 64x48, 192 points, residual 0.00... m>
+        """
+        scene = self.scene(image, guide=guide, order=order)
+        return scene.complete(sparse, sigma=sigma, unit=unit, size=size)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = (self._name, self._weights, self._changes, self._working_size, self._threads)
+        return _restored, state
+
+    def __repr__(self) -> str:
+        parts = [repr(self._name)]
+        if self._changes is not None:
+            parts.append(f"fit={json.loads(self._changes)}")
+        if self._working_size is not None:
+            parts.append(f"working_size={self._working_size}")
+        if self._threads is not None:
+            parts.append(f"threads={self._threads}")
+        return f"lsdc.Completer({', '.join(parts)})"
+
+
+def _restored(
+    name: str,
+    weights: str | bytes,
+    changes: str | None,
+    working_size: Size | None,
+    threads: int | None,
+) -> Completer:
+    fit = None if changes is None else cast(FitSettings, json.loads(changes))
+    completer = Completer(weights, fit=fit, working_size=working_size, threads=threads)
+    completer._name = name
+    return completer
+
+
+def _loaded(weights: Weights) -> tuple[str, str | bytes]:
+    """What to call weights, and a name that the extension module knows or the bytes of a file."""
+    if isinstance(weights, (bytes, bytearray, memoryview)):
+        return f"<{len(weights)} bytes>", bytes(weights)
+    is_name = isinstance(weights, str) and (weights in NAMES or not os.path.exists(weights))
+    # A name that is not known is refused with the names that are.
+    if is_name and os.path.basename(weights) == weights and not os.path.splitext(weights)[1]:
+        return str(weights), str(weights)
+    path = os.fspath(weights)
+    try:
+        with open(path, "rb") as file:
+            return path, file.read()
+    except OSError as error:
+        hint = 'give "default", "small", "none", or the path of a weights file'
+        raise ReadError(f"cannot read weights from `{path}`: {error.strerror or error}", hint) from error

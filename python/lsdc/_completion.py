@@ -1,0 +1,187 @@
+"""A fit and everything derived from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _native
+from ._input import Array, Size, as_positions, as_size
+from ._picture import coloured, png
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """The depths that are more likely wrong than right, judged by the others; the worst first. All arrays `(M,)`."""
+
+    index: NDArray[np.int64]
+    """Row among the given points."""
+    probability: Floats
+    """That it is wrong."""
+    score: Floats
+    """Distance from the value predicted by the others, in the scale of the errors that right depths have there;
+    positive where the depth is farther away."""
+    error: Floats
+    """Its depth minus the depth predicted by the others, in metres."""
+    weight: Floats
+    """What it kept in a robust fit."""
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+class Completion:
+    """A scene fitted to known depths.
+
+    Everything beyond the fit is computed when it is first asked for, and then kept, as arrays that cannot be written
+    to (`.copy()` can). Depths are metres along the optical axis, or the unit of the floats that were given.
+
+    >>> completion = lsdc.Completer("small").complete(image, sparse)
+    >>> completion.depth.shape, completion.depth.dtype
+    ((48, 64), dtype('float32'))
+    >>> bool((completion.standard_deviation > 0).all())
+    True
+    >>> len(completion.residuals) == len(completion.points) == completion.report["given"]
+    True
+    """
+
+    def __init__(self, native: _native.Completion, given: _native.Observations, size: Size) -> None:
+        self._native = native
+        self._given = given
+        self._size = size
+
+    @property
+    def size(self) -> Size:
+        """Width and height of the maps."""
+        return self._size
+
+    @cached_property
+    def depth(self) -> NDArray[np.float32]:
+        """The dense depth `(H, W)`: positive and finite at every pixel."""
+        return _kept(self.depth_at(self._size))
+
+    def depth_at(self, size: Size) -> NDArray[np.float32]:
+        """The dense depth at another width and height, computed anew."""
+        return self._native.depth_at(*as_size(size, "size"))
+
+    @cached_property
+    def standard_deviation(self) -> NDArray[np.float32]:
+        """The standard deviation of the error of every pixel `(H, W)`: 68.27 % of errors are expected to be smaller.
+        Errors have heavier tails than normal ones; `interval` says how many deviations hold another share.
+
+        Raises `FitError` if the points are too few for an estimate."""
+        return _kept(self.standard_deviation_at(self._size))
+
+    def standard_deviation_at(self, size: Size) -> NDArray[np.float32]:
+        """The standard deviations at another width and height, computed anew."""
+        return self._native.standard_deviation_at(*as_size(size, "size"))
+
+    def interval(self, level: float) -> float:
+        """The number of standard deviations around the depth that hold a share of errors between 0 and 1.
+
+        >>> round(lsdc.Completer("small").complete(image, sparse).interval(0.6827), 2)
+        1.0
+        """
+        return self._native.interval(level)
+
+    @property
+    def freedom(self) -> float | None:
+        """The degrees of freedom of the distribution of errors; None if it is taken to be normal."""
+        return self._native.freedom()
+
+    def at(self, positions: Array) -> NDArray[np.float32]:
+        """The depth `(N,)` at positions `(N, 2)` of x and y in the image, which may lie between pixels."""
+        return self._native.at(as_positions(positions))
+
+    @cached_property
+    def points(self) -> Floats:
+        """The given depths `(N, 3)`, as rows x, y, depth; of a map, its measurements row by row."""
+        return _kept(self._given.table())
+
+    @cached_property
+    def residuals(self) -> Floats:
+        """For every given depth `(N,)`, it minus the fitted depth; NaN for those that were not used."""
+        return _kept(self._native.residuals())
+
+    @cached_property
+    def leave_one_out(self) -> Floats:
+        """For every given depth `(N,)`, it minus what a fit to all others predicts there; NaN for those that were not
+        used, and for those that the fit passes through whatever their depths are."""
+        return _kept(self._native.leave_one_out())
+
+    @cached_property
+    def leave_one_out_error(self) -> float | None:
+        """The root mean square of the leave-one-out errors, which estimates the error between the points without
+        ground truth, if the points are distributed like the pixels; None if there are none."""
+        return self._native.leave_one_out_error()
+
+    @cached_property
+    def point_weights(self) -> Floats:
+        """The final weight of every given depth `(N,)`: 1 in a plain fit without standard deviations; NaN for those
+        that were not used."""
+        return _kept(self._native.point_weights())
+
+    @cached_property
+    def outliers(self) -> Outliers:
+        """The depths that are more likely wrong than right.
+
+        >>> wrong = sparse.copy()
+        >>> wrong[18, 18] *= 3
+        >>> completion = lsdc.Completer("small").complete(image, wrong)
+        >>> completion.points[completion.outliers.index]
+        array([[18. , 18. , ...]])
+        """
+        return Outliers(*(_kept(column) for column in self._native.outliers()))
+
+    @cached_property
+    def weights(self) -> Floats:
+        """The weights of the basis functions, the constant first, followed by those of the cosines; for
+        `Scene.complete(near=...)`."""
+        return _kept(self._native.weights())
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The range that depths are clamped to: that of the points, widened by a factor of 10 at both ends."""
+        return self._native.limits()
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """Statistics of the fit.
+
+        - `given`, `used`, `invalid` (depth or standard deviation not positive and finite), `outside` (the image):
+          numbers of points; `given = used + invalid + outside`
+        - `ignored`: values of a map that were NaN, infinite or negative
+        - `without_deviation`: points without a standard deviation where others had one
+        - `method`: the model of depth
+        - `residual`: root mean square of the residuals
+        - `rank`: directions that the points determine, of `functions`
+        - `lambda`: the strength of the prior; `guide_trust`: how far the guide was trusted, 0 for not at all
+        - `network`, `fit` (which contains `field` and `solve`): seconds
+        """
+        report = self._native.report()
+        report["ignored"] = self._given.ignored
+        return report
+
+    def __repr__(self) -> str:
+        width, height = self._size
+        report = self.report
+        return f"<lsdc.Completion {width}x{height}, {report['used']} points, residual {report['residual']:.4f} m>"
+
+    def _repr_png_(self) -> bytes:
+        """The depth from blue (near) to red (far), for notebooks."""
+        # Pixels of a side that are shown.
+        most = 1024
+        step = -(-max(self._size) // most)
+        depth = self.depth[::step, ::step]
+        return png(coloured(depth, float(depth.min()), float(depth.max())))
+
+
+def _kept(values: NDArray[Any]) -> NDArray[Any]:
+    values.flags.writeable = False
+    return values

@@ -1,0 +1,49 @@
+"""A dense prediction of depth by other means."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from . import _native
+from ._input import Array, as_guide
+
+GuideKind = Literal["depth", "disparity", "log"]
+
+
+class DepthGuide:
+    """A dense prediction of the depth of an image, by any other network or program.
+
+    Neither unit, scale nor shift need be known, and it may have any size: the fit finds them, and from the points it
+    finds how far the guide is to be trusted (`report["guide_trust"]`).
+
+    Parameters
+    ----------
+    values : array (H, W)
+        Where there is no prediction, NaN; of depths also 0.
+    kind : "depth", "disparity" or "log"
+        What the values mean, each up to scale and shift: depths; inverse depths, larger is nearer, as of MiDaS and
+        Depth Anything; or logarithms of depths.
+
+    >>> import numpy as np
+    >>> guide = lsdc.DepthGuide(np.array([[0.9, 0.8], [np.nan, 0.4]]), kind="disparity")
+    >>> guide.size, guide.missing
+    ((2, 2), 1)
+    """
+
+    def __init__(self, values: Array, kind: GuideKind = "depth") -> None:
+        self._native = _native.DepthGuide(as_guide(values), kind)
+        self.kind: GuideKind = kind
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self._native.width, self._native.height
+
+    @property
+    def missing(self) -> int:
+        """The number of pixels without a usable value, which are filled from their sides."""
+        return self._native.missing
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"<lsdc.DepthGuide {width}x{height}, {self.kind}>"

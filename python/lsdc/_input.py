@@ -1,0 +1,270 @@
+"""Arguments of any kind as contiguous arrays of one type.
+
+Contiguous arrays of the right type are used as they are, others are copied once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any, Literal, Protocol, Union, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
+from ._errors import InputError, ReadError
+
+
+class SupportsDLPack(Protocol):
+    """An array of another library that can be exchanged through DLPack: of PyTorch, JAX, CuPy, ..."""
+
+    def __dlpack__(self, *args: Any, **kwargs: Any) -> Any: ...
+    def __dlpack_device__(self) -> Any: ...
+
+
+Array = Union[ArrayLike, SupportsDLPack]
+"""Anything that NumPy can look at: arrays, nested lists, tensors on the CPU, images of Pillow."""
+ImageLike = Union[Array, "os.PathLike[str]", str]
+"""An array `(H, W)`, `(H, W, 3)` or `(H, W, 4)`, an image of Pillow, or the path of an image file (read by Pillow)."""
+Unit = Union[Literal["m", "cm", "mm"], float]
+"""Of depths: "m", "cm", "mm", or the metres of one step, such as 1 / 256 for KITTI."""
+Order = Literal["rgb", "bgr"]
+"""Of the colours of a pixel: "bgr" as read by OpenCV."""
+Size = tuple[int, int]
+"""Width and height, as of an image of Pillow and in OpenCV; the shape of the array is `(height, width)`."""
+
+UNITS = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+
+
+def as_array(value: Array, what: str) -> NDArray[Any]:
+    """`value` as an array of any layout and type, which shares its memory where possible."""
+    if isinstance(value, np.ndarray):
+        return value
+    try:
+        if hasattr(value, "__dlpack__"):
+            try:
+                return np.from_dlpack(cast(Any, value))
+            # Exporters also refuse what NumPy can look at in other ways, as read-only memory.
+            except (BufferError, RuntimeError, TypeError, ValueError):
+                if not hasattr(value, "__array__"):
+                    raise
+        found = np.asarray(value)
+    except Exception as error:
+        hint = "give an array in the memory of the CPU: of a tensor, `tensor.detach().cpu()`"
+        raise InputError(f"{what} cannot be read as an array: {error}", hint) from error
+    if found.dtype == object:
+        raise InputError(f"{what} is not an array of numbers, but a {type(value).__name__}")
+    return found
+
+
+def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
+    """Colours `(H, W, C)`, 8 bits or floats from 0 to 1, and whether blue comes first."""
+    if order not in ("rgb", "bgr"):
+        raise InputError(f"`order` is {order!r}", 'orders are "rgb" and "bgr"')
+    colours = as_array(_unpacked(value), "the image")
+    if colours.ndim == 2:
+        colours = colours[:, :, None]
+    if colours.ndim != 3 or colours.shape[2] not in (1, 3, 4):
+        hint = "give (H, W), (H, W, 3) or (H, W, 4)"
+        if colours.ndim == 3 and colours.shape[0] in (1, 3, 4):
+            hint = "move the colours last: `image.transpose(1, 2, 0)`"
+        raise InputError(f"{_shape(colours)} is not the shape of an image", hint)
+    bgr = order == "bgr"
+    if colours.shape[2] == 3 and colours.strides[2] == -colours.itemsize:
+        # `bgr[..., ::-1]`: as it lies in memory, nothing need be copied.
+        colours, bgr = colours[:, :, ::-1], not bgr
+    if (colours.dtype.kind, colours.itemsize) == ("u", 2):
+        colours = colours / np.float32(65535)
+    elif colours.dtype.kind == "f":
+        colours = colours.astype(np.float32, copy=False)
+    elif colours.dtype != np.uint8:
+        hint = "give 8 or 16 bits unsigned, or floats from 0 to 1"
+        raise InputError(f"colours of type {colours.dtype} have no known range", hint)
+    return np.ascontiguousarray(colours), bgr
+
+
+def _unpacked(value: ImageLike) -> Array:
+    """The image in a file, and the colours of palettes, of CMYK and other forms of Pillow's."""
+    if isinstance(value, (str, os.PathLike)):
+        value = _opened(value)
+    pillow: Any = sys.modules.get("PIL.Image")
+    if pillow is None or not isinstance(value, pillow.Image):
+        return cast(Array, value)
+    picture = cast(Any, value)
+    known = picture.mode in ("L", "RGB", "RGBA", "I;16")
+    return cast(Array, picture if known else picture.convert("RGB"))
+
+
+def _opened(path: str | os.PathLike[str]) -> Any:
+    """The image in a file, upright."""
+    try:
+        from PIL import Image, ImageOps
+    except ImportError as error:
+        hint = "install Pillow (`pip install lsdc[image]`), or read the image yourself"
+        raise ReadError(f"without Pillow, `{os.fspath(path)}` cannot be read", hint) from error
+    try:
+        with Image.open(path) as opened:
+            return ImageOps.exif_transpose(opened)
+    except Exception as error:
+        raise ReadError(f"`{os.fspath(path)}` cannot be read as an image: {error}") from error
+
+
+def as_guide(value: Array) -> NDArray[np.float32]:
+    """Values of a guide `(H, W)`."""
+    found = as_array(value, "the guide")
+    if found.ndim != 2 or found.dtype.kind not in "fiu":
+        raise InputError(f"a guide is a map of numbers (H, W), not {_shape(found)} of {found.dtype}")
+    return np.ascontiguousarray(_unmasked(found.astype(np.float32, copy=False), np.nan))
+
+
+def as_observations(
+    sparse: Array | tuple[Array, ...],
+    sigma: Array | float | None,
+    unit: Unit | None,
+    size: Size,
+) -> _native.Observations:
+    """Known depths, from a map of the image's shape, or a table, or columns."""
+    if isinstance(sparse, tuple):
+        return _points(_stacked(sparse, unit), sigma, unit)
+    given = as_array(sparse, "the sparse depths")
+    if given.ndim == 3 and given.shape[2] == 1:
+        given = given[:, :, 0]
+    width, height = size
+    is_table = given.ndim == 2 and given.shape[1] in (3, 4)
+    is_map = given.shape == (height, width) or (not is_table and _same_view(given.shape, (height, width)))
+    if is_map and is_table:
+        hint = "give columns as a tuple (x, y, depth)"
+        raise InputError(f"{_shape(given)} may be a map of the image or a table of points", hint)
+    if is_map:
+        depths = _metres(_unmasked(given, 0), unit)
+        deviations = None if sigma is None else _deviations(sigma, unit, depths.shape)
+        return _native.Observations.of_map(depths, deviations, size)
+    if is_table:
+        return _points(given, sigma, unit)
+    hint = "points are rows x, y, depth[, sigma], with x to the right"
+    raise InputError(
+        f"{_shape(given)} is neither a map of the image of {height} rows and {width} columns nor a table of points",
+        hint,
+    )
+
+
+def _same_view(map: tuple[int, ...], image: tuple[int, int]) -> bool:
+    """Whether a map has the proportions of an image, but for the rounding to whole pixels. With as many rows or
+    columns, but not both, it was cropped."""
+    if len(map) != 2 or 0 in map or map[0] == image[0] or map[1] == image[1]:
+        return False
+    down, across = image[0] / map[0], image[1] / map[1]
+    return abs(across / down - 1) * min(*map, *image) <= 1 + 1e-9
+
+
+def _stacked(columns: tuple[Array, ...], unit: Unit | None) -> NDArray[np.float64]:
+    """Rows of columns."""
+    if any(isinstance(column, (list, tuple)) for column in columns):
+        raise InputError(
+            "a tuple holds columns of points, as arrays", "give rows as a list or an array (N, 3)"
+        )
+    found = [as_array(column, "a column of the points") for column in columns]
+    lengths = {column.shape for column in found}
+    if len(found) not in (3, 4) or len(lengths) != 1 or found[0].ndim != 1:
+        shapes = ", ".join(_shape(column) for column in found)
+        raise InputError(f"columns of points are x, y, depth and possibly sigma, all (N,), not {shapes}")
+    if found[2].dtype.kind in "iu" and unit is None:
+        raise _unknown_unit()
+    return np.stack([_numbers(column, "a column of the points") for column in found], axis=-1)
+
+
+def _unknown_unit() -> InputError:
+    return InputError("depths that are integers have no unit of their own", 'give `unit="mm"`, for example')
+
+
+def _points(table: NDArray[Any], sigma: Array | float | None, unit: Unit | None) -> _native.Observations:
+    """From rows x, y, depth and possibly sigma."""
+    if table.ndim != 2 or table.shape[1] not in (3, 4):
+        raise InputError(f"points have x, y, depth and possibly sigma, not {_shape(table)}")
+    if table.dtype.kind in "iu" and unit is None:
+        raise _unknown_unit()
+    rows = np.array(_unmasked(_numbers(table, "the points"), np.nan), order="C")
+    factor = per_metre(unit)
+    rows[:, 2:] /= factor
+    deviations: NDArray[np.float32] | None = None
+    if rows.shape[1] == 4:
+        if sigma is not None:
+            raise InputError("the points have a column of standard deviations, and `sigma` is given too")
+        deviations = rows[:, 3].astype(np.float32)
+    elif sigma is not None:
+        deviations = _deviations(sigma, unit, rows.shape[:1])
+    return _native.Observations.of_table(np.ascontiguousarray(rows[:, :3]), deviations)
+
+
+def _numbers(values: NDArray[Any], what: str) -> NDArray[np.float64]:
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"{what} has values of type {values.dtype}, not numbers")
+    return values.astype(np.float64, copy=False)
+
+
+def _deviations(sigma: Array | float, unit: Unit | None, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """One standard deviation for each value of an array of this shape; one number stands for all."""
+    given = as_array(sigma, "`sigma`")
+    if given.shape not in ((), shape):
+        raise InputError(f"`sigma` has the shape {_shape(given)}, but depths have {shape}")
+    scaled = _numbers(given, "`sigma`") / per_metre(unit)
+    return np.ascontiguousarray(np.broadcast_to(scaled, shape), dtype=np.float32)
+
+
+def _metres(values: NDArray[Any], unit: Unit | None) -> NDArray[np.float32]:
+    """A map of depths in metres, which is what floats without a unit are."""
+    if values.dtype.kind in "iu" and unit is None:
+        raise _unknown_unit()
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"the sparse depths have values of type {values.dtype}, not numbers")
+    factor = per_metre(unit)
+    if factor != 1.0:
+        values = values / np.float64(factor)
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def per_metre(unit: Unit | None) -> float:
+    """Steps of a unit in a metre."""
+    if unit is None:
+        return 1.0
+    if isinstance(unit, str):
+        if unit in UNITS:
+            return UNITS[unit]
+    elif np.isfinite(unit) and unit > 0:
+        return 1.0 / float(unit)
+    raise InputError(
+        f"{unit!r} is not a unit", 'give "m", "cm", "mm", or the metres of one step, such as 1 / 256'
+    )
+
+
+def as_positions(value: Array, columns: int = 2) -> NDArray[np.float64]:
+    """Rows of coordinates."""
+    found = as_array(value, "the positions")
+    if found.ndim == 1 and found.shape == (columns,):
+        found = found[None]
+    if found.ndim != 2 or found.shape[1] != columns:
+        raise InputError(f"positions are rows of {columns} numbers, not {_shape(found)}")
+    return np.ascontiguousarray(_numbers(found, "the positions"))
+
+
+def as_size(value: Size, what: str) -> Size:
+    """Width and height."""
+    try:
+        width, height = (int(side) for side in value)
+    except (TypeError, ValueError):
+        raise InputError(f"`{what}` is {value!r}, not (width, height)") from None
+    if width < 1 or height < 1:
+        raise InputError(f"`{what}` is {width}x{height}")
+    return width, height
+
+
+def _unmasked(values: NDArray[Any], missing: float) -> NDArray[Any]:
+    """What is masked as missing."""
+    masked = isinstance(values, np.ma.MaskedArray)
+    return cast("NDArray[Any]", cast(Any, values).filled(missing)) if masked else values
+
+
+def _shape(values: NDArray[Any]) -> str:
+    return str(values.shape)

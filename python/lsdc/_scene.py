@@ -1,0 +1,116 @@
+"""The network's output for one image, ready for any set of points."""
+
+from __future__ import annotations
+
+from typing import Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _native
+from ._completion import Completion
+from ._guide import DepthGuide
+from ._input import Array, Size, Unit, as_array, as_observations, as_positions, as_size
+from ._settings import Robust, as_json
+
+Guide = Union[DepthGuide, Array]
+
+
+class Scene:
+    """The basis functions and affinities of an image. New points for the same image cost only a fit.
+
+    Made by `Completer.scene`; can be shared between threads.
+    """
+
+    def __init__(self, native: _native.Scene, guide: Guide | None = None) -> None:
+        self._native = native if guide is None else native.with_guide(_guide(guide))
+
+    @property
+    def size(self) -> Size:
+        """Width and height of the image."""
+        return self._native.width, self._native.height
+
+    @property
+    def network_time(self) -> float:
+        """The run time of the network in seconds."""
+        return self._native.network_time
+
+    def complete(
+        self,
+        sparse: Array | tuple[Array, ...],
+        *,
+        sigma: Array | float | None = None,
+        unit: Unit | None = None,
+        robust: Robust = None,
+        guide: Guide | None = None,
+        near: Completion | NDArray[np.float64] | None = None,
+        size: Size | None = None,
+    ) -> Completion:
+        """Fits the basis functions of the image to known depths.
+
+        Parameters
+        ----------
+        sparse : array (H, W), (N, 3) or (N, 4), or tuple of arrays (N,)
+            A depth map of the image's shape, or of the same proportions with fewer or more pixels, where 0, negative,
+            NaN and infinite values (and what is masked) mean no measurement; or points, one row x, y, depth[, sigma] each; or these columns as a tuple. x points to the
+            right, y down, in pixels from the centre of the first; fractions are allowed. Depths are measured along
+            the optical axis.
+        sigma : array of the shape of the depths, or a number, optional
+            Standard deviations of the depths in the same unit, if they are known.
+        unit : "m", "cm", "mm" or the metres of one step, optional
+            Of `sparse` and `sigma`; integers need it. Floats are metres, or any other unit, which is then that of the
+            result.
+        robust : optional
+            Limits the influence of outliers: "auto", the name of another loss, or `RobustSettings`. By default as
+            set in the completer.
+        guide : DepthGuide or array (H, W), optional
+            Another prediction of the depth of the image by other means than that of the scene.
+        near : Completion or its weights, optional
+            The fit of the previous frame of a video, which this one will be close to, up to scale.
+        size : (width, height), optional
+            Of the maps of the completion; by default that of the image.
+
+        Returns
+        -------
+        Completion
+            What cannot be used (positions outside the image, depths or deviations that are not positive and finite)
+            is left out, and counted in its report.
+
+        Raises
+        ------
+        FitError
+            No depth can be used.
+        InputError
+            Arrays of other shapes or types.
+
+        >>> scene = lsdc.Completer("small").scene(image)
+        >>> points = np.array([[5.0, 7.5, 2.0], [40.2, 30.0, 2.2], [60.0, 12.0, 1.8], [99.0, 12.0, 1.8]])
+        >>> report = scene.complete(points).report
+        >>> report["used"], report["outside"]
+        (3, 1)
+        """
+        known = as_observations(sparse, sigma, unit, self.size)
+        scene = self._native
+        if robust is not None:
+            scene = scene.with_robust(as_json(robust))
+        if guide is not None:
+            scene = scene.with_guide(_guide(guide))
+        weights = near.weights if isinstance(near, Completion) else near
+        if weights is not None:
+            weights = np.ascontiguousarray(as_array(weights, "`near`"), dtype=np.float64)
+        size = self.size if size is None else as_size(size, "size")
+        return Completion(scene.complete(known, weights), known, size)
+
+    def basis_functions(self, positions: Array) -> NDArray[np.float32]:
+        """The functions that the network found, `(N, functions)`, at positions `(N, 2)` of x and y; the first is
+        the constant."""
+        return self._native.basis_functions(as_positions(positions))
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"<lsdc.Scene {width}x{height}>"
+
+
+def _guide(guide: Guide) -> _native.DepthGuide:
+    guide = guide if isinstance(guide, DepthGuide) else DepthGuide(guide)
+    return guide._native

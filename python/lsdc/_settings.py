@@ -1,0 +1,82 @@
+"""Settings of the fit, under the names of the program's configuration."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Literal, TypedDict, Union
+
+from ._errors import SettingsError
+
+Loss = Literal["irls", "huber", "cauchy", "gm", "tukey", "auto"]
+
+
+class RobustSettings(TypedDict, total=False):
+    """Settings of a robust fit, which limits the influence of outliers. What is left out has the default of the loss."""
+
+    loss: Loss
+    """"auto" weights each point by the probability that it is right, judged by the others."""
+    threshold: float
+    """For "irls": residuals below this fraction of the median depth have equal weight."""
+    tuning: float | None
+    """The scale of the other losses in standard deviations of the noise; None for the classic constant."""
+    neighbours: int
+    """Residuals are compared with the median of those of this many nearest points; 0 compares with none."""
+    iterations: int
+    """The largest number of solves after the first."""
+    tolerance: float
+    """Stops when no residual changes by more than this fraction of the largest depth."""
+
+
+class JointSettings(TypedDict, total=False):
+    """Settings of the joint fit of basis functions and a field that is smooth except across edges."""
+
+    data: float
+    """Weight of a point relative to an affinity of 1 between neighbouring pixels."""
+    ridge: float
+    """Penalty on the square of each weight, if there is no prior over the weights."""
+    level: float
+    """Penalty on the square of the field at each pixel."""
+    cosines: float
+    """Highest frequency of the cosine basis that is part of the field; 0 for none."""
+    bending: float
+    """Penalty on the square of a cosine's weight at low frequencies."""
+
+
+# `lambda` is a keyword of the language.
+FitSettings = TypedDict(
+    "FitSettings",
+    {
+        "method": Literal["lse", "field", "joint"],
+        "joint": JointSettings,
+        "rcond": float,
+        "ridge": float,
+        "prior": Literal["none", "flat", "learned"],
+        "lambda": Union[Literal["evidence", "gcv"], float, "list[tuple[float, float]]"],
+        "space": Literal["depth", "log", "inverse"],
+        "robust": Loss | RobustSettings | None,
+    },
+    total=False,
+)
+"""Settings of the fit; those left out are the ones stored with the weights.
+
+- `method`: the model of depth: basis functions alone ("lse", as in the paper), a "field" alone, or both ("joint")
+- `joint`: `JointSettings`
+- `rcond`: singular values below this fraction of the largest are truncated
+- `ridge`: added to the diagonal of the normal equations, as a fraction of their mean diagonal
+- `prior`: over the weights of the basis functions: "none", "flat" or "learned"
+- `lambda`: the strength of the prior: "evidence", "gcv", a number, or three pairs of a number of points and a strength
+- `space`: what is fitted: "depth", "log" or "inverse" depth
+- `robust`: the name of a loss, `RobustSettings`, or None
+"""
+
+Robust = Union[Loss, RobustSettings, None]
+"""The name of a loss, the settings of one, or None for a plain fit."""
+
+
+def as_json(settings: Mapping[str, object] | str | None) -> str:
+    """Settings as the extension module reads them."""
+    try:
+        return json.dumps(settings, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise SettingsError(f"settings are names and finite numbers: {error}") from None

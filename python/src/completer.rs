@@ -1,0 +1,154 @@
+//! Weights with settings.
+
+use crate::error::{Kind, raised};
+use crate::image::Colours;
+use crate::pool::Pool;
+use crate::scene::Scene;
+use lsdc_core::Weights;
+use lsdc_core::settings::{FitConfig, Loss, Robust};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use serde_json::Value;
+
+/// Where weights come from.
+#[derive(FromPyObject)]
+pub(crate) enum Source<'py> {
+    /// Built in.
+    Name(String),
+    /// A file.
+    Bytes(Bound<'py, PyBytes>),
+}
+
+/// A trained network with the settings of the fit.
+#[pyclass(frozen, module = "lsdc._native")]
+pub(crate) struct Completer {
+    inner: lsdc_core::Completer,
+    pool: Pool,
+    /// Trained parameters of the network.
+    #[pyo3(get)]
+    parameters: usize,
+}
+
+#[pymethods]
+impl Completer {
+    /// `fit` is a JSON object of the settings that differ from those stored with the weights; `threads` is 0 for
+    /// one for every core, and absent for the pool of the process; `working_size` is width and height.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        weights: Source<'_>,
+        fit: Option<&str>,
+        working_size: Option<(usize, usize)>,
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let raised = |error: lsdc_core::Error| raised(py, &error);
+        let pool = match threads {
+            None => Pool::shared(py)?,
+            Some(threads) => Pool::new(py, threads)?,
+        };
+        let alone = matches!(&weights, Source::Name(name) if name == "none");
+        let weights = match &weights {
+            Source::Bytes(bytes) => {
+                let bytes = bytes.as_bytes();
+                py.detach(|| Weights::from_bytes(bytes)).map_err(raised)?
+            }
+            Source::Name(name) => match name.as_str() {
+                "default" | "none" => Weights::builtin(),
+                "small" => Weights::builtin_small(),
+                name => {
+                    let what = format!("there are no weights `{name}`");
+                    let hint =
+                        "give \"default\", \"small\", \"none\", or the path of a weights file";
+                    return Err(Kind::Weights.raise(py, &what, Some(hint)));
+                }
+            },
+        };
+        let mut config = weights.fit().map_err(raised)?.unwrap_or_default();
+        if let Some(changes) = fit {
+            config = changed(config, changes).map_err(|why| {
+                Kind::Settings.raise(py, &format!("the settings of the fit: {why}"), None)
+            })?;
+        }
+        let threads = pool.threads();
+        let inner = pool.run(py, || {
+            if alone {
+                let completer = lsdc_core::Completer::without_network(config)?;
+                return match working_size {
+                    None => Ok(completer),
+                    Some((width, height)) => completer.with_working_size(height, width),
+                };
+            }
+            let mut builder = lsdc_core::Completer::builder(&weights).fit(config);
+            if let Some((width, height)) = working_size {
+                builder = builder.working_size(height, width);
+            }
+            builder.thread_pool(threads).build()
+        })?;
+        let parameters = if alone { 0 } else { weights.parameters() };
+        Ok(Self {
+            inner,
+            pool,
+            parameters,
+        })
+    }
+
+    /// The settings of the fit, as JSON.
+    #[getter]
+    fn fit(&self) -> String {
+        // Plain structs of numbers and names always have a form.
+        serde_json::to_string(self.inner.fit_config()).unwrap_or_default()
+    }
+
+    /// Threads of the pool.
+    #[getter]
+    fn threads(&self) -> usize {
+        self.pool.count()
+    }
+
+    fn scene(&self, py: Python<'_>, colours: Colours<'_>, bgr: bool) -> PyResult<Scene> {
+        let image = colours.image(py, bgr)?;
+        let scene = self.pool.run(py, || self.inner.scene(&image))?;
+        Ok(Scene::new(scene, self.pool.clone()))
+    }
+}
+
+/// Settings with changes to some of them, at any depth.
+fn changed(config: FitConfig, changes: &str) -> Result<FitConfig, serde_json::Error> {
+    let mut config = serde_json::to_value(config)?;
+    let mut changes: Value = serde_json::from_str(changes)?;
+    // Not merged: the defaults of a loss are its own.
+    if let Some(value) = changes.as_object_mut().and_then(|all| all.remove("robust")) {
+        config["robust"] = serde_json::to_value(robust(value)?)?;
+    }
+    merge(&mut config, changes);
+    serde_json::from_value(config)
+}
+
+/// Settings of robustness: nothing, the name of a loss, or what differs from the defaults of the loss.
+pub(crate) fn robust(changes: Value) -> Result<Option<Robust>, serde_json::Error> {
+    let name = match &changes {
+        Value::Null => return Ok(None),
+        Value::String(_) => changes.clone(),
+        other => other["loss"].clone(),
+    };
+    let loss = match name {
+        Value::Null => Loss::default(),
+        name => serde_json::from_value(name)?,
+    };
+    let mut config = serde_json::to_value(Robust::new(loss))?;
+    if !changes.is_string() {
+        merge(&mut config, changes);
+    }
+    serde_json::from_value(config).map(Some)
+}
+
+fn merge(settings: &mut Value, changes: Value) {
+    match (settings, changes) {
+        (Value::Object(settings), Value::Object(changes)) => {
+            for (name, change) in changes {
+                merge(settings.entry(name).or_insert(Value::Null), change);
+            }
+        }
+        (setting, change) => *setting = change,
+    }
+}

@@ -1,0 +1,136 @@
+//! A scene fitted to observations.
+
+use crate::arrays;
+use crate::pool::Pool;
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// A fit, and what follows from it.
+#[pyclass(frozen, module = "lsdc._native")]
+pub(crate) struct Completion {
+    inner: lsdc_core::Completion,
+    pool: Pool,
+}
+
+impl Completion {
+    pub(crate) fn new(inner: lsdc_core::Completion, pool: Pool) -> Self {
+        Self { inner, pool }
+    }
+}
+
+/// Index, probability, score, error and weight of every outlier.
+type Outliers<'py> = (
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
+#[pymethods]
+impl Completion {
+    fn depth_at<'py>(
+        &self,
+        py: Python<'py>,
+        width: usize,
+        height: usize,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let map = self.pool.run(py, || self.inner.depth_at(width, height))?;
+        arrays::map(py, map)
+    }
+
+    fn standard_deviation_at<'py>(
+        &self,
+        py: Python<'py>,
+        width: usize,
+        height: usize,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let map = self
+            .pool
+            .run(py, || self.inner.standard_deviation_at(width, height))?;
+        arrays::map(py, map)
+    }
+
+    /// The depth at rows u, v.
+    fn at<'py>(
+        &self,
+        py: Python<'py>,
+        places: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let places = arrays::rows::<2>(&places)?;
+        let depths = self.pool.run(py, || self.inner.at(places))?;
+        Ok(PyArray1::from_vec(py, depths))
+    }
+
+    fn residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let found = self.pool.run(py, || Ok(self.inner.residuals()))?;
+        Ok(PyArray1::from_vec(py, found))
+    }
+
+    fn leave_one_out<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let found = self.pool.run(py, || Ok(self.inner.leave_one_out()))?;
+        Ok(PyArray1::from_vec(py, found))
+    }
+
+    fn leave_one_out_error(&self, py: Python<'_>) -> PyResult<Option<f64>> {
+        self.pool.run(py, || Ok(self.inner.leave_one_out_error()))
+    }
+
+    fn point_weights<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.inner.point_weights())
+    }
+
+    fn outliers<'py>(&self, py: Python<'py>) -> PyResult<Outliers<'py>> {
+        let found = self.pool.run(py, || self.inner.outliers())?;
+        let of = |value: fn(&lsdc_core::Outlier) -> f64| {
+            PyArray1::from_vec(py, found.iter().map(value).collect())
+        };
+        let index = found.iter().map(|outlier| outlier.index as i64).collect();
+        Ok((
+            PyArray1::from_vec(py, index),
+            of(|outlier| outlier.probability),
+            of(|outlier| outlier.score),
+            of(|outlier| outlier.error),
+            of(|outlier| outlier.weight),
+        ))
+    }
+
+    fn weights<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.inner.weights())
+    }
+
+    fn limits(&self) -> (f32, f32) {
+        self.inner.limits()
+    }
+
+    fn interval(&self, py: Python<'_>, level: f64) -> PyResult<f64> {
+        self.pool.run(py, || self.inner.interval(level))
+    }
+
+    fn freedom(&self) -> Option<f64> {
+        self.inner.freedom()
+    }
+
+    /// The fields of the report by name, times in seconds.
+    fn report<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let report = self.inner.report();
+        let fields = PyDict::new(py);
+        fields.set_item("given", report.given)?;
+        fields.set_item("used", report.used)?;
+        fields.set_item("invalid", report.invalid)?;
+        fields.set_item("outside", report.outside)?;
+        fields.set_item("without_deviation", report.without_deviation)?;
+        fields.set_item("method", report.method.name())?;
+        fields.set_item("residual", report.residual)?;
+        fields.set_item("rank", report.rank)?;
+        fields.set_item("functions", report.functions)?;
+        fields.set_item("lambda", report.lambda)?;
+        fields.set_item("guide_trust", report.guide_trust)?;
+        fields.set_item("network", report.network.as_secs_f64())?;
+        fields.set_item("fit", report.fit.as_secs_f64())?;
+        fields.set_item("field", report.field.as_secs_f64())?;
+        fields.set_item("solve", report.solve.as_secs_f64())?;
+        Ok(fields)
+    }
+}

@@ -1,0 +1,62 @@
+//! Errors of `lsdc-core` as the exceptions of the package.
+
+use lsdc_core::{Error, WeightsError};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+use std::error::Error as _;
+
+/// Which exception stands for a kind of error.
+#[derive(Clone, Copy)]
+pub(crate) enum Kind {
+    Base,
+    Input,
+    Weights,
+    Settings,
+    Fit,
+}
+
+impl Kind {
+    fn class(self, py: Python<'_>) -> PyResult<&Bound<'_, PyType>> {
+        static CLASSES: [PyOnceLock<Py<PyType>>; 5] = [const { PyOnceLock::new() }; 5];
+        let name = match self {
+            Self::Base => "Error",
+            Self::Input => "InputError",
+            Self::Weights => "WeightsError",
+            Self::Settings => "SettingsError",
+            Self::Fit => "FitError",
+        };
+        CLASSES[self as usize].import(py, "lsdc._errors", name)
+    }
+
+    /// The exception of this kind with a message and what to do.
+    pub(crate) fn raise(self, py: Python<'_>, message: &str, hint: Option<&str>) -> PyErr {
+        let made = self
+            .class(py)
+            .and_then(|class| class.call1((message, hint)));
+        made.map_or_else(|error| error, PyErr::from_value)
+    }
+}
+
+/// The exception that stands for an error of `lsdc-core`.
+pub(crate) fn raised(py: Python<'_>, error: &Error) -> PyErr {
+    let kind = match error {
+        Error::Image(_) => Kind::Input,
+        Error::Weights(_) => Kind::Weights,
+        Error::Settings(_) => Kind::Settings,
+        Error::Fit(_) => Kind::Fit,
+        _ => Kind::Base,
+    };
+    let message = match error.source() {
+        Some(cause) => format!("{error}: {cause}"),
+        None => error.to_string(),
+    };
+    let hint = match error {
+        // The hint of the library names a function that is not part of the package.
+        Error::Weights(WeightsError::NoEncoder) => {
+            Some("complete with the program `lsdc`, which installs the encoder".to_owned())
+        }
+        _ => error.hint().map(|hint| hint.replace("::", ".")),
+    };
+    kind.raise(py, &message, hint.as_deref())
+}

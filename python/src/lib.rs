@@ -1,0 +1,38 @@
+//! What the Python package `lsdc` runs: `lsdc-core` behind `NumPy` arrays.
+//!
+//! The Python files beside this crate bring arguments of any kind into one form (contiguous arrays of one type,
+//! positions in pixels, depths in one unit); here they become values of `lsdc-core`, and its results arrays. The
+//! interpreter is released while anything is computed.
+
+mod arrays;
+mod camera;
+mod completer;
+mod completion;
+mod error;
+mod guide;
+mod image;
+mod observations;
+mod pool;
+mod scene;
+
+use pyo3::pymodule;
+
+/// The module `lsdc._native`.
+#[pymodule(gil_used = false)]
+mod _native {
+    #[pymodule_export]
+    use crate::camera::Camera;
+    #[pymodule_export]
+    use crate::completer::Completer;
+    #[pymodule_export]
+    use crate::completion::Completion;
+    #[pymodule_export]
+    use crate::guide::DepthGuide;
+    #[pymodule_export]
+    use crate::observations::Observations;
+    #[pymodule_export]
+    use crate::scene::Scene;
+    #[pymodule_export]
+    #[allow(non_upper_case_globals)]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+}

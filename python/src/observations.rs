@@ -1,0 +1,94 @@
+//! Arrays as observations.
+
+use crate::arrays;
+use crate::error::raised;
+use lsdc_core::{DepthMap, Observation};
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+/// Known depths at some positions of an image.
+#[pyclass(frozen, module = "lsdc._native")]
+pub(crate) struct Observations {
+    pub(crate) all: lsdc_core::Observations,
+    /// Values of a map that were neither a depth nor 0.
+    #[pyo3(get)]
+    ignored: usize,
+}
+
+#[pymethods]
+impl Observations {
+    /// The measurements of a map `(height, width)` of an image of this width and height, with standard deviations of
+    /// the same shape. A map of fewer or more pixels shows what the image shows.
+    #[staticmethod]
+    fn of_map(
+        py: Python<'_>,
+        map: PyReadonlyArray2<'_, f32>,
+        sigma: Option<PyReadonlyArray2<'_, f32>>,
+        size: (usize, usize),
+    ) -> PyResult<Self> {
+        let (height, width) = (map.shape()[0], map.shape()[1]);
+        let map = DepthMap::new(width, height, map.as_slice()?.to_vec());
+        let map = map.map_err(|error| raised(py, &error))?;
+        let mut all = lsdc_core::Observations::from_map(&map);
+        if let Some(sigma) = &sigma {
+            let sigma = sigma.as_slice()?;
+            let at = |point: &Observation| {
+                let pixel = point.v as usize * width + point.u as usize;
+                sigma.get(pixel).copied()
+            };
+            let with = |point: &Observation| Observation {
+                sigma: at(point),
+                ..*point
+            };
+            all = all.iter().map(with).collect();
+        }
+        if (width, height) != size {
+            let placed = |point: &Observation| Observation {
+                u: rescaled(point.u, width, size.0),
+                v: rescaled(point.v, height, size.1),
+                ..*point
+            };
+            all = all.iter().map(placed).collect();
+        }
+        Ok(Self {
+            all,
+            ignored: map.ignored(),
+        })
+    }
+
+    /// One observation for each row u, v, depth, with a standard deviation for each.
+    #[staticmethod]
+    fn of_table(
+        table: PyReadonlyArray2<'_, f64>,
+        sigma: Option<PyReadonlyArray1<'_, f32>>,
+    ) -> PyResult<Self> {
+        let sigma = sigma.as_ref().map(|sigma| sigma.as_slice()).transpose()?;
+        let rows = arrays::rows::<3>(&table)?.iter().enumerate();
+        let observation = |(i, &[u, v, depth]): (usize, &[f64; 3])| Observation {
+            u,
+            v,
+            depth: depth as f32,
+            sigma: sigma.and_then(|sigma| sigma.get(i).copied()),
+        };
+        Ok(Self {
+            all: rows.map(observation).collect(),
+            ignored: 0,
+        })
+    }
+
+    /// Rows u, v, depth.
+    fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rows = self.all.iter();
+        let values = rows.flat_map(|point| [point.u, point.v, f64::from(point.depth)]);
+        arrays::table(py, values.collect(), 3)
+    }
+
+    fn __len__(&self) -> usize {
+        self.all.len()
+    }
+}
+
+/// Where on `to` pixels lies what is at `place` on `from` pixels of the same view.
+fn rescaled(place: f64, from: usize, to: usize) -> f64 {
+    (place + 0.5) * (to as f64 / from as f64) - 0.5
+}

@@ -1,0 +1,91 @@
+//! The network's output for one image.
+
+use crate::arrays;
+use crate::completer::robust;
+use crate::completion::Completion;
+use crate::error::Kind;
+use crate::guide::DepthGuide;
+use crate::observations::Observations;
+use crate::pool::Pool;
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+/// The basis functions and affinities of an image.
+#[pyclass(frozen, module = "lsdc._native")]
+pub(crate) struct Scene {
+    inner: lsdc_core::Scene,
+    pool: Pool,
+}
+
+impl Scene {
+    pub(crate) fn new(inner: lsdc_core::Scene, pool: Pool) -> Self {
+        Self { inner, pool }
+    }
+}
+
+#[pymethods]
+impl Scene {
+    #[getter]
+    fn width(&self) -> usize {
+        self.inner.width()
+    }
+
+    #[getter]
+    fn height(&self) -> usize {
+        self.inner.height()
+    }
+
+    /// Seconds.
+    #[getter]
+    fn network_time(&self) -> f64 {
+        self.inner.network_time().as_secs_f64()
+    }
+
+    /// With other settings of robustness, as JSON.
+    fn with_robust(&self, py: Python<'_>, settings: &str) -> PyResult<Self> {
+        let refused = |why: serde_json::Error| {
+            Kind::Settings.raise(py, &format!("the settings of robustness: {why}"), None)
+        };
+        let settings = serde_json::from_str(settings)
+            .and_then(robust)
+            .map_err(refused)?;
+        let inner = self.pool.run(py, || self.inner.with_robust(settings))?;
+        Ok(Self::new(inner, self.pool.clone()))
+    }
+
+    /// With another guide, or none.
+    fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
+        let inner = self.inner.with_guide(guide.map(|guide| &guide.0));
+        Self::new(inner, self.pool.clone())
+    }
+
+    /// `near` are weights of another fit.
+    fn complete(
+        &self,
+        py: Python<'_>,
+        observations: &Observations,
+        near: Option<PyReadonlyArray1<'_, f64>>,
+    ) -> PyResult<Completion> {
+        let near = near.as_ref().map(|near| near.as_slice()).transpose()?;
+        let all = &observations.all;
+        let inner = self.pool.run(py, || match near {
+            None => self.inner.complete(all),
+            Some(near) => self.inner.complete_near(all, near),
+        })?;
+        Ok(Completion::new(inner, self.pool.clone()))
+    }
+
+    /// The basis functions `(places, functions)` at rows u, v.
+    fn basis_functions<'py>(
+        &self,
+        py: Python<'py>,
+        places: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let places = arrays::rows::<2>(&places)?;
+        let values = self
+            .pool
+            .run(py, || Ok(self.inner.basis_functions(places)))?;
+        let columns = values.len() / places.len().max(1);
+        arrays::table(py, values, columns)
+    }
+}

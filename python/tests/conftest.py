@@ -1,0 +1,42 @@
+"""Images and depths for tests, and for the examples in docstrings."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lsdc
+
+ROOM = Path(__file__).parents[2] / "assets/room"
+
+
+@pytest.fixture(scope="session")
+def image():
+    """64x48 pixels, with gradients."""
+    down, across = np.mgrid[:48, :64]
+    return np.stack([across * 3, down * 4, across + down], axis=-1).astype(np.uint8)
+
+
+@pytest.fixture(scope="session")
+def sparse():
+    """The depths of every fourth pixel of a slanted plane, from 1.5 to 2.5 m."""
+    across = np.mgrid[:48, :64][1]
+    sparse = np.zeros((48, 64), np.float32)
+    sparse[2::4, 2::4] = (1.5 + across / 64.0)[2::4, 2::4]
+    return sparse
+
+
+@pytest.fixture(scope="session")
+def completer():
+    return lsdc.Completer("small")
+
+
+@pytest.fixture(scope="session")
+def scene(completer, image):
+    return completer.scene(image)
+
+
+@pytest.fixture
+def names(image, sparse):
+    """What examples begin with."""
+    return {"np": np, "lsdc": lsdc, "image": image, "sparse": sparse.copy()}

@@ -1,0 +1,108 @@
+"""Cameras against the closed form of a pinhole, and OpenCV's models."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import lsdc
+
+FOCAL, CENTER = (100.0, 90.0), (31.5, 23.5)
+
+
+@pytest.fixture
+def points():
+    random = np.random.default_rng(0)
+    return np.column_stack([random.uniform(-0.3, 0.3, (50, 2)), random.uniform(1, 4, 50)])
+
+
+def quarter_turn():
+    """About the vertical axis."""
+    return [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+
+
+def test_a_pinhole(points):
+    camera = lsdc.Camera(FOCAL, CENTER)
+    expected = points[:, :2] / points[:, 2:] * FOCAL + CENTER
+    projected = camera.project(points)
+    assert_allclose(projected, np.column_stack([expected, points[:, 2]]), rtol=1e-12)
+    assert_allclose(camera.unproject(projected), points, rtol=1e-12)
+    assert np.isnan(camera.project([[0, 0, -1.0]])).all()
+
+
+def test_poses(points):
+    camera = lsdc.Camera(FOCAL, CENTER, rotation=quarter_turn(), translation=(0.0, 0.1, 0.5))
+    moved = points @ np.array(quarter_turn()).T + (0.0, 0.1, 0.5)
+    inside = moved[:, 2] > 0
+    expected = lsdc.Camera(FOCAL, CENTER).project(moved)
+    assert_allclose(camera.project(points), expected)
+    assert_allclose(camera.unproject(expected[inside]), points[inside], atol=1e-12)
+
+
+def test_lenses(points):
+    # By hand, as OpenCV documents it.
+    k1, k2 = -0.2, 0.05
+    x, y = (points[:, :2] / points[:, 2:]).T
+    square = x * x + y * y
+    bent = np.column_stack([x, y]) * (1 + k1 * square + k2 * square**2)[:, None] * FOCAL + CENTER
+    camera = lsdc.Camera(FOCAL, CENTER, lens="radtan", coefficients=(k1, k2))
+    assert_allclose(camera.project(points)[:, :2], bent, rtol=1e-12)
+    radius = np.sqrt(square)
+    angle = np.arctan(radius)
+    seen = angle * (1 + 0.1 * angle**2)
+    bent = np.column_stack([x, y]) * (seen / radius)[:, None] * FOCAL + CENTER
+    camera = lsdc.Camera(FOCAL, CENTER, lens="fisheye", coefficients=(0.1,))
+    assert_allclose(camera.project(points)[:, :2], bent, rtol=1e-12)
+    assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-8)
+
+
+def test_a_depth_map_as_points():
+    camera = lsdc.Camera(FOCAL, CENTER)
+    depth = np.full((48, 64), 2.0, np.float32)
+    depth[3, 4] = 0
+    cloud = camera.unproject(depth)
+    assert cloud.shape == (48, 64, 3) and np.isnan(cloud[3, 4]).all()
+    assert_allclose(cloud[10, 20], [(20 - 31.5) / 100 * 2, (10 - 23.5) / 90 * 2, 2.0])
+
+
+def test_what_a_camera_sees(completer, image):
+    camera = lsdc.Camera(FOCAL, CENTER)
+    wall = np.array([[x, y, 2.0] for x in np.linspace(-0.6, 0.6, 12) for y in np.linspace(-0.5, 0.5, 9)])
+    behind = [[0.0, 0.0, -1.0], [np.nan, 0.0, 1.0], [5.0, 0.0, 1.0], [*(wall[40, :2] * 2), 4.0]]
+    cloud = camera.see(np.vstack([wall, behind]), (64, 48))
+    assert (len(cloud), cloud.invalid, cloud.outside, cloud.hidden) == (len(wall), 1, 2, 1)
+    assert_allclose(completer.complete(image, cloud.points).depth, 2.0, atol=0.05)
+
+
+def test_other_resolutions(points):
+    camera = lsdc.Camera(FOCAL, CENTER, lens="radtan", coefficients=(0.1,), translation=(0, 0, 1))
+    double = camera.scaled(2, 2)
+    assert double.focal == (200, 180) and double.center == (63.5, 47.5)
+    # Pixels are areas.
+    assert_allclose(double.project(points)[:, :2] + 0.5, (camera.project(points)[:, :2] + 0.5) * 2)
+    assert_array_equal(double.project(points)[:, 2], camera.project(points)[:, 2])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"focal": (0, 1)},
+        {"focal": (np.nan, 1)},
+        {"lens": "telescope"},
+        {"coefficients": (1,)},
+        {"lens": "fisheye", "coefficients": (0,) * 5},
+        {"rotation": np.diag([1, 1, -1])},
+        {"rotation": np.eye(3) * 2},
+        {"translation": (np.inf, 0, 0)},
+    ],
+)
+def test_cameras_that_cannot_be(options):
+    with pytest.raises(lsdc.SettingsError):
+        lsdc.Camera(**{"focal": FOCAL, "center": CENTER, **options})
+
+
+@pytest.mark.parametrize(
+    "options", [{"focal": 5}, {"focal": (1, 2, 3)}, {"rotation": np.eye(2)}, {"translation": [0, 0]}]
+)
+def test_numbers_of_another_shape(options):
+    with pytest.raises(lsdc.InputError):
+        lsdc.Camera(**{"focal": FOCAL, "center": CENTER, **options})

@@ -1,0 +1,78 @@
+"""The same numbers as the program.
+
+`LSDC_PROGRAM` names it; by default, what cargo built, if it did.
+"""
+
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lsdc
+
+ROOT = Path(__file__).parents[2]
+ROOM = ROOT / "assets/room"
+PROGRAM = Path(os.environ.get("LSDC_PROGRAM", ROOT / "target/release/lsdc"))
+Image = pytest.importorskip("PIL.Image")
+
+
+@pytest.fixture(scope="module")
+def room():
+    return np.asarray(Image.open(ROOM / "rgb.png")), np.load(ROOM / "sparse.npy")
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """What the program writes for the room."""
+    if "LSDC_PROGRAM" not in os.environ and not PROGRAM.exists():
+        pytest.skip("the program is not built")
+    folder = tmp_path_factory.mktemp("program")
+
+    def run(name, sparse, *options):
+        out = folder / name
+        command = [PROGRAM, "complete", ROOM / "rgb.png", sparse, "-o", out, "--quiet", *options]
+        subprocess.run(command, check=True)
+        return out
+
+    return run
+
+
+def test_the_room_to_the_bit(room, results):
+    out = results("plain", ROOM / "sparse.npy", "--uncertainty")
+    image, sparse = room
+    completion = lsdc.Completer().complete(image, sparse)
+    np.testing.assert_array_equal(completion.depth, np.load(out / "rgb_depth.npy"))
+    np.testing.assert_array_equal(completion.standard_deviation, np.load(out / "rgb_sigma.npy"))
+    np.testing.assert_array_equal(lsdc.complete(image, sparse), completion.depth)
+    assert completion.report["used"] == 500
+
+
+def test_millimetres_sizes_and_robust_fits_to_the_bit(room, results, tmp_path):
+    image, sparse = room
+    millimetres = np.rint(sparse * 1000).astype(np.uint16)
+    Image.fromarray(millimetres).save(tmp_path / "sparse.png")
+    options = ("--depth-unit", "mm", "--robust", "auto", "--size", "400x300", "--weights", "small")
+    out = results("other", tmp_path / "sparse.png", *options)
+    found = lsdc.complete(image, millimetres, unit="mm", robust="auto", size=(400, 300), weights="small")
+    np.testing.assert_array_equal(found, np.load(out / "rgb_depth.npy"))
+
+
+def test_maps_of_fewer_pixels_to_the_bit(room, results, tmp_path):
+    image, sparse = room
+    low = sparse[::2, ::2]
+    np.save(tmp_path / "low.npy", low)
+    out = results("low", tmp_path / "low.npy", "--weights", "small")
+    found = lsdc.complete(image, low, weights="small")
+    np.testing.assert_array_equal(found, np.load(out / "rgb_depth.npy"))
+
+
+def test_the_picture_is_that_of_the_program(room, results):
+    out = results("picture", ROOM / "sparse.npy")
+    expected = np.asarray(Image.open(out / "rgb_depth_color.png").convert("RGB"), dtype=int)
+    from io import BytesIO
+
+    shown = Image.open(BytesIO(lsdc.Completer().complete(*room)._repr_png_()))
+    # Rounded in other places.
+    assert np.abs(np.asarray(shown, dtype=int) - expected).max() <= 1
