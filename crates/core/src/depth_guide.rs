@@ -54,7 +54,7 @@ const COSINES: [(f64, f64); 5] = [(1.0, 0.0), (0.0, 1.0), (2.0, 0.0), (1.0, 1.0)
 /// How much less than the functions themselves their products with cosines are expected to weigh.
 const PRODUCTS: f32 = 0.3;
 /// The step between neighbours that halves their affinity, in standard deviations of the first function.
-const STEP: f32 = 0.2;
+const STEP: f64 = 0.2;
 /// Values are kept within this factor of their median.
 const EXTREME: f64 = 50.0;
 
@@ -144,30 +144,30 @@ impl DepthGuide {
         rows
     }
 
-    /// Lowers affinities `[height, width, 2]`, of each pixel with its right neighbour and with the one below, where the
-    /// guide has a step.
-    pub(crate) fn loosen(&self, (height, width): (usize, usize), affinities: &mut [f32]) {
+    /// The share of its affinity that each pixel of a grid keeps with its right neighbour, and with the one below,
+    /// `[height, width, 2]`: less where the guide has a step.
+    pub(crate) fn ties(&self, (height, width): (usize, usize)) -> Vec<f64> {
         let line = |y: usize| {
             let places: Vec<[f64; 2]> = (0..width).map(|x| [x as f64, y as f64]).collect();
             let functions = self.at((height, width), &places);
-            functions
-                .chunks_exact(self.count())
-                .map(|row| row[1])
-                .collect::<Vec<f32>>()
+            let firsts = functions.chunks_exact(self.count()).map(|row| row[1]);
+            firsts.collect::<Vec<f32>>()
         };
         let lines: Vec<Vec<f32>> = (0..height).into_par_iter().map(line).collect();
-        let share = |from: f32, to: f32| (1.0 + ((to - from) / STEP).powi(2)).recip();
-        for (y, row) in affinities.chunks_exact_mut(2 * width.max(1)).enumerate() {
-            for (x, pair) in row.chunks_exact_mut(2).enumerate() {
-                let here = lines[y][x];
-                if let Some(&right) = lines[y].get(x + 1) {
-                    pair[0] *= share(here, right);
-                }
-                if let Some(below) = lines.get(y + 1) {
-                    pair[1] *= share(here, below[x]);
-                }
-            }
-        }
+        let share = |from: f32, to: Option<&f32>| {
+            to.map_or(1.0, |to| {
+                (1.0 + (f64::from(to - from) / STEP).powi(2)).recip()
+            })
+        };
+        let pixel = |i: usize| {
+            let (y, x) = (i / width, i % width);
+            let below = lines.get(y + 1).map(|line| &line[x]);
+            [
+                share(lines[y][x], lines[y].get(x + 1)),
+                share(lines[y][x], below),
+            ]
+        };
+        (0..height * width).flat_map(pixel).collect()
     }
 
     /// Adds the functions times weights to a map of `size` (height, width).
@@ -285,13 +285,11 @@ mod tests {
         // Two halves, one standard deviation to either side of their mean.
         let values = [1.0, 1.0, 3.0, 3.0].repeat(2);
         let guide = DepthGuide::new(GuideKind::Depth, 4, 2, &values).unwrap();
-        let mut affinities = vec![2.0; 16];
-        guide.loosen((2, 4), &mut affinities);
-        let across = 2.0 / (1.0 + (2.0 / STEP).powi(2));
-        for (i, affinity) in affinities.into_iter().enumerate() {
+        let across = (1.0 + (2.0 / STEP).powi(2)).recip();
+        for (i, share) in guide.ties((2, 4)).into_iter().enumerate() {
             let cut = i % 2 == 0 && (i / 2) % 4 == 1;
-            let expected = if cut { across } else { 2.0 };
-            assert!((affinity / expected - 1.0).abs() < 1e-4, "{i}: {affinity}");
+            let expected = if cut { across } else { 1.0 };
+            assert!((share / expected - 1.0).abs() < 1e-4, "{i}: {share}");
         }
     }
 }

@@ -40,7 +40,10 @@ struct Inner {
     completer: Completer,
     basis: Arc<dyn Basis>,
     /// Computed immediately for a fit with a field, otherwise on first use.
+    /// As the network gives them.
     affinities: Arc<OnceLock<Affinities>>,
+    /// The same with the steps of the depth guide.
+    tied: OnceLock<Affinities>,
     /// A prediction of depth by other means, whose functions lie between those of the network and the cosines.
     depth_guide: Option<DepthGuide>,
     cosines: CosineBasis,
@@ -95,6 +98,7 @@ impl Scene {
             completer,
             basis: basis.into(),
             affinities: Arc::default(),
+            tied: OnceLock::new(),
             depth_guide,
             cosines,
             size: (height, width),
@@ -243,7 +247,7 @@ impl Scene {
 
     /// The affinities of the image, if they were computed.
     pub(crate) fn known_affinities(&self) -> Option<&Affinities> {
-        self.0.affinities.get()
+        self.0.tied.get()
     }
 
     pub(crate) fn size(&self) -> (usize, usize) {
@@ -389,15 +393,22 @@ impl Inner {
     }
 
     fn affinities(&self) -> Result<&Affinities> {
-        if let Some(affinities) = self.affinities.get() {
-            return Ok(affinities);
+        if let Some(tied) = self.tied.get() {
+            return Ok(tied);
         }
-        let (mut values, size) = self.completer.run(|| self.basis.affinities());
-        if let Some(guide) = &self.depth_guide {
-            guide.loosen(size, &mut values);
-        }
-        let found = Affinities::new(size, &values)?;
-        Ok(self.affinities.get_or_init(|| found))
+        let own = match self.affinities.get() {
+            Some(own) => own,
+            None => {
+                let (values, size) = self.completer.run(|| self.basis.affinities());
+                let found = Affinities::new(size, &values)?;
+                self.affinities.get_or_init(|| found)
+            }
+        };
+        let tied = match &self.depth_guide {
+            None => own.clone(),
+            Some(guide) => own.shared(&guide.ties(own.size())),
+        };
+        Ok(self.tied.get_or_init(|| tied))
     }
 
     fn points<'a>(

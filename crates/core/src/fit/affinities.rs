@@ -49,6 +49,21 @@ impl Affinities {
         })))
     }
 
+    /// The same, each times a share `[height, width, 2]`, ordered as in [`Self::new`].
+    pub(crate) fn shared(&self, shares: &[f64]) -> Self {
+        let times = |values: &[f64], first: usize| {
+            let some = shares.iter().skip(first).step_by(2);
+            values.iter().zip(some).map(|(v, s)| v * s).collect()
+        };
+        Self(Arc::new(Inner {
+            height: self.0.height,
+            width: self.0.width,
+            right: times(&self.0.right, 0),
+            down: times(&self.0.down, 1),
+            prior: OnceLock::new(),
+        }))
+    }
+
     /// Height and width.
     pub fn size(&self) -> (usize, usize) {
         (self.0.height, self.0.width)

@@ -4,8 +4,8 @@ use super::{Inner, Scene};
 use crate::completer::Completer;
 use crate::depth_guide::DepthGuide;
 use crate::error::Result;
-use crate::fit::{FitConfig, Robust};
-use std::sync::{Arc, Mutex};
+use crate::fit::{Affinities, FitConfig, Robust};
+use std::sync::{Arc, Mutex, OnceLock};
 
 impl Scene {
     /// The same scene with other settings of robustness, or none: the network does not run again.
@@ -42,18 +42,24 @@ impl Scene {
             ..*completer.fit_config()
         };
         fit.check()?;
-        Ok(self.share(completer.with_fit(fit), self.0.depth_guide.clone()))
+        let (guide, tied) = (self.0.depth_guide.clone(), self.0.tied.clone());
+        Ok(self.share(completer.with_fit(fit), guide, tied))
     }
 
     /// The same scene with another prediction of its depth by other means, or none (see
     /// [`Completer::guided_scene`]): the network does not run again.
     #[must_use]
     pub fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
-        self.share(self.0.completer.clone(), guide.cloned())
+        self.share(self.0.completer.clone(), guide.cloned(), OnceLock::new())
     }
 
     /// The network's output of this scene, for other fits to the same image.
-    fn share(&self, completer: Completer, depth_guide: Option<DepthGuide>) -> Self {
+    fn share(
+        &self,
+        completer: Completer,
+        depth_guide: Option<DepthGuide>,
+        tied: OnceLock<Affinities>,
+    ) -> Self {
         let Inner {
             basis,
             affinities,
@@ -67,6 +73,7 @@ impl Scene {
             completer,
             basis: basis.clone(),
             affinities: affinities.clone(),
+            tied,
             depth_guide,
             cosines: cosines.clone(),
             size: *size,

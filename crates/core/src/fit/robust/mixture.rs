@@ -59,10 +59,10 @@ pub struct Judgement {
     pub(super) precision: f64,
 }
 
-/// Rounds of predictions.
-const ROUNDS: usize = 12;
-/// Rounds before neighbours are asked.
-const ALONE: usize = 8;
+/// The most rounds of predictions before neighbours are asked, and with them.
+const ROUNDS: [usize; 2] = [8, 4];
+/// Rounds end when probabilities change by less, on average.
+const SETTLED: f64 = 1e-3;
 /// Steps of expectation maximisation in the first round, and in others.
 const STEPS: [usize; 2] = [12, 5];
 /// With fewer points there is nothing to compare.
@@ -84,24 +84,33 @@ pub(super) fn judge(
     let mut scales = points.spreads(&found);
     if n >= FEWEST {
         let mut mixture = Mixture::new(points, &found.errors, &scales);
-        for round in 0..ROUNDS {
-            if round > 0 {
-                found = predict.predict(&noise)?;
-            }
-            let spreads = points.spreads(&found);
-            let agreement = (round >= ALONE)
-                .then(|| neighbours.agreement(&points.values, &right, mixture.size));
-            for _ in 0..STEPS[round.min(1)] {
-                scales.clone_from(&spreads);
-                if round >= ALONE {
-                    neighbours.roughen(&mut scales, &found.errors, &right, mixture.scale);
+        let rounds = [false, true].into_iter().zip(ROUNDS);
+        let mut first = true;
+        for (asked, most) in rounds {
+            for _ in 0..most {
+                if !first {
+                    found = predict.predict(&noise)?;
                 }
-                for scale in &mut scales {
-                    *scale *= mixture.scale;
+                let before = right.clone();
+                let spreads = points.spreads(&found);
+                let agreement =
+                    asked.then(|| neighbours.agreement(&points.values, &right, mixture.size));
+                for _ in 0..STEPS[usize::from(!first)] {
+                    scales.clone_from(&spreads);
+                    if asked {
+                        neighbours.roughen(&mut scales, &found.errors, &right, mixture.scale);
+                    }
+                    for scale in &mut scales {
+                        *scale *= mixture.scale;
+                    }
+                    mixture.step(&found.errors, &scales, agreement.as_deref(), &mut right);
                 }
-                mixture.step(&found.errors, &scales, agreement.as_deref(), &mut right);
+                noise = points.noise_of(&found, &right);
+                first = false;
+                if change(&before, &right) < SETTLED {
+                    break;
+                }
             }
-            noise = points.noise_of(&found, &right);
         }
         doubt_few(&mut right);
         noise = points.noise_of(&found, &right);
@@ -113,6 +122,12 @@ pub(super) fn judge(
         precision: noise[i].recip(),
     });
     Ok(all.collect())
+}
+
+/// The mean change of probabilities.
+fn change(before: &[f64], after: &[f64]) -> f64 {
+    let changes = before.iter().zip(after).map(|(b, a)| (b - a).abs());
+    changes.sum::<f64>() / before.len() as f64
 }
 
 impl Judgement {
