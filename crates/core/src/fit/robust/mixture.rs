@@ -191,6 +191,8 @@ struct Mixture {
     size: f64,
     /// How much values differ.
     differ: f64,
+    /// The size of values, and of gross errors.
+    unit: f64,
     /// The share of wrong points whose error is above 0.
     above: f64,
     /// The share of wrong points.
@@ -209,8 +211,8 @@ const EITHER: f64 = 10.0;
 const FEWEST_WRONG: f64 = 1e-3;
 /// The share of right points that lie on something else than the points that predict them.
 const HIDDEN: f64 = 0.03;
-/// The share of wrong points whose errors have a distribution of Cauchy. Its tails are heavier than those of right
-/// points: an error that is large enough is wrong, however small those of other wrong points are.
+/// The share of wrong points whose errors are as large as depths, by a distribution of Cauchy. Its tails are heavier
+/// than those of right points: an error that is large enough is wrong, however small those of other wrong points are.
 const GROSS: f64 = 0.1;
 /// However many neighbours agree with a point.
 const SURE: f64 = 1e3;
@@ -230,6 +232,7 @@ impl Mixture {
             scale: (median(ratios) / MIDDLE).max(least[0]),
             size: (squares / errors.len() as f64).sqrt().max(least[1]),
             differ: deviation(&rests),
+            unit: points.unit,
             above: 0.5,
             share: 0.1,
             least,
@@ -262,11 +265,13 @@ impl Mixture {
                 sums.squares[kind] += part.squares[kind];
                 sums.counts[kind] += part.counts[kind];
             }
+            sums.usual += part.usual;
             sums.above += part.above;
         }
         let Sums {
             squares,
             counts,
+            usual,
             above,
         } = sums;
         let n = errors.len() as f64;
@@ -275,7 +280,7 @@ impl Mixture {
             self.scale = (self.scale * (squares[0] / counts[0]).sqrt()).max(self.least[0]);
         }
         let squares = squares[1] + ANYWHERE * self.differ * self.differ;
-        self.size = (squares / (counts[1] + ANYWHERE)).sqrt().max(self.least[1]);
+        self.size = (squares / (usual + ANYWHERE)).sqrt().max(self.least[1]);
         self.above = (above + EITHER) / (counts[1] + 2.0 * EITHER);
     }
 
@@ -305,11 +310,10 @@ impl Mixture {
                 2.0 * (1.0 - self.above)
             };
             // Densities of the error in units of the scale.
-            let width = (1.0 + (self.size / scale).powi(2)).sqrt();
-            let square = (z / width).powi(2);
-            let usual = (1.0 - GROSS) * (-0.5 * square).exp() / ROOT_TAU;
-            let gross = GROSS / (std::f64::consts::PI * (1.0 + square));
-            let wrong = side * (usual + gross) / width;
+            let [narrow, wide] = [self.size, self.unit].map(|size| (size / scale).hypot(1.0));
+            let usual = (1.0 - GROSS) * (-0.5 * (z / narrow).powi(2)).exp() / (ROOT_TAU * narrow);
+            let gross = GROSS / (std::f64::consts::PI * wide * (1.0 + (z / wide).powi(2)));
+            let wrong = side * (usual + gross);
             let hidden = agreement.map_or(0.0, |odds| HIDDEN * odds[i].min(SURE) * wrong);
             let seen = if agreement.is_none() {
                 density
@@ -321,8 +325,9 @@ impl Mixture {
             let seen = right[i] * seen / (seen + hidden);
             sums.squares[0] += seen * pull * z * z;
             sums.counts[0] += seen;
-            let wide = (usual + gross * 2.0 / (1.0 + square)) / (usual + gross);
-            sums.squares[1] += (1.0 - right[i]) * wide * error * error;
+            let usual = (1.0 - right[i]) * usual / (usual + gross);
+            sums.squares[1] += usual * error * error;
+            sums.usual += usual;
             sums.counts[1] += 1.0 - right[i];
             sums.above += if error > 0.0 { 1.0 - right[i] } else { 0.0 };
         }
@@ -336,6 +341,8 @@ struct Sums {
     /// Squared errors of right and of wrong points, and the numbers of both.
     squares: [f64; 2],
     counts: [f64; 2],
+    /// The number of wrong points whose errors are of the usual size.
+    usual: f64,
     /// The number of wrong points whose error is above 0.
     above: f64,
 }
