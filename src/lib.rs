@@ -23,7 +23,6 @@ pub mod cli;
 pub mod config;
 pub mod data;
 pub mod device;
-pub mod error;
 pub mod eval;
 pub mod experiment;
 pub mod metrics;
@@ -38,3 +37,5 @@ mod renamed;
 pub mod report;
 pub mod sample;
 pub mod train;
+
+pub use lsdc_files::error;

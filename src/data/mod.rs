@@ -1,40 +1,21 @@
-//! Files to frames: what a dataset is, and the readers that make one.
+//! Datasets: frames of files, and what makes a dataset of them.
 
-mod camera;
-mod colmap;
-mod columns;
-mod contents;
-mod files;
 mod frame;
-mod grid;
-mod guide;
-mod orientation;
 mod sets;
 mod shard;
 mod source;
-mod sparse;
-mod stored;
-mod unit;
 
-pub use camera::Camera;
-pub use colmap::{Colmap, View};
-pub use contents::Contents;
-pub use files::{
-    Colored, check_writable, images_below, is_image, png_unit, raised_in_png, read_depth,
-    read_depth_png, read_mask, read_npy, read_rgb, read_upright, remove_leftovers, stored_unit,
-    write_atomically, write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz,
-    write_pfm, write_ply, write_rgb, write_tiff,
-};
 pub use frame::{Frame, FrameId, Place, check_name};
-pub use guide::{GUIDE_ENDINGS, GuideSource};
-pub use lsdc_core::{DepthMap, Point};
-pub use orientation::Orientation;
+pub use lsdc_files::{
+    Camera, Colmap, Colored, Contents, DepthMap, GUIDE_ENDINGS, GuideSource, Orientation, Point,
+    Sparse, StoredMap, Unit, View, check_writable, images_below, is_image, png_unit, raised_in_png,
+    read_depth, read_depth_png, read_mask, read_npy, read_rgb, read_upright, remove_leftovers,
+    stored_unit, write_atomically, write_depth_png, write_exr, write_folder_atomically, write_npy,
+    write_npz, write_pfm, write_ply, write_rgb, write_tiff,
+};
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
 pub use shard::Shard;
 pub use source::{DataConfig, DatasetKind};
-pub use sparse::Sparse;
-pub use stored::StoredMap;
-pub use unit::Unit;
 
 use crate::error::Result;
 use serde::{Deserialize, Serialize};

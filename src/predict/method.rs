@@ -64,5 +64,15 @@ impl From<Method> for String {
 /// Image and sparse depths of different sizes, or no point.
 pub fn complete_classic(method: Classic, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
     check_sizes(rgb, sparse)?;
-    Ok(method.complete(rgb, sparse)?)
+    method.complete(rgb, sparse).map_err(|error| {
+        let hint = error.hint().map(str::to_owned);
+        let error = match error {
+            lsdc_classic::Error::Map(error) => return error.into(),
+            other => Error::fit(other.to_string()),
+        };
+        match hint {
+            Some(hint) => error.hint(hint),
+            None => error,
+        }
+    })
 }

@@ -2,9 +2,9 @@
 
 use super::listing::files_below;
 use super::template::{Captures, Template};
-use crate::data::files::{has_ending, read_pair};
 use crate::data::{Dataset, Frame, FrameId, Place, Split, read_depth, read_mask, read_rgb};
 use crate::error::{Error, Result};
+use lsdc_files::{has_ending, read_pair};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -1,10 +1,10 @@
 //! The pair of files of Conti et al. (sparsity-agnostic depth completion, WACV 2023): the 654 test
 //! crops of 228x304 with their depths, and the same 500 points for everybody.
 
-use crate::data::files::{Hdf5, from_planes};
 use crate::data::{Dataset, DepthMap, Frame, FrameId};
 use crate::error::{Error, Result};
 use image::RgbImage;
+use lsdc_files::{Hdf5, from_planes};
 use std::path::{Path, PathBuf};
 
 const CROPS: &str = "nyu_img_gt.h5";

@@ -2,9 +2,9 @@
 //! columns first, so that an image is `[3, width, height]`.
 
 use super::{Depths, official};
-use crate::data::files::{Hdf5, from_planes};
 use crate::data::{Dataset, DepthMap, Frame, FrameId, Split};
 use crate::error::{Error, Result};
+use lsdc_files::{Hdf5, from_planes};
 use std::path::{Path, PathBuf};
 
 const COLOURS: &str = "images";

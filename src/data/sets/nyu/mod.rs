@@ -10,9 +10,9 @@ mod official;
 
 use super::Folder;
 use super::folder::{Files, FolderConfig, find};
-use crate::data::files::has_ending;
 use crate::data::{Dataset, Split};
 use crate::error::{Error, Result};
+use lsdc_files::has_ending;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! Depths as 16-bit PNG, and the unit that such a file holds.
 
 use super::write_atomically;
-use crate::data::{DepthMap, Unit};
 use crate::error::{Error, Result};
+use crate::{DepthMap, Unit};
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 use std::fs::File;
 use std::io::BufReader;
@@ -102,7 +102,7 @@ pub fn stored_unit(path: &Path) -> Option<Unit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::read_depth_png;
+    use crate::read_depth_png;
 
     fn map(values: &[f32]) -> DepthMap {
         DepthMap::new(values.len(), 1, values.to_vec()).unwrap()

@@ -133,7 +133,7 @@ impl GuideSource {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::{DepthMap, write_npy};
+    use crate::{DepthMap, write_npy};
 
     #[test]
     fn the_kind_follows_the_last_colon() {

@@ -1,7 +1,7 @@
 //! TIFF images of one channel.
 
 use super::{Numbers, check_pixels, write_atomically};
-use crate::data::DepthMap;
+use crate::DepthMap;
 use crate::error::{Cause, Error, Result};
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read as _, Seek as _, SeekFrom};

@@ -122,7 +122,7 @@ impl Evidence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::files::Row;
+    use crate::files::Row;
 
     const SIZE: (usize, usize) = (640, 480);
 

@@ -1,7 +1,7 @@
 //! NumPy `.npy` arrays of depths.
 
 use super::{Numbers, write_atomically};
-use crate::data::DepthMap;
+use crate::DepthMap;
 use crate::error::{Error, Result};
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
 use std::io::Write;

@@ -1,4 +1,4 @@
-//! One error type for the whole crate, classified by cause.
+//! One error type, classified by cause, for files and for the program.
 
 use std::path::Path;
 
@@ -36,7 +36,7 @@ pub struct Error {
     source: Option<Box<dyn std::error::Error + Send + Sync>>,
 }
 
-/// The crate's result.
+/// A result with this error.
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
@@ -153,19 +153,6 @@ impl From<lsdc_core::Error> for Error {
         match std::error::Error::source(&error).map(ToString::to_string) {
             Some(source) => found.because(source),
             None => found,
-        }
-    }
-}
-
-impl From<lsdc_classic::Error> for Error {
-    fn from(error: lsdc_classic::Error) -> Self {
-        let hint = error.hint().map(str::to_owned);
-        match error {
-            lsdc_classic::Error::Map(error) => error.into(),
-            error => Self {
-                hint,
-                ..Self::fit(error.to_string())
-            },
         }
     }
 }

@@ -19,7 +19,8 @@ mod velodyne;
 pub use depth_png::{png_unit, raised_in_png, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
 pub use exr::write_exr;
-pub(super) use hdf5::{Hdf5, from_planes, read_h5, read_pair};
+pub(crate) use hdf5::read_h5;
+pub use hdf5::{Hdf5, from_planes, read_pair};
 pub(super) use npy::{Array, read_array};
 pub use npy::{read_npy, write_npy};
 pub(super) use npz::read_npz;
@@ -100,7 +101,7 @@ pub(super) fn read_cloud(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
 }
 
 /// Whether the path ends in `.ending`, in capitals or not.
-pub(super) fn has_ending(path: &Path, ending: &str) -> bool {
+pub fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case(ending))
 }

@@ -1,9 +1,9 @@
 //! Points on their way into an image.
 
 use super::Sparse;
-use crate::data::grid::pixel;
-use crate::data::{Camera, Unit};
 use crate::error::Error;
+use crate::grid::pixel;
+use crate::{Camera, Unit};
 use lsdc_core::Observation;
 use lsdc_core::cloud::retain_visible;
 use std::path::Path;

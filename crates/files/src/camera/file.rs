@@ -1,8 +1,8 @@
 //! Cameras as they are written in files.
 
 use super::{Camera, IDENTITY, Pose, ros};
-use crate::data::files::has_ending;
 use crate::error::{Error, Result};
+use crate::files::has_ending;
 use lsdc_core::Lens;
 use serde::Deserialize;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! The camera models of COLMAP (`src/colmap/sensor/models.h`).
 
 use super::Parsed;
-use crate::data::Camera;
+use crate::Camera;
 use lsdc_core::Lens;
 
 /// What a file says of a camera.

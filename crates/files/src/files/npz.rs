@@ -2,7 +2,7 @@
 
 use super::npy::{encode, parse};
 use super::{Array, plausible, write_atomically};
-use crate::data::DepthMap;
+use crate::DepthMap;
 use crate::error::{Cause, Error, Result};
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read as _};

@@ -2,8 +2,8 @@
 
 use super::tiff::check_tags;
 use super::{Numbers, check_pixels, write_atomically};
-use crate::data::{DepthMap, Orientation};
 use crate::error::{Error, Result};
+use crate::{DepthMap, Orientation};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
     ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, RgbImage,

@@ -165,7 +165,7 @@ fn read_bounds(visit_all: &mut dyn FnMut(&mut Visit<'_>) -> Result<()>) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::{Colored, write_depth_png, write_npy, write_ply, write_rgb};
+    use crate::{Colored, write_depth_png, write_npy, write_ply, write_rgb};
     use image::RgbImage;
 
     #[test]

@@ -1,7 +1,7 @@
 //! Portable float maps: a header of three lines, then rows of f32 from the bottom up.
 
 use super::write_atomically;
-use crate::data::DepthMap;
+use crate::DepthMap;
 use crate::error::{Error, Result};
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! `OpenEXR` images with depths.
 
 use super::{check_pixels, write_atomically};
-use crate::data::DepthMap;
+use crate::DepthMap;
 use crate::error::{Cause, Error, Result};
 use exr::meta::MetaData;
 use exr::prelude::{

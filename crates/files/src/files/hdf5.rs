@@ -1,7 +1,7 @@
 //! HDF5 arrays, read a few rows at a time. The only file that knows the library behind it.
 
 use super::plausible;
-use crate::data::DepthMap;
+use crate::DepthMap;
 use crate::error::{Error, Result};
 use half::f16;
 use hdf5_pure::{Chunk, ChunkIndex, DType, Dataset, Datatype, DatatypeByteOrder, File, Object};
@@ -16,19 +16,19 @@ const LONGEST: usize = 1 << 14;
 const LARGEST_CHUNK: u64 = 32 << 20;
 
 /// An open file, of which nothing but what is asked for is read.
-pub(in crate::data) struct Hdf5 {
+pub struct Hdf5 {
     path: PathBuf,
     file: File,
 }
 
 impl Hdf5 {
     /// Where it lies.
-    pub(in crate::data) fn path(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Opens a file; a user block, as in MATLAB v7.3 files, is skipped.
-    pub(in crate::data) fn open(path: &Path) -> Result<Self> {
+    pub fn open(path: &Path) -> Result<Self> {
         let file = File::open_streaming(path).map_err(|e| match e {
             hdf5_pure::Error::Io(io) => Error::read(path, io),
             other => Error::format(path, "is not a readable HDF5 file")
@@ -42,14 +42,14 @@ impl Hdf5 {
     }
 
     /// The names of the arrays at the root.
-    pub(in crate::data) fn names(&self) -> Result<Vec<String>> {
+    pub fn names(&self) -> Result<Vec<String>> {
         let mut names = self.file.root().datasets().map_err(|e| self.damaged(e))?;
         names.sort_unstable();
         Ok(names)
     }
 
     /// The shape of an array: the number of rows first.
-    pub(in crate::data) fn shape(&self, name: &str) -> Result<Vec<usize>> {
+    pub fn shape(&self, name: &str) -> Result<Vec<usize>> {
         self.array(name)?
             .shape()
             .map_err(|e| self.damaged(e))?
@@ -62,7 +62,7 @@ impl Hdf5 {
     }
 
     /// Rows `start..start + count` of an array of bytes whose rows have shape `row`.
-    pub(in crate::data) fn rows_u8(
+    pub fn rows_u8(
         &self,
         name: &str,
         row: &[usize],
@@ -77,7 +77,7 @@ impl Hdf5 {
     }
 
     /// Rows `start..start + count` of an array of floats whose rows have shape `row`.
-    pub(in crate::data) fn rows_f32(
+    pub fn rows_f32(
         &self,
         name: &str,
         row: &[usize],
@@ -128,7 +128,7 @@ impl Hdf5 {
     }
 
     /// The texts of a MATLAB cell array of strings.
-    pub(in crate::data) fn texts(&self, name: &str, most: usize) -> Result<Vec<String>> {
+    pub fn texts(&self, name: &str, most: usize) -> Result<Vec<String>> {
         let cells = self.array(name)?;
         let shape = cells.shape().map_err(|e| self.damaged(e))?;
         if shape.iter().product::<u64>() > most as u64 {
@@ -256,7 +256,7 @@ impl Hdf5 {
 
 /// Reads a frame of the sparse-to-dense tree (Ma and Karaman 2018): `rgb` of shape `[3, H, W]` as
 /// bytes, `depth` of shape `[H, W]` in metres.
-pub(in crate::data) fn read_pair(path: &Path) -> Result<(RgbImage, DepthMap)> {
+pub fn read_pair(path: &Path) -> Result<(RgbImage, DepthMap)> {
     let file = Hdf5::open(path)?;
     let (height, width) = match file.shape("depth")?[..] {
         [height, width] => (height, width),
@@ -276,7 +276,7 @@ pub(in crate::data) fn read_pair(path: &Path) -> Result<(RgbImage, DepthMap)> {
 }
 
 /// An image from three planes of bytes, in each of which `at` finds a pixel.
-pub(in crate::data) fn from_planes(
+pub fn from_planes(
     planes: &[u8],
     width: usize,
     height: usize,
@@ -299,7 +299,7 @@ pub(in crate::data) fn from_planes(
 const DEPTHS: [&str; 4] = ["depth", "depths", "sparse", "dataset"];
 
 /// Reads an array of floats of shape `(height, width)` as depth: metres = value x `scale`.
-pub(in crate::data) fn read_h5(path: &Path, scale: f64) -> Result<DepthMap> {
+pub(crate) fn read_h5(path: &Path, scale: f64) -> Result<DepthMap> {
     let file = Hdf5::open(path)?;
     let names = file.names()?;
     let known = DEPTHS.iter().find(|name| names.iter().any(|n| n == *name));

@@ -1,0 +1,44 @@
+//! The files that images, depths, points, cameras and guides come in, and their writers.
+//!
+//! Depth maps as NumPy arrays, PNG, TIFF, EXR, PFM and HDF5; points as tables, PLY, PCD, LAS, Velodyne scans and COLMAP
+//! models; cameras as TOML, ROS and COLMAP files. What a file holds is recognised by its contents; what was assumed is
+//! said with the result ([`Sparse`]). Results are written to a temporary file that then takes the place of the
+//! old one.
+//!
+//! ```no_run
+//! # fn main() -> lsdc_files::error::Result<()> {
+//! let image = lsdc_files::read_rgb("rgb.png".as_ref())?;
+//! let points = lsdc_files::read_npy("sparse.npy".as_ref(), 1.0)?;
+//! lsdc_files::write_depth_png("sparse.png".as_ref(), &points, 0.001)?;
+//! # Ok(())
+//! # }
+//! ```
+
+mod camera;
+mod colmap;
+mod columns;
+mod contents;
+pub mod error;
+mod files;
+mod grid;
+mod guide;
+mod orientation;
+mod sparse;
+mod stored;
+mod unit;
+
+pub use camera::Camera;
+pub use colmap::{Colmap, View};
+pub use contents::Contents;
+pub use files::{
+    Colored, Hdf5, check_writable, from_planes, has_ending, images_below, is_image, png_unit,
+    raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_pair, read_rgb,
+    read_upright, remove_leftovers, stored_unit, write_atomically, write_depth_png, write_exr,
+    write_folder_atomically, write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
+};
+pub use guide::{GUIDE_ENDINGS, GuideSource};
+pub use lsdc_core::{DepthMap, Point};
+pub use orientation::Orientation;
+pub use sparse::Sparse;
+pub use stored::StoredMap;
+pub use unit::Unit;
