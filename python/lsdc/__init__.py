@@ -18,6 +18,7 @@ from ._camera import Camera, Cloud
 from ._completer import NAMES, Completer, Weights
 from ._completion import Completion, Outliers
 from ._errors import Error, FitError, InputError, ReadError, SettingsError, WeightsError
+from ._files import Colmap, FileWarning, read_depth, read_points
 from ._guide import DepthGuide
 from ._input import Array, ImageLike, Order, Size, Unit
 from ._native import __version__
@@ -27,10 +28,12 @@ from ._settings import FitSettings, JointSettings, Robust, RobustSettings
 __all__ = [
     "Camera",
     "Cloud",
+    "Colmap",
     "Completer",
     "Completion",
     "DepthGuide",
     "Error",
+    "FileWarning",
     "FitError",
     "FitSettings",
     "InputError",
@@ -43,6 +46,8 @@ __all__ = [
     "WeightsError",
     "__version__",
     "complete",
+    "read_depth",
+    "read_points",
 ]
 
 

@@ -6,11 +6,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
-__all__ = ["Camera", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__"]
+__all__ = ["Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__", "read_depth", "read_points"]
 
 _Colours = Union[NDArray[np.uint8], NDArray[np.float32]]
 _Floats = NDArray[np.float64]
 
+_Said = tuple[str, bool, list[str]]
+"""The unit, whether it was guessed, and what should be checked."""
+_Points = tuple[_Floats, list[int], _Said]
+"""Rows x, y, depth[, sigma]; counts of those ignored, outside and hidden."""
+
+def read_depth(
+    path: str, unit: str | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, _Said]: ...
+def read_points(
+    path: str, size: tuple[int, int], camera: str | None, unit: str | None
+) -> _Points: ...
+@final
+class Colmap:
+    def __new__(cls, folder: str) -> Colmap: ...
+    def images(self) -> list[tuple[str, tuple[int, int]]]: ...
+    def points(self, name: str, size: tuple[int, int] | None, unit: str | None) -> _Points: ...
 @final
 class Observations:
     @staticmethod

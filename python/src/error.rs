@@ -14,17 +14,19 @@ pub(crate) enum Kind {
     Weights,
     Settings,
     Fit,
+    Read,
 }
 
 impl Kind {
     fn class(self, py: Python<'_>) -> PyResult<&Bound<'_, PyType>> {
-        static CLASSES: [PyOnceLock<Py<PyType>>; 5] = [const { PyOnceLock::new() }; 5];
+        static CLASSES: [PyOnceLock<Py<PyType>>; 6] = [const { PyOnceLock::new() }; 6];
         let name = match self {
             Self::Base => "Error",
             Self::Input => "InputError",
             Self::Weights => "WeightsError",
             Self::Settings => "SettingsError",
             Self::Fit => "FitError",
+            Self::Read => "ReadError",
         };
         CLASSES[self as usize].import(py, "lsdc._errors", name)
     }

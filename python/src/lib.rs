@@ -1,4 +1,4 @@
-//! What the Python package `lsdc` runs: `lsdc-core` behind `NumPy` arrays.
+//! What the Python package `lsdc` runs: `lsdc-core` and `lsdc-files` behind `NumPy` arrays.
 //!
 //! The Python files beside this crate bring arguments of any kind into one form (contiguous arrays of one type,
 //! positions in pixels, depths in one unit); here they become values of `lsdc-core`, and its results arrays. The
@@ -9,6 +9,7 @@ mod camera;
 mod completer;
 mod completion;
 mod error;
+mod files;
 mod guide;
 mod image;
 mod observations;
@@ -26,6 +27,8 @@ mod _native {
     use crate::completer::Completer;
     #[pymodule_export]
     use crate::completion::Completion;
+    #[pymodule_export]
+    use crate::files::{Colmap, read_depth, read_points};
     #[pymodule_export]
     use crate::guide::DepthGuide;
     #[pymodule_export]

@@ -26,7 +26,7 @@ pub use encoding::encode;
 pub use extractor::Extractor;
 pub use lsdc_core::network::{ExtractorConfig, NetworkConfig, NormKind, StageConfig};
 pub use lsdc_core::weights::{Normalisation, Tensor as Table};
-pub use on_device::{Below, OnDevice, encoded_tensor};
+pub use on_device::{AnyEncoder, OnDevice, encoded_tensor};
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;
 pub use vision::VisionTransformer;

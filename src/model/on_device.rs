@@ -10,13 +10,13 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct OnDevice {
     net: BasisNet,
-    encoder: Option<Below>,
+    encoder: Option<AnyEncoder>,
     device: Device,
 }
 
 /// The pretrained encoder below a network.
 #[derive(Clone, Debug)]
-pub enum Below {
+pub enum AnyEncoder {
     /// Prepared for the CPU.
     Prepared(Arc<Encoder>),
     /// On the device of the network.
@@ -25,7 +25,7 @@ pub enum Below {
 
 impl OnDevice {
     /// A network whose weights are on that device, on top of an encoder if it was trained on one.
-    pub fn new(net: BasisNet, encoder: Option<Below>, device: &Device) -> Self {
+    pub fn new(net: BasisNet, encoder: Option<AnyEncoder>, device: &Device) -> Self {
         Self {
             net,
             encoder,
@@ -39,10 +39,10 @@ impl OnDevice {
         }
         Ok(Some(match &self.encoder {
             None => return Err(WeightsError::NoEncoder.into()),
-            Some(Below::Prepared(encoder)) => {
+            Some(AnyEncoder::Prepared(encoder)) => {
                 encoded_tensor(&[&encoder.encode(image, size)?], &self.device)
             }
-            Some(Below::OnDevice(transformer)) => {
+            Some(AnyEncoder::OnDevice(transformer)) => {
                 let (image, (rows, columns)) = in_patches(image, size)?;
                 let shape = [1, rows * PATCH, columns * PATCH, 3];
                 let image = Tensor::from_data(TensorData::new(image, shape), &self.device);

@@ -2,8 +2,8 @@
 
 use super::random_encoder;
 use super::{
-    BasisNet, Below, ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind, Normalisation,
-    OnDevice, encoded_tensor, weights_of,
+    AnyEncoder, BasisNet, ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind,
+    Normalisation, OnDevice, encoded_tensor, weights_of,
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -101,7 +101,7 @@ impl Trained {
     fn plain(&self, size: (usize, usize)) -> Box<dyn Basis> {
         let network = OnDevice::new(
             self.net.clone(),
-            self.encoder.clone().map(Below::Prepared),
+            self.encoder.clone().map(AnyEncoder::Prepared),
             &Device::flex(),
         );
         network.basis(&image(size.0, size.1), size).unwrap()

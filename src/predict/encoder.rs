@@ -1,7 +1,7 @@
 //! The pretrained encoder below a network.
 
 use crate::error::Result;
-use crate::model::{Below, NetworkConfig, VisionTransformer};
+use crate::model::{AnyEncoder, NetworkConfig, VisionTransformer};
 use crate::pretrained::installed;
 use burn::tensor::Device;
 use lsdc_core::network::{Encoder, EncoderConfig};
@@ -12,12 +12,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///
 /// # Errors
 /// As [`encoder_of`].
-pub(super) fn below(network: &NetworkConfig, device: &Device) -> Result<Option<Below>> {
+pub(super) fn encoder_on(network: &NetworkConfig, device: &Device) -> Result<Option<AnyEncoder>> {
     if network.extractor.encoder == 0 || *device == Device::flex() {
-        return Ok(encoder_of(network)?.map(Below::Prepared));
+        return Ok(encoder_of(network)?.map(AnyEncoder::Prepared));
     }
     let transformer = VisionTransformer::new(EncoderConfig::small(), &installed()?, device)?;
-    Ok(Some(Below::OnDevice(Arc::new(transformer))))
+    Ok(Some(AnyEncoder::OnDevice(Arc::new(transformer))))
 }
 
 /// The encoder that a network was trained on; nothing if it needs none. Prepared once.

@@ -6,8 +6,8 @@ mod method;
 mod preserve;
 mod weights;
 
-use encoder::below;
 pub use encoder::encoder_of;
+use encoder::encoder_on;
 pub use lsdc_classic::Classic;
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
@@ -59,7 +59,7 @@ pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
 /// # Errors
 /// Weights that do not belong to their network.
 pub fn plain_completer(weights: &Weights, device: &Device) -> Result<Completer> {
-    let encoder = below(&weights.network, device)?;
+    let encoder = encoder_on(&weights.network, device)?;
     let network = OnDevice::new(load(weights, device)?, encoder, device);
     Ok(Completer::builder(weights)
         .network(Arc::new(network))

@@ -7,8 +7,8 @@ use crate::data::{Dataset, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{
-    BasisNet, Below, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision, to_bytes,
-    transfer, weights_of,
+    AnyEncoder, BasisNet, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision,
+    to_bytes, transfer, weights_of,
 };
 use crate::predict::{complete, completer, encoder_of, open_weights};
 use crate::sample::{Batch, Encoding, Loader, Pattern, Protocol, Sample, Sampler, SamplerConfig};
@@ -241,7 +241,7 @@ impl Trainer {
         let weights = Weights::new(self.network.clone(), self.normalisation, BTreeMap::new());
         let network = OnDevice::new(
             net.valid(),
-            self.encoder.clone().map(Below::Prepared),
+            self.encoder.clone().map(AnyEncoder::Prepared),
             self.device(),
         );
         let completer = Completer::builder(&weights).network(Arc::new(network));

@@ -61,8 +61,8 @@ pub struct Judgement {
 
 /// The most rounds of predictions before neighbours are asked, and with them.
 const ROUNDS: [usize; 2] = [8, 4];
-/// Rounds end when probabilities change by less, on average.
-const SETTLED: f64 = 1e-3;
+/// Rounds end when no more points than one in so many change their probability by this.
+const SETTLED: (usize, f64) = (1000, 0.02);
 /// Steps of expectation maximisation in the first round, and in others.
 const STEPS: [usize; 2] = [12, 5];
 /// With fewer points there is nothing to compare.
@@ -107,7 +107,7 @@ pub(super) fn judge(
                 }
                 noise = points.noise_of(&found, &right);
                 first = false;
-                if change(&before, &right) < SETTLED {
+                if is_settled(&before, &right) {
                     break;
                 }
             }
@@ -124,10 +124,11 @@ pub(super) fn judge(
     Ok(all.collect())
 }
 
-/// The mean change of probabilities.
-fn change(before: &[f64], after: &[f64]) -> f64 {
-    let changes = before.iter().zip(after).map(|(b, a)| (b - a).abs());
-    changes.sum::<f64>() / before.len() as f64
+/// Whether another round would hardly change the probabilities.
+fn is_settled(before: &[f64], after: &[f64]) -> bool {
+    let pairs = before.iter().zip(after);
+    let changed = pairs.filter(|(b, a)| (*b - *a).abs() > SETTLED.1);
+    changed.count() * SETTLED.0 <= before.len()
 }
 
 impl Judgement {
@@ -211,8 +212,9 @@ const EITHER: f64 = 10.0;
 const FEWEST_WRONG: f64 = 1e-3;
 /// The share of right points that lie on something else than the points that predict them.
 const HIDDEN: f64 = 0.03;
-/// The share of wrong points whose errors are as large as depths, by a distribution of Cauchy. Its tails are heavier
-/// than those of right points: an error that is large enough is wrong, however small those of other wrong points are.
+/// The share of wrong points whose errors have distributions of Cauchy: half of them with the size of the others, half with
+/// that of depths. Their tails are heavier than those of right points: an error that is large enough is wrong, however
+/// small those of other wrong points are.
 const GROSS: f64 = 0.1;
 /// However many neighbours agree with a point.
 const SURE: f64 = 1e3;
@@ -310,10 +312,13 @@ impl Mixture {
                 2.0 * (1.0 - self.above)
             };
             // Densities of the error in units of the scale.
-            let [narrow, wide] = [self.size, self.unit].map(|size| (size / scale).hypot(1.0));
-            let usual = (1.0 - GROSS) * (-0.5 * (z / narrow).powi(2)).exp() / (ROOT_TAU * narrow);
-            let gross = GROSS / (std::f64::consts::PI * wide * (1.0 + (z / wide).powi(2)));
-            let wrong = side * (usual + gross);
+            let widths = [self.size, self.unit].map(|size| (size / scale).hypot(1.0));
+            let squares = widths.map(|width| (z / width).powi(2));
+            let usual = (1.0 - GROSS) * (-0.5 * squares[0]).exp() / (ROOT_TAU * widths[0]);
+            let tail =
+                |k: usize| 0.5 * GROSS / (std::f64::consts::PI * widths[k] * (1.0 + squares[k]));
+            let (heavy, gross) = (tail(0), tail(1));
+            let wrong = side * (usual + heavy + gross);
             let hidden = agreement.map_or(0.0, |odds| HIDDEN * odds[i].min(SURE) * wrong);
             let seen = if agreement.is_none() {
                 density
@@ -325,9 +330,10 @@ impl Mixture {
             let seen = right[i] * seen / (seen + hidden);
             sums.squares[0] += seen * pull * z * z;
             sums.counts[0] += seen;
-            let usual = (1.0 - right[i]) * usual / (usual + gross);
-            sums.squares[1] += usual * error * error;
-            sums.usual += usual;
+            let of_size = (1.0 - right[i]) / (usual + heavy + gross);
+            let pull = usual + heavy * 2.0 / (1.0 + squares[0]);
+            sums.squares[1] += of_size * pull * error * error;
+            sums.usual += of_size * (usual + heavy);
             sums.counts[1] += 1.0 - right[i];
             sums.above += if error > 0.0 { 1.0 - right[i] } else { 0.0 };
         }

@@ -1,0 +1,114 @@
+"""Depth maps, points and models from files, by the readers of the program."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from typing import Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _native
+from ._input import Size, as_size
+
+Path = Union[str, "os.PathLike[str]"]
+# The unit, whether it was guessed, and what should be checked.
+_Said = tuple[str, bool, list[str]]
+# Rows x, y, depth[, sigma]; counts of those ignored, outside and hidden; what was said.
+_Points = tuple[NDArray[np.float64], list[int], _Said]
+
+
+class FileWarning(UserWarning):
+    """What was assumed of a file, or left out, and should be checked."""
+
+
+def read_depth(path: Path, *, unit: str | float | None = None) -> NDArray[np.float32]:
+    """Reads a map of depths: `npy`, `npz`, `png`, `pgm`, `tiff`, `exr`, `pfm` or `h5`.
+
+    Parameters
+    ----------
+    unit : "m", "cm", "mm", "kitti", "tum", "vkitti", or how many units make a metre
+        If the file does not say: without it, integers are taken for millimetres and other numbers for metres, with a
+        `FileWarning`.
+
+    Returns
+    -------
+    array (H, W) of float32
+        Metres; 0 where there is no depth.
+
+    Raises
+    ------
+    ReadError
+        A file that is missing, damaged, or holds no map.
+    """
+    depth, _, said = _native.read_depth(os.fspath(path), _name(unit))
+    _warn(path, said)
+    return depth
+
+
+def read_points(
+    path: Path, size: Size, *, camera: Path | None = None, unit: str | float | None = None
+) -> NDArray[np.float64]:
+    """Reads the known depths of an image: a map, a table of points (`csv`, `txt`, arrays of 3 or 4 columns), or a cloud
+    (`ply`, `pcd`, `las`, `laz`, `xyz`, `bin`), whose visible points a camera projects.
+
+    Parameters
+    ----------
+    size : (width, height) or an image
+        Of the image that the points lie in.
+    camera : path
+        Of a camera in TOML, ROS's YAML or COLMAP's text: focal lengths, lens, and pose. Clouds need one.
+    unit
+        As for `read_depth`.
+
+    Returns
+    -------
+    array (N, 3) or (N, 4) of float64
+        Rows x, y, depth[, sigma] for `Scene.complete`, in pixels and metres. A `FileWarning` tells what was guessed or
+        left out.
+    """
+    names = None if camera is None else os.fspath(camera)
+    return _points(path, _native.read_points(os.fspath(path), as_size(size, "size"), names, _name(unit)))
+
+
+class Colmap:
+    """A sparse model of COLMAP: the folder of `cameras`, `images` and `points3D`, binary or text.
+
+    Depths are in the unit of the model, whose scale images alone do not tell; completion does not need it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._native = _native.Colmap(os.fspath(folder))
+        self._folder = folder
+        self.images: dict[str, tuple[int, int]] = dict(self._native.images())
+        """The names of the images, and their widths and heights in the model."""
+
+    def points(self, name: str, *, size: Size | None = None) -> NDArray[np.float64]:
+        """The points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`. `size` is
+        that of the image if it is not that of the model."""
+        shape = None if size is None else as_size(size, "size")
+        return _points(name, self._native.points(name, shape, None))
+
+    def __repr__(self) -> str:
+        return f"<lsdc.Colmap {os.fspath(self._folder)!r}, {len(self.images)} images>"
+
+
+def _name(unit: str | float | None) -> str | None:
+    return None if unit is None else str(unit)
+
+
+def _points(path: Path, found: _Points) -> NDArray[np.float64]:
+    table, (ignored, outside, hidden), said = found
+    left_out = {"without a usable depth": ignored, "outside the image": outside, "hidden": hidden}
+    counts = ", ".join(f"{count} {what}" for what, count in left_out.items() if count)
+    _warn(path, said, [f"points left out: {counts}"] if counts else [])
+    return table
+
+
+def _warn(path: Path, said: _Said, more: list[str] | None = None) -> None:
+    unit, guessed, remarks = said
+    if guessed:
+        remarks = [f"taken to be in {unit}; `unit` says otherwise", *remarks]
+    for remark in [*remarks, *(more or [])]:
+        warnings.warn(f"{os.fspath(path)}: {remark}", FileWarning, stacklevel=4)
