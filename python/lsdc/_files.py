@@ -58,7 +58,7 @@ def read_points(
     size : (width, height) or an image
         Of the image that the points lie in.
     camera : path
-        Of a camera in TOML, ROS's YAML or COLMAP's text: focal lengths, lens, and pose. Clouds need one.
+        Of a camera, which clouds need: TOML or JSON with fx, fy, cx, cy, or the camera_info of ROS.
     unit
         As for `read_depth`.
 

@@ -38,7 +38,7 @@ def test_tables_and_clouds_are_points_to_complete(scene, tmp_path):
     vertices = "0 0 2\n0.1 0 2\n0 0 -1\n"
     header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
     (tmp_path / "c.ply").write_text(header + vertices)
-    (tmp_path / "c.toml").write_text("width = 64\nheight = 48\nfocal = [100, 100]\ncenter = [31.5, 23.5]\n")
+    (tmp_path / "c.toml").write_text("fx = 100.0\nfy = 100.0\ncx = 31.5\ncy = 23.5\n")
     with pytest.warns(lsdc.FileWarning, match="1 outside"):
         cloud = lsdc.read_points(tmp_path / "c.ply", (64, 48), camera=tmp_path / "c.toml", unit="m")
     np.testing.assert_allclose(cloud, [[31.5, 23.5, 2], [36.5, 23.5, 2]], rtol=1e-6)
