@@ -123,9 +123,10 @@ impl<'a> Contestant<'a> {
         } else {
             open_weights(path)?.parameters()
         };
-        let name = match guided {
-            true => format!("{weights} + guide"),
-            false => weights.to_owned(),
+        let name = if guided {
+            format!("{weights} + guide")
+        } else {
+            weights.to_owned()
         };
         let stem = format!("knowledge-{}", name.replace(" + ", "-"));
         let guides = lab.guides.clone().filter(|_| guided);
@@ -146,9 +147,10 @@ impl<'a> Contestant<'a> {
             parameters: parameters as f64 / 1e6,
             errors: COUNTS.map(error).into(),
             // A guide is read from a file; what it costs to make it is not known.
-            times: match guided {
-                true => Vec::new(),
-                false => SIZES.map(time).into(),
+            times: if guided {
+                Vec::new()
+            } else {
+                SIZES.map(time).into()
             },
             name,
         })

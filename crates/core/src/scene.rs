@@ -396,13 +396,12 @@ impl Inner {
         if let Some(tied) = self.tied.get() {
             return Ok(tied);
         }
-        let own = match self.affinities.get() {
-            Some(own) => own,
-            None => {
-                let (values, size) = self.completer.run(|| self.basis.affinities());
-                let found = Affinities::new(size, &values)?;
-                self.affinities.get_or_init(|| found)
-            }
+        let own = if let Some(own) = self.affinities.get() {
+            own
+        } else {
+            let (values, size) = self.completer.run(|| self.basis.affinities());
+            let found = Affinities::new(size, &values)?;
+            self.affinities.get_or_init(|| found)
         };
         let tied = match &self.depth_guide {
             None => own.clone(),

@@ -28,6 +28,9 @@ impl Hdf5 {
     }
 
     /// Opens a file; a user block, as in MATLAB v7.3 files, is skipped.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or is no HDF5.
     pub fn open(path: &Path) -> Result<Self> {
         let file = File::open_streaming(path).map_err(|e| match e {
             hdf5_pure::Error::Io(io) => Error::read(path, io),
@@ -42,6 +45,9 @@ impl Hdf5 {
     }
 
     /// The names of the arrays at the root.
+    ///
+    /// # Errors
+    /// A damaged file.
     pub fn names(&self) -> Result<Vec<String>> {
         let mut names = self.file.root().datasets().map_err(|e| self.damaged(e))?;
         names.sort_unstable();
@@ -49,6 +55,9 @@ impl Hdf5 {
     }
 
     /// The shape of an array: the number of rows first.
+    ///
+    /// # Errors
+    /// No array of this name, or a damaged one.
     pub fn shape(&self, name: &str) -> Result<Vec<usize>> {
         self.array(name)?
             .shape()
@@ -62,6 +71,9 @@ impl Hdf5 {
     }
 
     /// Rows `start..start + count` of an array of bytes whose rows have shape `row`.
+    ///
+    /// # Errors
+    /// No array of bytes of this name and shape, or a damaged one.
     pub fn rows_u8(
         &self,
         name: &str,
@@ -77,6 +89,9 @@ impl Hdf5 {
     }
 
     /// Rows `start..start + count` of an array of floats whose rows have shape `row`.
+    ///
+    /// # Errors
+    /// No array of floats of this name and shape, or a damaged one.
     pub fn rows_f32(
         &self,
         name: &str,
@@ -128,6 +143,9 @@ impl Hdf5 {
     }
 
     /// The texts of a MATLAB cell array of strings.
+    ///
+    /// # Errors
+    /// No such array, more than `most` texts, or a damaged file.
     pub fn texts(&self, name: &str, most: usize) -> Result<Vec<String>> {
         let cells = self.array(name)?;
         let shape = cells.shape().map_err(|e| self.damaged(e))?;
@@ -256,6 +274,9 @@ impl Hdf5 {
 
 /// Reads a frame of the sparse-to-dense tree (Ma and Karaman 2018): `rgb` of shape `[3, H, W]` as
 /// bytes, `depth` of shape `[H, W]` in metres.
+///
+/// # Errors
+/// A file that is missing, damaged, or of other arrays.
 pub fn read_pair(path: &Path) -> Result<(RgbImage, DepthMap)> {
     let file = Hdf5::open(path)?;
     let (height, width) = match file.shape("depth")?[..] {
@@ -276,6 +297,9 @@ pub fn read_pair(path: &Path) -> Result<(RgbImage, DepthMap)> {
 }
 
 /// An image from three planes of bytes, in each of which `at` finds a pixel.
+///
+/// # Errors
+/// Another number of bytes.
 pub fn from_planes(
     planes: &[u8],
     width: usize,

@@ -280,7 +280,8 @@ fn a_single_wrong_point_is_found_however_far_off_it_is() {
 fn a_wrong_point_on_a_flat_wall_is_found() {
     for (noise, off) in [(0.0, 4.0), (1e-4, 1.0), (0.01, 4.0)] {
         let mut slope = Slope::new(50, 0.0);
-        slope.affinities = Affinities::new((HEIGHT, WIDTH), &[1.0; 2 * HEIGHT * WIDTH]).unwrap();
+        slope.affinities =
+            Affinities::new((HEIGHT, WIDTH), &vec![1.0; 2 * HEIGHT * WIDTH]).unwrap();
         let mut rng = Rng::stream(9, &["wall"]);
         slope.depths = (0..50).map(|_| 2.0 + noise * rng.normal()).collect();
         slope.depths[7] += off;
