@@ -1,0 +1,88 @@
+"""Shards as tasks of Ray Data.
+
+A task is a shard: it fetches its frames, completes them one after the other, writes one file, and returns a line. So no
+frame travels through the cluster but from its source to the worker and on to its shard; the only thing that a lost worker
+costs is the shard that it was at; and a task that runs twice writes the same file twice.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import pyarrow as pa
+import ray
+import ray.data
+
+from ._dataset import actors
+from ._frame import completed
+from ._options import Options
+from ._plan import Shard
+from ._shards import Destination
+from ._sources import Source
+
+# Tasks that Ray Data has to know of; beyond that, several shards share one.
+TASKS = 20_000
+
+# How often a task is tried again whose worker or node died. A frame that kills its worker must not do so forever.
+RETRIES = 20
+
+
+def run(
+    shards: Sequence[Shard],
+    source: Source,
+    options: Options,
+    destination: Destination,
+    *,
+    num_cpus: float = 1,
+    concurrency: int | tuple[int, int] | None = None,
+    progress: Callable[[dict[str, Any]], None] = lambda summary: None,
+) -> None:
+    """Makes shards on the cluster that Ray is connected to. `progress` hears of each when it is finished. A shard that
+    cannot be made, because its source or destination does not answer, or its workers died too often, is left out: what is
+    finished can be seen in the destination."""
+    if not shards:
+        return
+    context = ray.data.DataContext.get_current()
+    context.max_errored_blocks = -1
+    context.enable_progress_bars = False
+    table = pa.table({name: [getattr(shard, name) for shard in shards] for name in ("name", "frames", "reference")})
+    tasks = ray.data.from_arrow(table).repartition(min(len(shards), TASKS))
+    finished = tasks.map_batches(
+        _Worker,
+        fn_constructor_args=(source, options, destination),
+        batch_size=1,
+        batch_format="numpy",
+        compute=actors(concurrency),
+        num_cpus=num_cpus,
+        max_task_retries=RETRIES,
+    )
+    for row in finished.iter_rows():
+        progress(json.loads(row["summary"]))
+
+
+class _Worker:
+    """An actor."""
+
+    def __init__(self, source: Source, options: Options, destination: Destination) -> None:
+        self._source, self._options, self._destination = source, options, destination
+
+    def __call__(self, batch: dict[str, Any]) -> dict[str, list[str]]:
+        shard = Shard(str(batch["name"][0]), int(batch["frames"][0]), str(batch["reference"][0]))
+        # By a task that died after it, or is still running on a machine that was given up.
+        summary = self._destination.find(shard.name) or self._make(shard)
+        return {"summary": [json.dumps(summary)]}
+
+    def _make(self, shard: Shard) -> dict[str, Any]:
+        started = time.perf_counter()
+        return self._destination.put(shard.name, self._rows(shard), lambda: time.perf_counter() - started)
+
+    def _rows(self, shard: Shard) -> Iterable[dict[str, Any]]:
+        count = 0
+        for frame in self._source.frames(json.loads(shard.reference)):
+            yield completed(frame, self._options.completer, self._options)
+            count += 1
+        if count != shard.frames:
+            raise OSError(f"{shard.name} was planned for {shard.frames} frames, but {count} are there")
