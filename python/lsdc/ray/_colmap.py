@@ -127,9 +127,8 @@ class Model:
             self.views[pose.name] = _view(pose, cameras[pose.camera], landmarks)
 
     @staticmethod
-    def is_at(place: Place, name: str = "") -> bool:
-        below = f"{name}/" if name else ""
-        return any(place.is_file(f"{below}cameras.{ending}") for ending in ("bin", "txt"))
+    def is_at(place: Place) -> bool:
+        return any(place.is_file(f"cameras.{ending}") for ending in ("bin", "txt"))
 
 
 def _view(pose: _Pose, camera: _Camera, landmarks: _Landmarks) -> View:

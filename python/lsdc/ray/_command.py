@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import os
 import sys
 import time
@@ -92,7 +93,7 @@ def _prepared(args: argparse.Namespace) -> _Job:
     if _below(args.dest, args.source):
         raise SettingsError("DEST is inside SOURCE", "results would be taken for frames: give another folder")
     destination = Destination(Place(args.dest), args.format)
-    source = opened(args.source.rstrip("/"), args.sparse and args.sparse.rstrip("/"), dict(args.column))
+    source = opened(args.source, args.sparse, dict(args.column))
     plan = planned(source, args.per_shard, dotless=args.format == "tar")
     record = {"frames": plan.frames, "shards": len(plan.shards), "digest": plan.digest, "columns": dict(args.column)}
     destination.begin({**record, **options.record()})
@@ -105,6 +106,7 @@ def _below(inner: str, outer: str) -> bool:
 
 
 def _connected(args: argparse.Namespace) -> None:
+    logging.getLogger("ray.data").setLevel(logging.WARNING)
     if not ray.is_initialized():
         ray.init(address=args.address, log_to_driver=False, logging_level="warning")
 

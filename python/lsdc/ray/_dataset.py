@@ -103,10 +103,17 @@ def complete(
     )
 
 
-def actors(concurrency: int | tuple[int, int] | None) -> ray.data.ActorPoolStrategy:
+def actors(concurrency: int | tuple[int, int] | None, initial: int = 1) -> ray.data.ActorPoolStrategy:
     """One task waits at each actor while another runs: more would not be shared with actors that come later."""
-    least, most = concurrency if isinstance(concurrency, tuple) else (concurrency or 1, concurrency)
-    return ray.data.ActorPoolStrategy(min_size=least, max_size=most, max_tasks_in_flight_per_actor=2)
+    in_flight = 2
+    if concurrency is None:
+        return ray.data.ActorPoolStrategy(
+            min_size=1, initial_size=initial, max_tasks_in_flight_per_actor=in_flight
+        )
+    least, most = concurrency if isinstance(concurrency, tuple) else (concurrency, concurrency)
+    return ray.data.ActorPoolStrategy(
+        min_size=least, max_size=most, max_tasks_in_flight_per_actor=in_flight
+    )
 
 
 def _check(columns: dict[str, str], names: Any) -> None:

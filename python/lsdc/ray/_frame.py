@@ -60,16 +60,19 @@ class Frame:
 
 def completed(frame: Frame, completer: Completer, options: Options) -> dict[str, Any]:
     """The row of a frame: its depth, or why there is none."""
-    row: dict[str, Any] = dict.fromkeys(SCHEMA.names)
-    row["key"] = frame.key
     try:
-        row.update(_result(frame.decode(), completer, options))
+        result = _result(frame.decode(), completer, options)
+        return {"key": frame.key, "error": None, **result}
     # Decoders of images raise whatever they like; none of it may end a run over millions of frames.
     except Exception as error:
         hint = error.hint if isinstance(error, Error) else None
         message = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
-        row["error"] = message if hint is None else f"{message} ({hint})"
-    return row
+        return failed(frame.key, message if hint is None else f"{message} ({hint})")
+
+
+def failed(key: str, error: str) -> dict[str, Any]:
+    """The row of a frame without a depth."""
+    return {**dict.fromkeys(SCHEMA.names), "key": key, "error": error}
 
 
 def _result(inputs: Inputs, completer: Completer, options: Options) -> dict[str, Any]:

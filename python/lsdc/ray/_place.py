@@ -13,7 +13,7 @@ import pyarrow.fs as pafs
 from .._errors import ReadError, SettingsError
 
 SCRATCH = "tmp"
-"""The folder of files that are being written."""
+"""The folder of files that are being written, and of notes on what is being made."""
 
 
 class Place:
@@ -28,6 +28,16 @@ class Place:
 
     def __repr__(self) -> str:
         return self.address
+
+    def child(self, name: str) -> Place:
+        """A folder in it."""
+        path, question, options = self.address.partition("?")
+        return Place(f"{path.rstrip('/')}/{name}{question}{options}")
+
+    @property
+    def name(self) -> str:
+        """The last part of the path."""
+        return self._opened[1].rpartition("/")[2]
 
     @cached_property
     def _opened(self) -> tuple[Any, str]:
@@ -98,8 +108,8 @@ class Place:
         _sync_folder(os.path.dirname(target))
 
     def clean(self) -> None:
-        """Removes what was left half written."""
-        if self._is_local and self.is_folder(SCRATCH):
+        """Removes what was half written, and notes."""
+        if self.is_folder(SCRATCH):
             self._opened[0].delete_dir(self._at(SCRATCH))
 
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from typing import Any
 
-import pyarrow as pa
 import ray
 import ray.data
 
 from ._dataset import actors
-from ._frame import completed
+from ._frame import completed, failed
 from ._options import Options
 from ._plan import Shard
 from ._shards import Destination
@@ -26,9 +26,6 @@ from ._sources import Source
 # Tasks that Ray Data has to know of; beyond that, several shards share one.
 TASKS = 20_000
 
-# How often a task is tried again whose worker or node died. A frame that kills its worker must not do so forever.
-RETRIES = 20
-
 
 def run(
     shards: Sequence[Shard],
@@ -36,28 +33,29 @@ def run(
     options: Options,
     destination: Destination,
     *,
-    num_cpus: float = 1,
-    concurrency: int | tuple[int, int] | None = None,
+    num_cpus: int = 1,
+    concurrency: int | None = None,
     progress: Callable[[dict[str, Any]], None] = lambda summary: None,
 ) -> None:
     """Makes shards on the cluster that Ray is connected to. `progress` hears of each when it is finished. A shard that
-    cannot be made, because its source or destination does not answer, or its workers died too often, is left out: what is
-    finished can be seen in the destination."""
+    cannot be made, because its source or destination does not answer, is left out: what is finished can be seen in the
+    destination."""
     if not shards:
         return
     context = ray.data.DataContext.get_current()
     context.max_errored_blocks = -1
     context.enable_progress_bars = False
-    table = pa.table({name: [getattr(shard, name) for shard in shards] for name in ("name", "frames", "reference")})
-    tasks = ray.data.from_arrow(table).repartition(min(len(shards), TASKS))
+    # Objects of this process: they outlive the nodes that work on them.
+    tasks = ray.data.from_items([asdict(shard) for shard in shards], override_num_blocks=min(len(shards), TASKS))
+    # At once, not one by one.
+    room = int(ray.cluster_resources().get("CPU", 1)) // num_cpus
     finished = tasks.map_batches(
         _Worker,
         fn_constructor_args=(source, options, destination),
         batch_size=1,
         batch_format="numpy",
-        compute=actors(concurrency),
+        compute=actors(concurrency, initial=max(1, min(room, len(shards)))),
         num_cpus=num_cpus,
-        max_task_retries=RETRIES,
     )
     for row in finished.iter_rows():
         progress(json.loads(row["summary"]))
@@ -80,9 +78,17 @@ class _Worker:
         return self._destination.put(shard.name, self._rows(shard), lambda: time.perf_counter() - started)
 
     def _rows(self, shard: Shard) -> Iterable[dict[str, Any]]:
+        attempts = self._destination.attempts(shard.name)
         count = 0
-        for frame in self._source.frames(json.loads(shard.reference)):
-            yield completed(frame, self._options.completer, self._options)
-            count += 1
+        try:
+            for frame in self._source.frames(json.loads(shard.reference)):
+                reason = attempts.begin(frame.key)
+                if reason is None:
+                    yield completed(frame, self._options.completer, self._options)
+                else:
+                    yield failed(frame.key, reason)
+                count += 1
+        finally:
+            attempts.pause()
         if count != shard.frames:
             raise OSError(f"{shard.name} was planned for {shard.frames} frames, but {count} are there")

@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from .._errors import SettingsError
+from ._attempts import Attempts
 from ._frame import SCHEMA, TYPES
 from ._options import as_text
 from ._place import Place
@@ -61,6 +62,10 @@ class Destination:
     def finished(self) -> set[str]:
         """The names of shards that need not be made."""
         return {name[len("done/") : -len(".json")] for name in self._place.files("done")}
+
+    def attempts(self, name: str) -> Attempts:
+        """Begins a shard."""
+        return Attempts(self._place, name)
 
     def find(self, name: str) -> dict[str, Any] | None:
         """What was said of a shard when it was finished."""

@@ -50,29 +50,24 @@ def opened(address: str, sparse: str | None, columns: Mapping[str, str]) -> Sour
         There is nothing of that kind.
     """
     place = Place(address)
-    if place.is_file():
-        names = [""]
-        kinds = {address.rpartition(".")[2].lower()}
-    else:
-        names = place.files()
-        kinds = {name.rpartition(".")[2].lower() for name in names}
+    names = [""] if place.is_file() else place.files()
     if not names:
         raise ReadError(f"there are no files in `{address}`")
-    for kind, source in (("tar", Tars), ("parquet", Tables)):
-        if kind in kinds and sparse is None:
-            chosen = [name for name in names if (name or address).lower().endswith(f".{kind}")]
+    for ending, source in ((".tar", Tars), (".parquet", Tables)):
+        chosen = [name for name in names if (name or place.name).lower().endswith(ending)]
+        if chosen and sparse is None:
             return source(place, chosen, columns)
     if columns:
         raise InputError("only tars and Parquet have columns", "leave `--column` out")
+    depths = Place(sparse or "")
     if sparse is None:
         if not any(name.startswith("images/") for name in names):
             hint = "give tars, Parquet, a folder with `images` and `sparse` in it, or `--sparse FOLDER`"
             raise InputError(f"`{address}` says nothing of depths", hint)
-        place, sparse = Place(f"{address}/images"), f"{address}/sparse"
-    depths = Place(sparse)
-    for below in ("", "/0"):
-        if Model.is_at(depths, below.strip("/")):
-            return Colmap(place, Place(sparse + below))
+        place, depths = place.child("images"), place.child("sparse")
+    for model in (depths, depths.child("0")):
+        if Model.is_at(model):
+            return Colmap(place, model)
     return Folder(place, depths)
 
 
