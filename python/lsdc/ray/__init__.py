@@ -1,7 +1,7 @@
 """Depth completion on a cluster: Ray Data on top of `lsdc`.
 
-`complete` is a step in a pipeline of Ray Data; `python -m lsdc.ray SOURCE DEST` completes folders, models of COLMAP, tars
-of WebDataset and Parquet, and can be interrupted at any time. Needs `pip install lsdc[ray]`.
+`complete` is a step in a pipeline of Ray Data; `python -m lsdc.ray SOURCE DEST` completes folders, models of COLMAP,
+tars of WebDataset and Parquet, and can be interrupted at any time. Needs `pip install lsdc[ray]`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Frames that kill their worker: by a fault of a library, or by more memory than there is.
 
-Ray tries a task again whenever its worker died, which is right unless it dies of the task. So a shard that is tried again
-keeps a note of the frame that it is at, and a frame at which workers died several times is given up.
+Ray tries a task again whenever its worker died, which is right unless it dies of the task. So a shard that is tried
+again keeps a note of the frame that it is at, and a frame at which workers died several times is given up.
 """
 
 from __future__ import annotations

@@ -200,10 +200,10 @@ def _camera(model: str, size: Size, parameters: tuple[float, ...]) -> _Camera:
     expected = dict(CAMERAS).get(model)
     if expected is not None and expected != len(parameters):
         raise ValueError(f"a camera {model} has {len(parameters)} parameters, expected {expected}")
-    focal = (parameters[0] + parameters[1]) / 2 if model in TWO_FOCAL_LENGTHS else parameters[0]
-    if not (focal > 0 and np.isfinite(focal)) or min(size) < 1:
+    focal = parameters[: 2 if model in TWO_FOCAL_LENGTHS else 1]
+    if not all(value > 0 and np.isfinite(value) for value in focal) or not focal or min(size) < 1:
         raise ValueError(f"a camera {model} has no focal length or no pixels")
-    return _Camera(size, focal)
+    return _Camera(size, sum(focal) / len(focal))
 
 
 class _Bytes:
@@ -307,6 +307,8 @@ def _text_poses(lines: list[str]) -> list[_Pose]:
         *numbers, camera, name = line.strip().split(maxsplit=9)[1:]
         pose = tuple(map(float, numbers))
         fields = next(left, "").split()
+        if len(fields) % 3:
+            raise ValueError(f"the observations of `{name}` are cut off")
         places = np.array([fields[0::3], fields[1::3]], np.float64).T
         seen = np.array(list(map(int, fields[2::3])), np.int64)
         poses.append(_Pose(pose[:4], pose[4:], int(camera), name, places[seen >= 0], seen[seen >= 0]))

@@ -108,7 +108,7 @@ def _below(inner: str, outer: str) -> bool:
 def _connected(args: argparse.Namespace) -> None:
     logging.getLogger("ray.data").setLevel(logging.WARNING)
     if not ray.is_initialized():
-        ray.init(address=args.address, log_to_driver=False, logging_level="warning")
+        ray.init(address=args.address, log_to_driver=False, logging_level=logging.WARNING)
 
 
 def _ended(job: _Job, seconds: float) -> int:
@@ -164,8 +164,8 @@ class _Progress:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m lsdc.ray",
-        description="Completes the depths of many frames on a cluster of Ray. Interrupted or not, every frame is in the "
-        "result exactly once; the same command again goes on where it stopped.",
+        description="Completes the depths of many frames on a cluster of Ray. Interrupted or not, every frame is in "
+        "the result exactly once; the same command again goes on where it stopped.",
         epilog="Exit codes: 0 done, 1 could not write, 2 wrong usage or input, 3 frames failed or are missing, 130 "
         "stopped by Ctrl-C. Places are paths, s3://..., gs://..., or addresses of fsspec.",
     )

@@ -40,8 +40,8 @@ def complete(
 ) -> ray.data.Dataset:
     """Completes every row of a Dataset: lazily, streaming, a row out for a row in.
 
-    Each actor holds the weights once, completes a frame at a time, and holds a batch; how many batches wait is up to Ray
-    Data. What was lost with a worker or a node is computed again, to the same bits.
+    Each actor holds the weights once, completes a frame at a time, and holds a batch; how many batches wait is up to
+    Ray Data. What was lost with a worker or a node is computed again, to the same bits.
 
     Parameters
     ----------
@@ -49,7 +49,8 @@ def complete(
         With the columns below.
     key, image, sparse : str
         Names of columns: keys, which are passed on; images, as arrays (H, W, 3), bytes of image files, or paths that
-        every node can read; sparse depths, as arrays (see `Scene.complete`), or bytes of npy files or images of 16 bits.
+        every node can read; sparse depths, as arrays (see `Scene.complete`), or bytes of npy files or images of 16
+        bits.
     sigma : str or number, optional
         The column of standard deviations of the depths, or one for all.
     guide : str, optional
@@ -59,8 +60,8 @@ def complete(
     unit, size, order
         See `Scene.complete` and `Completer.scene`.
     encoding : "f16", "u16" or "f32"
-        How depths are stored, in 2, 2 or 4 bytes. Half precision keeps 11 bits, 0.05 %, at any scale. `step` is the unit
-        of "u16": with 0.001, up to 65.5 m. `clipped` counts the pixels of a frame beyond what can be stored.
+        How depths are stored, in 2, 2 or 4 bytes. Half precision keeps 11 bits, 0.05 %, at any scale. `step` is the
+        unit of "u16": with 0.001, up to 65.5 m. `clipped` counts the pixels of a frame beyond what can be stored.
     standard_deviation : bool
         Whether to store that of every pixel too, which costs time.
     batch_size : int
@@ -153,5 +154,5 @@ def _numbers(value: Any) -> Any:
     """Lists within lists come as arrays of arrays."""
     value = as_depths(value)
     if isinstance(value, np.ndarray) and value.dtype == object:
-        return np.stack(list(value))
+        return np.stack(value.tolist())
     return value

@@ -22,7 +22,8 @@ ENCODINGS = ("f16", "u16", "f32")
 
 @dataclass(frozen=True)
 class Options:
-    """Options of `Completer.complete`, and how its results are stored. Refused where they are made, not on a cluster."""
+    """Options of `Completer.complete`, and how its results are stored. Wrong ones are refused where they are made, not
+    on a cluster."""
 
     completer: Completer
     unit: Unit | None = None

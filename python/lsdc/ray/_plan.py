@@ -1,4 +1,4 @@
-"""Which frame goes into which shard, decided before any work begins: what is retried or resumed makes the same again."""
+"""Which frame goes into which shard, decided before any work begins: what is tried again makes the same again."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Shards as tasks of Ray Data.
 
-A task is a shard: it fetches its frames, completes them one after the other, writes one file, and returns a line. So no
-frame travels through the cluster but from its source to the worker and on to its shard; the only thing that a lost worker
-costs is the shard that it was at; and a task that runs twice writes the same file twice.
+A task is a shard: it fetches its frames, completes them one after the other, writes one file, and returns a line. So
+frames travel from their source to a worker and on to their shard, and nowhere else; a worker that is lost costs the
+shard that it was at; and a task that runs twice writes the same file twice.
 """
 
 from __future__ import annotations

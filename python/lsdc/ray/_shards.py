@@ -88,7 +88,7 @@ class Destination:
 
         data = WRITERS[self._format](counted())
         self._place.write(f"data/{name}.{self._format}", data)
-        summary = {"frames": frames, "failed": failures, "clipped": clipped, "bytes": len(data)}
+        summary: dict[str, Any] = {"frames": frames, "failed": failures, "clipped": clipped, "bytes": len(data)}
         summary["seconds"] = round(seconds(), 3)
         self._place.write(f"done/{name}.json", as_text(summary).encode())
         return summary
@@ -115,7 +115,7 @@ def _quoted(text: str) -> str:
 
 def _parquet(rows: Iterable[dict[str, Any]]) -> bytes:
     target = io.BytesIO()
-    with pq.ParquetWriter(target, SCHEMA, compression="zstd", use_dictionary=["encoding"]) as writer:
+    with pq.ParquetWriter(target, SCHEMA, compression="zstd", use_dictionary=False) as writer:
         some: list[dict[str, Any]] = []
         for row in rows:
             some.append(row)

@@ -41,8 +41,8 @@ class Source(Protocol):
 
 
 def opened(address: str, sparse: str | None, columns: Mapping[str, str]) -> Source:
-    """The source at an address: tars of WebDataset, Parquet, or images, whose depths are in the folder `sparse`, which may
-    also be a model of COLMAP. A folder with `images` and `sparse` in it needs no other.
+    """The source at an address: tars of WebDataset, Parquet, or images, whose depths are in the folder `sparse`, which
+    may also be a model of COLMAP. A folder with `images` and `sparse` in it needs no other.
 
     Raises
     ------

@@ -4,6 +4,7 @@ import io
 import json
 import os
 import signal
+import sys
 import tarfile
 
 import numpy as np
@@ -123,6 +124,9 @@ def test_tars_of_results(cluster, one_process, tables, tmp_path):
 
 
 def test_a_frame_that_kills_its_worker_is_given_up(cluster, one_process, tmp_path):
+    # Workers do not have this folder.
+    ray.cloudpickle.register_pickle_by_value(sys.modules[frame.__module__])
+
     class Source:
         def files(self):
             return [""]
