@@ -29,6 +29,9 @@ DONE, NOT_WRITTEN, WRONG, PARTIAL, INTERRUPTED = 0, 1, 2, 3, 130
 # Seconds between lines of progress.
 PACE = 2.0
 
+# Errors of shards.
+SHOWN = 5
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(arguments)
@@ -48,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 concurrency=args.workers,
                 progress=bar.add,
             )
-        return _ended(job, time.monotonic() - started)
+        return _ended(job, bar.errors, time.monotonic() - started)
     except Error as error:
         print(f"error: {error}", file=sys.stderr)
         if error.hint:
@@ -111,7 +114,7 @@ def _connected(args: argparse.Namespace) -> None:
         ray.init(address=args.address, log_to_driver=False, logging_level=logging.WARNING)
 
 
-def _ended(job: _Job, seconds: float) -> int:
+def _ended(job: _Job, errors: list[str], seconds: float) -> int:
     """Says what there is now, and what it means."""
     summaries = job.destination.summaries()
     frames = sum(summary["frames"] for summary in summaries.values())
@@ -126,7 +129,9 @@ def _ended(job: _Job, seconds: float) -> int:
         first = next(summary["failed"][0] for summary in summaries.values() if summary["failed"])
         print(f"warning: `{first[0]}`: {first[1]}; all that failed is in failures.csv", file=sys.stderr)
     if missing:
-        print(f"warning: {missing} shards could not be made: run the same command again", file=sys.stderr)
+        print(f"warning: {missing} shards could not be made; the same command tries again", file=sys.stderr)
+    for error in errors[:SHOWN]:
+        print(f"warning: {error}", file=sys.stderr)
     return PARTIAL if failed or missing else DONE
 
 
@@ -142,11 +147,14 @@ class _Progress:
     finished: int = 0
     started: float = field(default_factory=time.monotonic)
     shown: float = 0.0
+    errors: list[str] = field(default_factory=list[str])
 
     def add(self, summary: dict[str, Any]) -> None:
         self.finished += 1
         self.frames += summary["frames"]
         self.failed += len(summary["failed"])
+        if "error" in summary:
+            self.errors.append(summary["error"])
         now = time.monotonic()
         if self.quiet or (now - self.shown < PACE and self.finished < self.left):
             return

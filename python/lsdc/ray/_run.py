@@ -37,14 +37,11 @@ def run(
     concurrency: int | None = None,
     progress: Callable[[dict[str, Any]], None] = lambda summary: None,
 ) -> None:
-    """Makes shards on the cluster that Ray is connected to. `progress` hears of each when it is finished. A shard that
-    cannot be made, because its source or destination does not answer, is left out: what is finished can be seen in the
-    destination."""
+    """Makes shards on the cluster that Ray is connected to. `progress` hears of each when it is finished, or that it could
+    not be made, because its source or destination does not answer or is damaged: then its summary has an `error`."""
     if not shards:
         return
-    context = ray.data.DataContext.get_current()
-    context.max_errored_blocks = -1
-    context.enable_progress_bars = False
+    ray.data.DataContext.get_current().enable_progress_bars = False
     # Objects of this process: they outlive the nodes that work on them.
     tasks = ray.data.from_items([asdict(shard) for shard in shards], override_num_blocks=min(len(shards), TASKS))
     # At once, not one by one.
@@ -69,8 +66,13 @@ class _Worker:
 
     def __call__(self, batch: dict[str, Any]) -> dict[str, list[str]]:
         shard = Shard(str(batch["name"][0]), int(batch["frames"][0]), str(batch["reference"][0]))
-        # By a task that died after it, or is still running on a machine that was given up.
-        summary = self._destination.find(shard.name) or self._make(shard)
+        try:
+            # By a task that died after it, or is still running on a machine that was given up.
+            summary = self._destination.find(shard.name) or self._make(shard)
+        # Of libraries of files and stores. The others go on; the same command makes what is left.
+        except Exception as error:
+            what = f"{shard.name}: {type(error).__name__}: {error}"
+            summary = {"frames": 0, "failed": [], "error": what}
         return {"summary": [json.dumps(summary)]}
 
     def _make(self, shard: Shard) -> dict[str, Any]:

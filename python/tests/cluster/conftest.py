@@ -7,8 +7,6 @@ import tarfile
 import numpy as np
 import pytest
 
-pytest.importorskip("ray", reason="Ray is not installed")
-pytest.importorskip("pyarrow")
 Image = pytest.importorskip("PIL.Image")
 
 import pyarrow as pa

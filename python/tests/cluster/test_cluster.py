@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import ray
-from conftest import KEYS, as_npy, command, frame, results, same
+from conftest import KEYS, as_npy, command, frame, results, same, write_tar
 
 import lsdc
 import lsdc.ray
@@ -152,6 +152,21 @@ def test_a_frame_that_kills_its_worker_is_given_up(cluster, one_process, tmp_pat
     rows = {row["key"]: row for row in results(tmp_path)}
     assert "3 workers died" in rows.pop(KEYS[4])["error"]
     assert same(list(rows.values()), {key: one_process[key] for key in rows})
+
+
+def test_a_shard_that_cannot_be_made(cluster, one_process, tars, tmp_path, capsys):
+    """Its source has changed since the plan was made."""
+    dest = tmp_path / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_command, "_connected", lambda args: write_tar(tars / "b.tar", KEYS[5:9]))
+        assert command(tars, dest, *EXACT) == 3
+    said = capsys.readouterr()
+    assert "9 of 11 frames" in said.out and "1 shards could not be made" in said.err
+    assert "warning: shard-0000005: " in said.err
+    assert sorted(row["key"] for row in results(dest)) == KEYS[:9]
+    write_tar(tars / "b.tar", KEYS[5:])
+    assert command(tars, dest, *EXACT) == 0
+    assert same(results(dest), one_process)
 
 
 def test_a_node_that_dies(cluster, one_process, folder, tmp_path):
