@@ -6,7 +6,7 @@
 Starts a cluster of several nodes on this machine, runs `python -m lsdc.ray` on it, and at random moments kills a worker
 process; a whole node, which is replaced; or the command itself, which is started again. Then every key must be there
 once, with the bits that one process computes.
-Needs `lsdc[ray]`. Prints a table; the exit code is 1 if a frame was lost, doubled or differs.
+Needs `lsdc[ray]`. Prints a table; the exit code is 1 if a frame was lost, doubled, differs or failed.
 """
 
 import argparse
@@ -101,20 +101,21 @@ def _workers(node) -> list[int]:
     return found
 
 
-def compared(folder: Path, dest: Path, encoding: str) -> tuple[int, int, int]:
-    """Frames lost, doubled, and with other bits than one process computes."""
+def compared(folder: Path, dest: Path) -> tuple[int, int, int, int]:
+    """Frames lost, doubled, with other bits than one process computes, and without a depth."""
     rows = pq.read_table(dest / "data").to_pylist()
     count = Counter(row["key"] for row in rows)
     names = {path.stem for path in (folder / "images").iterdir()}
     completer = lsdc.Completer("small")
     different = sum(key not in names for key in count)
+    empty = sum(row["error"] is not None for row in rows)
     for row in rows:
         image = np.asarray(Image.open(folder / f"images/{row['key']}.png"))
         depth = completer.complete(image, np.load(folder / f"sparse/{row['key']}.npy")).depth
         found = lsdc.ray.decode(row)
-        different += found is None or not np.array_equal(found, depth)
+        different += found is not None and not np.array_equal(found, depth)
     lost = len(names - set(count))
-    return lost, sum(number - 1 for number in count.values()), different
+    return lost, sum(number - 1 for number in count.values()), different, empty
 
 
 def main() -> int:
@@ -161,12 +162,12 @@ def main() -> int:
             seconds = time.monotonic() - started
         finally:
             victims.stop()
-        lost, doubled, different = compared(folder, dest, "f32")
+        lost, doubled, different, empty = compared(folder, dest)
     kills = f"{workers} | {nodes} | {commands}"
-    print("| frames | workers killed | nodes killed | commands killed | lost | doubled | other bits | seconds |")
-    print("|---|---|---|---|---|---|---|---|")
-    print(f"| {args.frames} | {kills} | {lost} | {doubled} | {different} | {seconds:.0f} |")
-    return int(bool(lost or doubled or different or job.returncode))
+    print("| frames | workers killed | nodes killed | commands killed | lost | doubled | other bits | without a depth | seconds |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    print(f"| {args.frames} | {kills} | {lost} | {doubled} | {different} | {empty} | {seconds:.0f} |")
+    return int(bool(lost or doubled or different or empty or job.returncode))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from conftest import KEYS, as_npy, command, frame, results, same, write_tar
 import lsdc
 import lsdc.ray
 from lsdc.ray import _command
+from lsdc.ray._attempts import GIVEN_UP
 from lsdc.ray._frame import Frame, Inputs
 from lsdc.ray._options import Options
 from lsdc.ray._place import Place
@@ -150,7 +151,7 @@ def test_a_frame_that_kills_its_worker_is_given_up(cluster, one_process, tmp_pat
     options = Options(lsdc.Completer("small", threads=1), encoding="f32")
     run(planned(Source(), 6).shards, Source(), options, destination)
     rows = {row["key"]: row for row in results(tmp_path)}
-    assert "3 workers died" in rows.pop(KEYS[4])["error"]
+    assert f"{GIVEN_UP} workers died" in rows.pop(KEYS[4])["error"]
     assert same(list(rows.values()), {key: one_process[key] for key in rows})
 
 

@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 
 import lsdc
 import lsdc.ray
-from lsdc.ray._attempts import Attempts
+from lsdc.ray._attempts import GIVEN_UP, Attempts
 from lsdc.ray._frame import Frame, Inputs, as_depths, completed, encoded
 from lsdc.ray._options import Options
 from lsdc.ray._place import Place
@@ -191,10 +191,10 @@ def test_a_frame_is_given_up_after_deaths_at_it(tmp_path):
 
     # Where the first worker died is not known.
     assert attempt("a", "b") == [None, None]
-    for _ in range(3):
+    for _ in range(GIVEN_UP):
         assert attempt("a", "b") == [None, None]
     last = Attempts(place, "shard")
-    assert last.begin("a") is None and "3 workers died" in last.begin("b")
+    assert last.begin("a") is None and f"{GIVEN_UP} workers died" in last.begin("b")
     # What ends in an exception is no death.
     last.begin("a")
     last.pause()
