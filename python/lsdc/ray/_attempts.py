@@ -12,9 +12,8 @@ from collections import Counter
 from ._options import as_text
 from ._place import SCRATCH, Place
 
-# Deaths at the same frame, beyond the first of its shard, of which it is not known where it was. Workers that die of
-# other causes often begin anew, and so die at the first frame of a shard several times: with 3, the kill test gave up a
-# frame of which nothing had died.
+# Deaths at the same frame, beyond the first of its shard, of which it is not known where it was. Workers also die of
+# other causes: with 3, the kill test gave up a frame of which nothing had died.
 GIVEN_UP = 8
 
 
