@@ -38,7 +38,7 @@ def run(
     progress: Callable[[dict[str, Any]], None] = lambda summary: None,
 ) -> None:
     """Makes shards on the cluster that Ray is connected to. `progress` hears of each when it is finished, or that it
-    could not be made, because its source or destination does not answer or is damaged: then its summary has an `error`."""
+    could not be made, because its source or destination does not answer or is damaged: its summary then has `error`."""
     if not shards:
         return
     ray.data.DataContext.get_current().enable_progress_bars = False
