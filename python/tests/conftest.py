@@ -1,11 +1,15 @@
 """Images and depths for tests, and for the examples in docstrings."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import lsdc
+
+# Which need Ray.
+collect_ignore = [] if find_spec("ray") and find_spec("pyarrow") else ["cluster"]
 
 ROOM = Path(__file__).parents[2] / "assets/room"
 

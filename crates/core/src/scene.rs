@@ -403,7 +403,9 @@ impl Inner {
             let found = Affinities::new(size, &values)?;
             self.affinities.get_or_init(|| found)
         };
-        let tied = match &self.depth_guide {
+        // A field alone takes no guide.
+        let joint = self.completer.fit_config().method == FitMethod::Joint;
+        let tied = match self.depth_guide.as_ref().filter(|_| joint) {
             None => own.clone(),
             Some(guide) => own.shared(&guide.ties(own.size())),
         };

@@ -1,0 +1,158 @@
+"""Completion of the frames of a Dataset, anywhere in a pipeline of Ray Data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import ray.data
+
+from .._completer import Completer, Weights
+from .._errors import InputError
+from .._input import Order, Size, Unit
+from .._settings import FitSettings, Robust
+from ._frame import SCHEMA, Frame, Inputs, as_depths, as_picture, completed
+from ._options import Encoding, Options
+
+
+def complete(
+    dataset: ray.data.Dataset,
+    *,
+    key: str = "key",
+    image: str = "image",
+    sparse: str = "sparse",
+    sigma: str | float | None = None,
+    guide: str | None = None,
+    weights: Weights = "default",
+    fit: FitSettings | None = None,
+    robust: Robust = None,
+    working_size: Size | None = None,
+    unit: Unit | None = None,
+    size: Size | None = None,
+    order: Order = "rgb",
+    encoding: Encoding = "f16",
+    step: float = 0.001,
+    standard_deviation: bool = False,
+    batch_size: int = 8,
+    num_cpus: int = 1,
+    concurrency: int | tuple[int, int] | None = None,
+) -> ray.data.Dataset:
+    """Completes every row of a Dataset: lazily, streaming, a row out for a row in.
+
+    Each actor holds the weights once, completes a frame at a time, and holds a batch; how many batches wait is up to
+    Ray Data. What was lost with a worker or a node is computed again, to the same bits.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        With the columns below.
+    key, image, sparse : str
+        Names of columns: keys, which are passed on; images, as arrays (H, W, 3), bytes of image files, or paths that
+        every node can read; sparse depths, as arrays (see `Scene.complete`), or bytes of npy files or images of 16
+        bits.
+    sigma : str or number, optional
+        The column of standard deviations of the depths, or one for all.
+    guide : str, optional
+        The column of predictions of depth by other means.
+    weights, fit, robust, working_size
+        See `Completer`.
+    unit, size, order
+        See `Scene.complete` and `Completer.scene`.
+    encoding : "f16", "u16" or "f32"
+        How depths are stored, in 2, 2 or 4 bytes. Half precision keeps 11 bits, 0.05 %, at any scale. `step` is the
+        unit of "u16": with 0.001, up to 65.5 m. `clipped` counts the pixels of a frame beyond what can be stored.
+    standard_deviation : bool
+        Whether to store that of every pixel too, which costs time.
+    batch_size : int
+        Rows that an actor holds; small, because a row is a whole picture.
+    num_cpus : int
+        CPUs, and threads, of an actor. With 1, many frames at a time make the best use of all cores.
+    concurrency : int or (int, int), optional
+        The number of actors, or its bounds. By default as many as the cluster has room for.
+
+    Returns
+    -------
+    Dataset
+        Rows with `key`, `error` (None if all went well; a broken frame never ends the whole), `width`, `height`,
+        `encoding`, `step`, `depth` and `standard_deviation` (bytes, see `decode`), `clipped`, `report` (JSON). Other
+        columns are dropped: join them again by key. Whether keys are unique is not looked at.
+
+    Raises
+    ------
+    SettingsError, InputError, WeightsError, ReadError
+        Options that cannot be, or a column that is known to be missing: at once.
+    """
+    completer = Completer(
+        weights, fit=fit, robust=robust, working_size=working_size, threads=max(1, int(num_cpus))
+    )
+    number = None if isinstance(sigma, str) else sigma
+    options = Options(completer, unit, number, size, order, encoding, step, standard_deviation)
+    columns = {"key": key, "image": image, "sparse": sparse}
+    columns |= {"sigma": sigma} if isinstance(sigma, str) else {}
+    columns |= {} if guide is None else {"guide": guide}
+    names = dataset.columns(fetch_if_missing=False)
+    if names is not None:
+        _check(columns, names)
+    return dataset.map_batches(
+        _Worker,
+        fn_constructor_args=(options, columns),
+        batch_size=batch_size,
+        batch_format="numpy",
+        compute=actors(concurrency),
+        num_cpus=num_cpus,
+    )
+
+
+def actors(concurrency: int | tuple[int, int] | None, initial: int = 1) -> ray.data.ActorPoolStrategy:
+    """One task waits at each actor while another runs: more would not be shared with actors that come later."""
+    in_flight = 2
+    if concurrency is None:
+        return ray.data.ActorPoolStrategy(
+            min_size=1, initial_size=initial, max_tasks_in_flight_per_actor=in_flight
+        )
+    least, most = concurrency if isinstance(concurrency, tuple) else (concurrency, concurrency)
+    return ray.data.ActorPoolStrategy(
+        min_size=least, max_size=most, max_tasks_in_flight_per_actor=in_flight
+    )
+
+
+def _check(columns: dict[str, str], names: Any) -> None:
+    for part, name in columns.items():
+        if name not in names:
+            hint = f"it has {', '.join(names)}; `{part}=` says which to use"
+            raise InputError(f"the dataset has no column `{name}`", hint)
+
+
+class _Worker:
+    """An actor."""
+
+    def __init__(self, options: Options, columns: dict[str, str]) -> None:
+        self._options, self._columns = options, columns
+
+    def __call__(self, batch: dict[str, Any]) -> pa.Table:
+        _check(self._columns, batch)
+        keys = batch[self._columns["key"]]
+        rows = [
+            completed(self._frame(str(key), batch, row), self._options.completer, self._options)
+            for row, key in enumerate(keys)
+        ]
+        return pa.Table.from_pylist(rows, SCHEMA)
+
+    def _frame(self, key: str, batch: dict[str, Any], row: int) -> Frame:
+        def part(name: str) -> Any:
+            return batch[self._columns[name]][row] if name in self._columns else None
+
+        def decode() -> Inputs:
+            others = [None if part(name) is None else _numbers(part(name)) for name in ("sigma", "guide")]
+            return Inputs(as_picture(part("image")), _numbers(part("sparse")), *others)
+
+        return Frame(key, decode)
+
+
+def _numbers(value: Any) -> Any:
+    """Lists within lists come as arrays of arrays."""
+    value = as_depths(value)
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        return np.stack(value.tolist())
+    return value

@@ -1,0 +1,71 @@
+"""What is done to every frame."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from .._completer import Completer
+from .._errors import SettingsError
+from .._input import Order, Size, Unit, as_size, per_metre
+from .._native import __version__
+
+Encoding = Literal["f16", "u16", "f32"]
+"""How depths are stored: as floats of 16 or 32 bits, or as unsigned integers of 16 bits in a unit of their own."""
+
+ENCODINGS = ("f16", "u16", "f32")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of `Completer.complete`, and how its results are stored. Wrong ones are refused where they are made, not
+    on a cluster."""
+
+    completer: Completer
+    unit: Unit | None = None
+    sigma: float | None = None
+    size: Size | None = None
+    order: Order = "rgb"
+    encoding: Encoding = "f16"
+    step: float = 0.001
+    standard_deviation: bool = False
+
+    def __post_init__(self) -> None:
+        per_metre(self.unit)
+        if self.size is not None:
+            as_size(self.size, "size")
+        if self.order not in ("rgb", "bgr"):
+            raise SettingsError(f"`order` is {self.order!r}", 'orders are "rgb" and "bgr"')
+        if self.encoding not in ENCODINGS:
+            raise SettingsError(f"`encoding` is {self.encoding!r}", f"encodings are {', '.join(ENCODINGS)}")
+        for name, value in (("step", self.step), ("sigma", self.sigma)):
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise SettingsError(f"`{name}` is {value!r}, not a positive number")
+
+    def record(self) -> dict[str, Any]:
+        """All that the bits of a result depend on, beside the frame itself and the instruction set."""
+        name, weights, _, working_size, _ = cast("tuple[Any, ...]", self.completer.__reduce__()[1])
+        if isinstance(weights, bytes):
+            name = f"sha256:{hashlib.sha256(weights).hexdigest()}"
+        return {
+            "lsdc": __version__,
+            "weights": name,
+            "fit": self.completer.fit,
+            "working_size": working_size,
+            "unit": self.unit,
+            "sigma": self.sigma,
+            "size": self.size,
+            "order": self.order,
+            "encoding": self.encoding,
+            "step": self.step if self.encoding == "u16" else None,
+            "standard_deviation": self.standard_deviation,
+        }
+
+
+def as_text(record: Any) -> str:
+    """JSON that is the same for the same values."""
+    return json.dumps(record, sort_keys=True, allow_nan=False)

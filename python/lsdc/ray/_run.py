@@ -1,0 +1,96 @@
+"""Shards as tasks of Ray Data.
+
+A task is a shard: it fetches its frames, completes them one after the other, writes one file, and returns a line. So
+frames travel from their source to a worker and on to their shard, and nowhere else; a worker that is lost costs the
+shard that it was at; and a task that runs twice writes the same file twice.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import ray
+import ray.data
+
+from ._dataset import actors
+from ._frame import completed, failed
+from ._options import Options
+from ._plan import Shard
+from ._shards import Destination
+from ._sources import Source
+
+# Tasks that Ray Data has to know of; beyond that, several shards share one.
+TASKS = 20_000
+
+
+def run(
+    shards: Sequence[Shard],
+    source: Source,
+    options: Options,
+    destination: Destination,
+    *,
+    num_cpus: int = 1,
+    concurrency: int | None = None,
+    progress: Callable[[dict[str, Any]], None] = lambda summary: None,
+) -> None:
+    """Makes shards on the cluster that Ray is connected to. `progress` hears of each when it is finished, or that it
+    could not be made, because its source or destination does not answer or is damaged: its summary then has `error`."""
+    if not shards:
+        return
+    ray.data.DataContext.get_current().enable_progress_bars = False
+    # Objects of this process: they outlive the nodes that work on them.
+    tasks = ray.data.from_items([asdict(shard) for shard in shards], override_num_blocks=min(len(shards), TASKS))
+    # At once, not one by one.
+    room = int(ray.cluster_resources().get("CPU", 1)) // num_cpus
+    finished = tasks.map_batches(
+        _Worker,
+        fn_constructor_args=(source, options, destination),
+        batch_size=1,
+        batch_format="numpy",
+        compute=actors(concurrency, initial=max(1, min(room, len(shards)))),
+        num_cpus=num_cpus,
+    )
+    for row in finished.iter_rows():
+        progress(json.loads(row["summary"]))
+
+
+class _Worker:
+    """An actor."""
+
+    def __init__(self, source: Source, options: Options, destination: Destination) -> None:
+        self._source, self._options, self._destination = source, options, destination
+
+    def __call__(self, batch: dict[str, Any]) -> dict[str, list[str]]:
+        shard = Shard(str(batch["name"][0]), int(batch["frames"][0]), str(batch["reference"][0]))
+        try:
+            # By a task that died after it, or is still running on a machine that was given up.
+            summary = self._destination.find(shard.name) or self._make(shard)
+        # Of libraries of files and stores. The others go on; the same command makes what is left.
+        except Exception as error:
+            what = f"{shard.name}: {type(error).__name__}: {error}"
+            summary = {"frames": 0, "failed": [], "error": what}
+        return {"summary": [json.dumps(summary)]}
+
+    def _make(self, shard: Shard) -> dict[str, Any]:
+        started = time.perf_counter()
+        return self._destination.put(shard.name, self._rows(shard), lambda: time.perf_counter() - started)
+
+    def _rows(self, shard: Shard) -> Iterable[dict[str, Any]]:
+        attempts = self._destination.attempts(shard.name)
+        count = 0
+        try:
+            for frame in self._source.frames(json.loads(shard.reference)):
+                reason = attempts.begin(frame.key)
+                if reason is None:
+                    yield completed(frame, self._options.completer, self._options)
+                else:
+                    yield failed(frame.key, reason)
+                count += 1
+        finally:
+            attempts.pause()
+        if count != shard.frames:
+            raise OSError(f"{shard.name} was planned for {shard.frames} frames, but {count} are there")

@@ -1,0 +1,172 @@
+"""Where frames come from.
+
+A source names its files, lists the frames in one (`index`, which reads as little as it can), and fetches those that a
+reference stands for (`frames`), on whichever machine. References are JSON, small, and say all that is needed.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+from .._errors import InputError, ReadError
+from ._colmap import Model, View
+from ._frame import Frame, Inputs, as_depths, as_picture
+from ._place import Place
+from ._tables import Tables
+from ._tars import Tars
+
+IMAGES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".ppm", ".pgm")
+MAPS = (".npy", ".png", ".pgm", ".tif", ".tiff")
+
+Entry = tuple[str, Any]
+"""The key of a frame, and where it is in its file, as JSON."""
+
+
+class Source(Protocol):
+    def files(self) -> Sequence[str]: ...
+    def index(self, file: str) -> list[Entry]:
+        """The frames in a file, in an order that is always the same."""
+        ...
+
+    def reference(self, file: str, entries: Sequence[Entry]) -> Any:
+        """What stands for frames of a file that follow each other."""
+        ...
+
+    def frames(self, reference: Any) -> Iterator[Frame]:
+        """Fetches frames, one after the other. What is damaged shows when a frame is decoded; a store that does not
+        answer raises OSError here."""
+        ...
+
+
+def opened(address: str, sparse: str | None, columns: Mapping[str, str]) -> Source:
+    """The source at an address: tars of WebDataset, Parquet, or images, whose depths are in the folder `sparse`, which
+    may also be a model of COLMAP. A folder with `images` and `sparse` in it needs no other.
+
+    Raises
+    ------
+    ReadError, InputError
+        There is nothing of that kind.
+    """
+    place = Place(address)
+    names = [""] if place.is_file() else place.files()
+    if not names:
+        raise ReadError(f"there are no files in `{address}`")
+    for ending, source in ((".tar", Tars), (".parquet", Tables)):
+        chosen = [name for name in names if (name or place.name).lower().endswith(ending)]
+        if chosen and sparse is None:
+            return source(place, chosen, columns)
+    if columns:
+        raise InputError("only tars and Parquet have columns", "leave `--column` out")
+    depths = Place(sparse or "")
+    if sparse is None:
+        if not any(name.startswith("images/") for name in names):
+            hint = "give tars, Parquet, a folder with `images` and `sparse` in it, or `--sparse FOLDER`"
+            raise InputError(f"`{address}` says nothing of depths", hint)
+        place, depths = place.child("images"), place.child("sparse")
+    for model in (depths, depths.child("0")):
+        if Model.is_at(model):
+            return Colmap(place, model)
+    return Folder(place, depths)
+
+
+class Folder:
+    """Images, and maps of depths with the same names but for the ending: npy, or images of 16 bits."""
+
+    def __init__(self, images: Place, maps: Place) -> None:
+        self._images, self._maps = images, maps
+
+    def files(self) -> Sequence[str]:
+        return [""]
+
+    def index(self, file: str) -> list[Entry]:
+        maps: dict[str, str] = {}
+        for name in self._maps.files():
+            stem, ending = _split(name)
+            if ending in MAPS:
+                if stem in maps:
+                    raise InputError(f"`{maps[stem]}` and `{name}` in `{self._maps}` are depths of one image")
+                maps[stem] = name
+        names = ((name, *_split(name)) for name in self._images.files())
+        entries = [(stem, [name, maps.get(stem)]) for name, stem, ending in names if ending in IMAGES]
+        if not any(found for _, (_, found) in entries):
+            raise InputError(f"no map in `{self._maps}` is called as an image in `{self._images}`")
+        return entries
+
+    def reference(self, file: str, entries: Sequence[Entry]) -> Any:
+        return list(entries)
+
+    def frames(self, reference: Any) -> Iterator[Frame]:
+        for key, (image, depths) in reference:
+            yield _of_files(key, self._images, image, self._maps, depths)
+
+
+def _of_files(key: str, images: Place, image: str, maps: Place, depths: str | None) -> Frame:
+    # Fetched here, decoded later.
+    found = [_fetched(images, image), None if depths is None else _fetched(maps, depths)]
+
+    def decode() -> Inputs:
+        if depths is None:
+            raise ReadError(f"`{maps}` has no depths for it")
+        for data in found:
+            if isinstance(data, ReadError):
+                raise data
+        return Inputs(as_picture(found[0]), as_depths(found[1]))
+
+    return Frame(key, decode)
+
+
+def _fetched(place: Place, name: str) -> bytes | ReadError:
+    try:
+        return place.read(name)
+    except ReadError as missing:
+        return missing
+
+
+class Colmap:
+    """Images, and the points that they see in a model. The model is read by every worker, when it begins."""
+
+    def __init__(self, images: Place, model: Place) -> None:
+        self._images, self._place = images, model
+        self._model: Model | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Colmap, (self._images, self._place)
+
+    def _views(self) -> dict[str, View]:
+        if self._model is None:
+            self._model = Model(self._place)
+        return self._model.views
+
+    def files(self) -> Sequence[str]:
+        return [""]
+
+    def index(self, file: str) -> list[Entry]:
+        return [(_split(name)[0], name) for name in self._views()]
+
+    def reference(self, file: str, entries: Sequence[Entry]) -> Any:
+        return list(entries)
+
+    def frames(self, reference: Any) -> Iterator[Frame]:
+        for key, name in reference:
+            yield self._frame(key, self._views()[name], _fetched(self._images, name))
+
+    def _frame(self, key: str, view: View, data: bytes | ReadError) -> Frame:
+        def decode() -> Inputs:
+            from PIL import Image
+
+            if isinstance(data, ReadError):
+                raise data
+            with Image.open(io.BytesIO(data)) as image:
+                stored, exif = image.size, image.getexif().get(0x0112, 1)
+            exif = exif if exif in range(1, 9) else 1
+            return Inputs(as_picture(data), view.points(stored, exif))
+
+        return Frame(key, decode)
+
+
+def _split(name: str) -> tuple[str, str]:
+    """A name without its ending, and the ending in small letters."""
+    stem, dot, ending = name.rpartition(".")
+    return (stem, f".{ending.lower()}") if dot and "/" not in ending else (name, "")
