@@ -42,8 +42,8 @@ def read_depth(path: Path, *, unit: str | float | None = None) -> NDArray[np.flo
     ReadError
         A file that is missing, damaged, or holds no map.
     """
-    depth, _, said = _native.read_depth(os.fspath(path), _name(unit))
-    _warn(path, said)
+    depth, sigma, said = _native.read_depth(os.fspath(path), _name(unit))
+    _warn(path, said, [] if sigma is None else ["its standard deviations are left out; `read_points` keeps them"])
     return depth
 
 

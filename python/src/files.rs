@@ -103,8 +103,17 @@ impl Colmap {
     }
 }
 
-fn points(py: Python<'_>, found: Sparse) -> PyResult<Points<'_>> {
-    let certain = found.points.iter().all(|point| point.sigma.is_some());
+fn points(py: Python<'_>, mut found: Sparse) -> PyResult<Points<'_>> {
+    let known = found.points.iter().filter(|point| point.sigma.is_some());
+    let known = known.count();
+    let certain = known == found.points.len();
+    if known > 0 && !certain {
+        let all = found.points.len();
+        let what = "standard deviations are left out, because only";
+        found
+            .remarks
+            .push(format!("{what} {known} of {all} points have one"));
+    }
     let row = |point: &Observation| {
         let known = [point.u, point.v, f64::from(point.depth)];
         let sigma = point.sigma.filter(|_| certain).map(f64::from);

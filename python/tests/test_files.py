@@ -29,6 +29,13 @@ def test_maps_of_numpy_and_pillow(sparse, tmp_path):
         np.testing.assert_array_equal(lsdc.read_depth(tmp_path / "a.png"), found)
 
 
+def test_standard_deviations_of_a_map_are_left_out_with_a_word(sparse, tmp_path):
+    np.savez(tmp_path / "a.npz", depth=sparse, sigma=np.where(sparse > 0, 0.1, 0).astype(np.float32))
+    with pytest.warns(lsdc.FileWarning, match="standard deviations are left out"):
+        np.testing.assert_array_equal(lsdc.read_depth(tmp_path / "a.npz", unit="m"), sparse)
+    assert lsdc.read_points(tmp_path / "a.npz", (64, 48), unit="m").shape == (192, 4)
+
+
 def test_tables_and_clouds_are_points_to_complete(scene, tmp_path):
     rows = np.array([[10.5, 20.0, 2.0], [40.0, 7.25, 3.0], [5.0, 5.0, 2.5]])
     (tmp_path / "p.csv").write_text("u,v,depth\n" + "\n".join(",".join(map(str, row)) for row in rows))
