@@ -76,6 +76,25 @@ impl Taps {
         self
     }
 
+    /// The same position on another grid, where pixels may be one: their weights are added.
+    #[must_use]
+    pub(crate) fn merged(&self, pixel: impl Fn(u32) -> u32) -> Self {
+        let mut merged = Self {
+            pixels: [0; 4],
+            shares: [0.0; 4],
+            count: 0,
+        };
+        for (from, share) in self.iter() {
+            let to = pixel(from);
+            let known = merged.pixels[..merged.count].iter().position(|p| *p == to);
+            let place = known.unwrap_or(merged.count);
+            merged.pixels[place] = to;
+            merged.shares[place] += share;
+            merged.count = merged.count.max(place + 1);
+        }
+        merged
+    }
+
     /// The pixel, if there is only one.
     pub fn single(&self) -> Option<u32> {
         (self.count == 1).then_some(self.pixels[0])

@@ -4,7 +4,7 @@
 use crate::completion::Completion;
 use crate::error::{FitError, Result, SettingsError};
 use crate::fit::student::{self, ONE_DEVIATION};
-use crate::fit::{Clues, FitMethod, Knot, LocalNoise, Smooth, Window};
+use crate::fit::{Affinities, Clues, FitMethod, Knot, LocalNoise, Smooth, Window};
 use crate::image::check_size;
 use crate::map::DepthMap;
 use crate::nearest::Cells;
@@ -84,14 +84,14 @@ impl Completion {
         Ok(values)
     }
 
-    /// The clues of each pixel of the field of a joint fit, and the height and width of the field.
+    /// The clues of each block of pixels of the field of a joint fit, and how many blocks there are above each other and
+    /// side by side.
     ///
     /// # Errors
     /// A fit without a field, or too few observations.
     #[doc(hidden)]
     pub fn clues(&self) -> Result<(Vec<Clues>, (usize, usize))> {
-        /// Standard deviation of the windows of relief and affinities, as a share of the root of the number of
-        /// pixels.
+        /// Standard deviation of the window of affinities, as a share of the root of the number of blocks.
         const WINDOW: f64 = 1.0 / 64.0;
         /// Less than these tell no more: relief and noise over the mean depth, and the variance that weights add.
         const LEAST: f64 = 1e-3;
@@ -101,23 +101,16 @@ impl Completion {
         const CLOSE: f64 = 0.1;
         let noise = self.local_noise()?;
         let (scene, fit) = (self.scene(), self.fit());
-        let variances = fit.variances(|size, places| scene.at(size, places))?;
+        let variances = fit.rough_variances(|size, places| scene.at(size, places))?;
         let (Some(variances), Some(affinities)) = (variances, scene.known_affinities()) else {
             return Err(FitError::NoAffinities("joint").into());
         };
         let size = variances.size;
         let (height, width) = size;
         let mean = self.mean_depth();
-        let depth: Vec<f64> = self
-            .dense(size)
-            .iter()
-            .map(|d| f64::from(*d) / mean)
-            .collect();
+        let (depth, relief) = self.depth_and_relief(affinities);
         let window = Window::new(WINDOW * ((height * width) as f64).sqrt());
-        let squares: Vec<f64> = depth.iter().map(|d| d * d).collect();
-        let means = window.means(&depth, width);
-        let squares = window.means(&squares, width);
-        let edges = window.means(&affinities.logarithms(), width);
+        let edges = window.means(&affinities.of_blocks().logarithms(), width);
         let whole = fit.noise().sqrt().max(LEAST_NOISE * mean);
         let (right, down) = (
             scene.width() as f64 / width as f64,
@@ -128,28 +121,55 @@ impl Completion {
         let near = Cells::new(&self.usable().places);
         let area = (scene.width() * scene.height()) as f64;
         let spacing = (area / self.usable().places.len() as f64).sqrt();
-        let pixels = (0..height * width).into_par_iter();
-        let pixels = pixels.map_init(Vec::new, |nearest, pixel| {
-            let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+        let blocks = (0..height * width).into_par_iter();
+        let clues = blocks.map_init(Vec::new, |nearest, block| {
+            let (x, y) = ((block % width) as f64 + 0.5, (block / width) as f64 + 0.5);
             let place = [x * right - 0.5, y * down - 0.5];
             let local = noise.at(x * right, y * down).sqrt() / whole;
-            let relief = (squares[pixel] - means[pixel].powi(2)).max(0.0).sqrt();
             near.find(place, 1, nearest);
             let away = nearest[0].0.sqrt() / spacing;
             let clues: Clues = [
                 1.0,
                 level,
-                0.5 * log(variances.field[pixel].max(LEAST_FIELD)),
-                0.5 * log(variances.weights[pixel] + LEAST),
+                0.5 * log(variances.field[block].max(LEAST_FIELD)),
+                0.5 * log(variances.weights[block] + LEAST),
                 log(local.max(LEAST)),
-                log(relief + LEAST),
-                log(depth[pixel]),
-                edges[pixel] as f32,
+                log(relief[block] / mean + LEAST),
+                log(depth[block] / mean),
+                edges[block] as f32,
                 log(away + CLOSE),
             ];
             clues
         });
-        Ok((pixels.collect(), size))
+        Ok((clues.collect(), size))
+    }
+
+    /// The mean depth of each block, and how much the depth differs in it and the eight around it, in metres.
+    fn depth_and_relief(&self, affinities: &Affinities) -> (Vec<f64>, Vec<f64>) {
+        let (blocks, depth) = (affinities.blocks(), self.dense(affinities.size()));
+        let start = (0.0, 0.0, f32::INFINITY, f32::NEG_INFINITY);
+        let folded = blocks.fold(&depth, start, |(sum, count, low, high), depth| {
+            (
+                sum + f64::from(depth),
+                count + 1.0,
+                low.min(depth),
+                high.max(depth),
+            )
+        });
+        let (rows, columns) = blocks.counts();
+        let around = |at: usize, length: usize| at.saturating_sub(1)..(at + 2).min(length);
+        let relief = (0..rows * columns).into_par_iter().map(|block| {
+            let (mut least, mut most) = (f32::INFINITY, f32::NEG_INFINITY);
+            for row in around(block / columns, rows) {
+                for column in around(block % columns, columns) {
+                    let (_, _, low, high) = folded[row * columns + column];
+                    (least, most) = (least.min(low), most.max(high));
+                }
+            }
+            f64::from(most - least)
+        });
+        let means = folded.iter().map(|(sum, count, ..)| sum / count);
+        (means.collect(), relief.collect())
     }
 
     /// The mean depth of the observations, the unit of the scale of errors.

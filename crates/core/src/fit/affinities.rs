@@ -1,5 +1,6 @@
 //! Affinities (how strongly neighbouring pixels are tied together), and the smooth field that they define.
 
+use super::Blocks;
 use crate::bilinear::{Taps, neighbours};
 use crate::error::FitError;
 use crate::field::{FieldPrior, Grid};
@@ -19,6 +20,8 @@ struct Inner {
     down: Vec<f64>,
     /// The field of these affinities before any observation, and its level.
     prior: OnceLock<(f64, Option<FieldPrior>)>,
+    /// Those of blocks of pixels.
+    blocks: OnceLock<Affinities>,
 }
 
 impl Affinities {
@@ -40,13 +43,23 @@ impl Affinities {
             let some = values.iter().skip(first).step_by(2);
             some.map(|&v| f64::from(v)).collect()
         };
-        Ok(Self(Arc::new(Inner {
+        Ok(Self::from_parts((height, width), every(0), every(1)))
+    }
+
+    /// Affinities with the right neighbour, and with the one below: `[height * width]` each.
+    pub(super) fn from_parts(
+        (height, width): (usize, usize),
+        right: Vec<f64>,
+        down: Vec<f64>,
+    ) -> Self {
+        Self(Arc::new(Inner {
             height,
             width,
-            right: every(0),
-            down: every(1),
+            right,
+            down,
             prior: OnceLock::new(),
-        })))
+            blocks: OnceLock::new(),
+        }))
     }
 
     /// The same, each times a share `[height, width, 2]`, ordered as in [`Self::new`].
@@ -55,13 +68,7 @@ impl Affinities {
             let some = shares.iter().skip(first).step_by(2);
             values.iter().zip(some).map(|(v, s)| v * s).collect()
         };
-        Self(Arc::new(Inner {
-            height: self.0.height,
-            width: self.0.width,
-            right: times(&self.0.right, 0),
-            down: times(&self.0.down, 1),
-            prior: OnceLock::new(),
-        }))
+        Self::from_parts(self.size(), times(&self.0.right, 0), times(&self.0.down, 1))
     }
 
     /// Height and width.
@@ -91,6 +98,23 @@ impl Affinities {
         let found = FieldPrior::new(&self.grid(level));
         let _ = self.0.prior.set((level, found.clone()));
         found
+    }
+
+    /// The blocks that pixels make for what is asked of the field roughly.
+    pub(crate) fn blocks(&self) -> Blocks {
+        /// Of 304x228 pixels, one in four.
+        const BLOCKS: usize = 20_000;
+        Blocks::new(self.size(), BLOCKS)
+    }
+
+    /// The affinities of these blocks, found on first use.
+    pub(crate) fn of_blocks(&self) -> &Self {
+        if let Some(found) = self.0.blocks.get() {
+            return found;
+        }
+        // Not within the initialiser, as above.
+        let found = self.blocks().affinities(&self.grid(0.0));
+        self.0.blocks.get_or_init(|| found)
     }
 
     /// The mean logarithm of the affinities of each pixel with its right and its lower neighbour.

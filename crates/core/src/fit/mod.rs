@@ -1,6 +1,7 @@
 //! From basis functions and sparse depths to weights: the least-squares fit (paper section 3.3).
 
 mod affinities;
+mod blocks;
 mod config;
 mod cosines;
 mod errors;
@@ -22,6 +23,7 @@ mod tests;
 mod window;
 
 pub use affinities::{Affinities, Scene, Smooth};
+pub(crate) use blocks::Blocks;
 pub use config::{FitConfig, FitMethod, PriorKind};
 pub use cosines::CosineBasis;
 pub use errors::{CLUES, Clues, ErrorModel, KNOTS, Knot, Sample};

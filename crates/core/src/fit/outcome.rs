@@ -176,6 +176,20 @@ impl Fit {
         self.field.as_ref().map(of).transpose()
     }
 
+    /// The same, but roughly, at blocks of pixels and without what cosines add: clues in a fraction of the time.
+    ///
+    /// # Errors
+    /// Equations that are not positive definite.
+    pub(crate) fn rough_variances(
+        &self,
+        bases: impl Fn((usize, usize), &[[f64; 2]]) -> Vec<f32> + Sync,
+    ) -> Result<Option<Variances>, FitError> {
+        let of = |field: &Arc<FieldFit>| {
+            field.rough_variances(&self.solution, |places| bases(field.size, places))
+        };
+        self.field.as_ref().map(of).transpose()
+    }
+
     /// The noise variance of a point of weight 1, in the squared unit of the space.
     pub fn noise(&self) -> f64 {
         self.noise

@@ -2,9 +2,6 @@
 
 use rayon::prelude::*;
 
-/// About how many pixels the grid has at most.
-const MOST: f64 = 1100.0;
-
 /// Some pixels of a map, evenly spaced; all of a small one.
 #[derive(Debug)]
 pub(super) struct Coarse {
@@ -16,9 +13,12 @@ pub(super) struct Coarse {
 }
 
 impl Coarse {
-    /// For a map of some height and width.
-    pub(super) fn new(size: (usize, usize)) -> Self {
-        let step = ((size.0 * size.1) as f64 / MOST).sqrt().ceil().max(1.0) as usize;
+    /// About `most` of the pixels of a map of some height and width.
+    pub(super) fn new(size: (usize, usize), most: usize) -> Self {
+        let step = ((size.0 * size.1) as f64 / most as f64)
+            .sqrt()
+            .ceil()
+            .max(1.0) as usize;
         let axis = |length: usize| (step / 2..length.max(step / 2 + 1)).step_by(step);
         let inside = |length: usize| axis(length).map(move |v| v.min(length.saturating_sub(1)));
         Self {
@@ -37,6 +37,11 @@ impl Coarse {
 
     /// A map of values at these pixels, none negative, whose logarithms are interpolated bilinearly.
     pub(super) fn spread(&self, values: &[f64]) -> Vec<f64> {
+        self.spread_over(values, self.size)
+    }
+
+    /// The same of another height and width.
+    pub(super) fn spread_over(&self, values: &[f64], size: (usize, usize)) -> Vec<f64> {
         // Where there is next to nothing, it counts for as much.
         let least = 1e-12
             * values
@@ -44,13 +49,16 @@ impl Coarse {
                 .fold(f64::MIN_POSITIVE, |most: f64, v| most.max(*v));
         let logs: Vec<f64> = values.iter().map(|value| value.max(least).ln()).collect();
         let width = self.columns.len();
-        let across: Vec<_> = (0..self.size.1)
-            .map(|x| self.between(x, &self.columns))
+        // The place of a pixel of the map in this one.
+        let place =
+            |at: usize, from: usize, to: usize| (at as f64 + 0.5) * to as f64 / from as f64 - 0.5;
+        let across: Vec<_> = (0..size.1)
+            .map(|x| self.between(place(x, size.1, self.size.1), &self.columns))
             .collect();
-        let mut map = vec![0.0; self.size.0 * self.size.1];
-        let rows = map.par_chunks_mut(self.size.1.max(1)).enumerate();
+        let mut map = vec![0.0; size.0 * size.1];
+        let rows = map.par_chunks_mut(size.1.max(1)).enumerate();
         rows.for_each(|(y, values)| {
-            let (top, bottom, down) = self.between(y, &self.rows);
+            let (top, bottom, down) = self.between(place(y, size.0, self.size.0), &self.rows);
             let pairs = logs[top * width..].iter().zip(&logs[bottom * width..]);
             let row: Vec<f64> = pairs
                 .take(width)
@@ -64,9 +72,9 @@ impl Coarse {
     }
 
     /// The places on an axis that a position is between, and the share of the second.
-    fn between(&self, at: usize, axis: &[usize]) -> (usize, usize, f64) {
+    fn between(&self, at: f64, axis: &[usize]) -> (usize, usize, f64) {
         let last = axis.len() - 1;
-        let place = (at as f64 - axis[0] as f64) / self.step as f64;
+        let place = (at - axis[0] as f64) / self.step as f64;
         let place = place.clamp(0.0, last as f64);
         let low = (place as usize).min(last);
         (low, (low + 1).min(last), place - low as f64)
@@ -80,7 +88,7 @@ mod tests {
     #[test]
     fn values_that_grow_by_a_factor_are_met_between_the_pixels() {
         let (height, width) = (100, 176);
-        let coarse = Coarse::new((height, width));
+        let coarse = Coarse::new((height, width), 1100);
         assert_eq!(coarse.pixels().count(), 25 * 44);
         let law = |x: usize, y: usize| (0.02 * x as f64 - 0.05 * y as f64).exp();
         let values: Vec<f64> = coarse.pixels().map(|(x, y)| law(x, y)).collect();
@@ -95,7 +103,7 @@ mod tests {
 
     #[test]
     fn small_maps_have_all_pixels() {
-        let coarse = Coarse::new((1, 3));
+        let coarse = Coarse::new((1, 3), 1100);
         assert_eq!(
             coarse.pixels().collect::<Vec<_>>(),
             [(0, 0), (1, 0), (2, 0)]

@@ -62,6 +62,15 @@ impl Smoothness {
         field.ok_or_else(unsolvable)
     }
 
+    /// The field of blocks of pixels.
+    pub(super) fn of_blocks(&self) -> Self {
+        Self {
+            affinities: self.affinities.of_blocks().clone(),
+            level: self.level * self.affinities.blocks().area() as f64,
+            tied: self.tied,
+        }
+    }
+
     /// The same without ties, which matter next to sites that a map is read at, not for the weights.
     pub(super) fn untied(&self) -> Self {
         Self {

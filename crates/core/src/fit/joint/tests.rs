@@ -218,6 +218,79 @@ fn deviations_are_those_of_the_gaussian_posterior() {
     }
 }
 
+/// With an edge down the middle, blocks of four pixels vary nearly as these do; far fewer pixels than that are
+/// blocks of their own.
+#[test]
+fn rough_variances_are_nearly_those_of_the_pixels() {
+    let example = Example::new();
+    let small = example.fit(&settings(FitMethod::Joint));
+    let exact = small.variances(|_, places| bases_at(places));
+    let rough = small.rough_variances(|_, places| bases_at(places));
+    let (exact, rough) = (exact.unwrap().unwrap(), rough.unwrap().unwrap());
+    assert_eq!(rough.size, (HEIGHT, WIDTH));
+    // There are no cosines here.
+    let pairs = [
+        (&rough.field, &exact.field),
+        (&rough.weights, &exact.weights),
+    ];
+    for (one, other) in pairs
+        .into_iter()
+        .flat_map(|(rough, exact)| rough.iter().zip(exact))
+    {
+        assert!((one - other).abs() < 1e-9, "{one} {other}");
+    }
+
+    let (height, width) = (180, 240);
+    let cut = |i: usize| {
+        if i % 2 == 0 && i / 2 % width == 99 {
+            1e-3
+        } else {
+            1.0
+        }
+    };
+    let values: Vec<f32> = (0..2 * height * width).map(cut).collect();
+    let affinities = Affinities::new((height, width), &values).unwrap();
+    let mut rng = Rng::stream(3, &["rough"]);
+    let mut place = || {
+        [f64::from(width as u32), f64::from(height as u32)]
+            .map(|most| (most * f64::from(rng.unit())).floor())
+    };
+    let places: Vec<[f64; 2]> = (0..60).map(|_| place()).collect();
+    let bases = bases_at(&places);
+    let depths: Vec<f32> = places
+        .iter()
+        .map(|[x, y]| (2.0 + 0.01 * x + (0.1 * y).sin()) as f32)
+        .collect();
+    let points = Points {
+        places: Some(&places),
+        scene: Some(Scene {
+            affinities: &affinities,
+            size: (height, width),
+            guide: None,
+        }),
+        ..Points::new(&bases, &depths)
+    };
+    let fit = fit(&points, &settings(FitMethod::Joint), None).unwrap();
+    let exact = fit
+        .variances(|_, places| bases_at(places))
+        .unwrap()
+        .unwrap();
+    let rough = fit
+        .rough_variances(|_, places| bases_at(places))
+        .unwrap()
+        .unwrap();
+    assert_eq!(rough.size, (height / 2, width / 2));
+    for (block, variance) in rough.field.iter().enumerate() {
+        let (x, y) = (2 * (block % (width / 2)), 2 * (block / (width / 2)));
+        let near = places
+            .iter()
+            .any(|[u, v]| (u - x as f64).hypot(v - y as f64) < 6.0);
+        let pixels = [0, 1, width, width + 1].map(|next| exact.field[y * width + x + next]);
+        let ratio = variance / (pixels.iter().sum::<f64>() / 4.0);
+        assert!(near || (0.75..1.1).contains(&ratio), "{x} {y}: {ratio}");
+    }
+}
+
 /// Weights, steps between neighbours and points drawn from the model: the error of the fit divided by its
 /// predicted deviation has variance 1, at every pixel, within five standard errors, and with deviations of the
 /// measurements that are known, too.
