@@ -3,6 +3,7 @@
 
     python3 scripts/peers/run.py completion --size 304x228
     python3 scripts/peers/run.py fit --sizes 304x228,640x480 --points 5,500 --before OTHER/lsdc
+    python3 scripts/peers/run.py encoder --size 448x336
     python3 scripts/peers/run.py training --preset paper
     python3 scripts/peers/run.py solve
 
@@ -14,6 +15,8 @@ completion  image to basis functions for the peers, image to dense depth for lsd
             first checks that all compute the same depth map
 fit         network, fit, further fits to the same image and reading out with the default weights, each as
             a share of ONNX Runtime's time for the paper's network at 304x228; also of another lsdc
+encoder     an image to the features of ViT-S/14 with random weights (sides are multiples of 14); first checks
+            that all are the same. Needs `cargo build --release -p lsdc-core --example encoder`
 training    a step of batch 2 with every pixel in the loss: forward, fit, backward, Adam
 solve       500 and 1000 points, 129 basis functions, f64: lsdc (cargo bench --bench solve) against
             MKL's Cholesky on the normal equations and MKL's gelsd, as PyTorch calls them
@@ -34,13 +37,13 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 SCRATCH = ROOT / "target/peers"
 PACKAGES = ["numpy", "onnx", "safetensors", "onnxruntime"]
-MORE_PACKAGES = ["openvino", "pillow", "torch"]
+MORE_PACKAGES = ["openvino", "pillow", "torch", "onnxscript"]
 
 
 def arguments() -> argparse.Namespace:
     form = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=form)
-    parser.add_argument("task", choices=["completion", "fit", "training", "solve"])
+    parser.add_argument("task", choices=["completion", "fit", "encoder", "training", "solve"])
     parser.add_argument("--size", default="304x228", help="WIDTHxHEIGHT")
     parser.add_argument("--sizes", default="304x228", help="of `fit`, separated by commas")
     parser.add_argument("--points", default="500", help="of `fit` also several, separated by commas")
@@ -265,6 +268,43 @@ def fit(args: argparse.Namespace) -> None:
         print(f"| {size}, {points} | {name} | {cells} |")
 
 
+def encoder(args: argparse.Namespace) -> None:
+    import numpy as np
+    import torch
+    from encoder import PATCH, Encoder
+    from safetensors.torch import save_file
+
+    width, height = map(int, args.size.split("x"))
+    torch.set_num_threads(args.threads)
+    net = Encoder(height // PATCH, width // PATCH).eval()
+    image = torch.randn((1, 3, height, width), generator=torch.Generator().manual_seed(1))
+    with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
+        folder = Path(folder)
+        save_file(net.randomise(), folder / "weights.safetensors")
+        exported = folder / "encoder.onnx"
+        torch.onnx.export(net, (image,), exported, input_names=["image"], dynamo=True)
+        session = onnx_session(str(exported), args.threads)
+        image[0].permute(1, 2, 0).numpy().tofile(folder / "image")
+        ours = [ROOT / "target/release/examples/encoder", folder / "weights.safetensors"]
+        ours += [folder / "image", height, width, args.runs, folder / "features"]
+        words = [str(word) for word in ours]
+        environment = {**os.environ, "RAYON_NUM_THREADS": str(args.threads)}
+        run = lambda: float(subprocess.check_output(words, env=environment))
+        run()
+        expected = net(image).numpy()
+        found = np.fromfile(folder / "features", np.float32).reshape(expected.shape)
+        unit = np.abs(expected).mean()
+        inputs = {"image": image.numpy()}
+        for name, values in [("lsdc", found), ("onnxruntime", session.run(None, inputs)[0])]:
+            print(f"{name:<14} largest difference {np.abs(values - expected).max() / unit:.1e}")
+        programs = {
+            "lsdc": run,
+            "onnxruntime": lambda: seconds(lambda: session.run(None, inputs), args.runs) * 1e3,
+            "pytorch": lambda: seconds(lambda: net(image), args.runs) * 1e3,
+        }
+        race(f"encoder, {args.size}, {args.threads} threads", args.rounds, programs)
+
+
 def training(args: argparse.Namespace) -> None:
     import torch
     from pytorch import trainer
@@ -321,7 +361,7 @@ def main() -> None:
     enter_environment(args)
     if args.preset and args.task != "fit":
         args.weights = random_weights(args)
-    {"completion": completion, "fit": fit, "training": training, "solve": solve}[args.task](args)
+    {"completion": completion, "fit": fit, "encoder": encoder, "training": training, "solve": solve}[args.task](args)
 
 
 if __name__ == "__main__":
