@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Mapping
 from typing import Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
+from ._errors import InputError
 from ._input import Size, as_size
 
 Path = Union[str, "os.PathLike[str]"]
@@ -76,19 +78,49 @@ class Colmap:
     """A sparse model of COLMAP: the folder of `cameras`, `images` and `points3D`, binary or text.
 
     Depths are in the unit of the model, whose scale images alone do not tell; completion does not need it.
+
+    Parameters
+    ----------
+    folder : path
+    files : dict of bytes, optional
+        The contents of these files by name, such as `cameras.bin`, if they are not on a disk; errors name the folder.
+
+    Raises
+    ------
+    ReadError
+        Files that are missing or damaged, an image of an unknown camera.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._native = _native.Colmap(os.fspath(folder))
+    def __init__(self, folder: Path, *, files: Mapping[str, bytes] | None = None) -> None:
+        self._native = _native.Colmap(os.fspath(folder), None if files is None else dict(files))
         self._folder = folder
         self.images: dict[str, tuple[int, int]] = dict(self._native.images())
         """The names of the images, and their widths and heights in the model."""
 
-    def points(self, name: str, *, size: Size | None = None) -> NDArray[np.float64]:
-        """The points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`. `size` is
-        that of the image if it is not that of the model."""
-        shape = None if size is None else as_size(size, "size")
-        return _points(name, self._native.points(name, shape, None))
+    def points(self, name: str, *, size: Size | None = None, exif: int = 1) -> NDArray[np.float64]:
+        """The points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`.
+
+        Parameters
+        ----------
+        name : str
+            One of `images`.
+        size : (width, height)
+            Of the file, if it is not that of the model.
+        exif : int from 1 to 8
+            How the file is turned to be upright, as it is completed if it is given by its path: Pillow's
+            `image.getexif().get(0x0112, 1)`. Models know pixels as they are stored.
+
+        Raises
+        ------
+        InputError, ReadError
+            No image of this name, one of other proportions than in the model, or one that sees no point.
+        """
+        return _points(name, self._seen(name, size, exif))
+
+    def _seen(self, name: str, size: Size | None, exif: int) -> _Points:
+        if exif not in range(1, 9):
+            raise InputError(f"`exif` is {exif!r}, not a number from 1 to 8")
+        return self._native.points(name, None if size is None else as_size(size, "size"), exif)
 
     def __repr__(self) -> str:
         return f"<lsdc.Colmap {os.fspath(self._folder)!r}, {len(self.images)} images>"
