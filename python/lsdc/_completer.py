@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from typing import Any, Literal, Union, cast
 
 from . import _native
@@ -11,7 +12,7 @@ from ._completion import Completion
 from ._errors import ReadError, SettingsError
 from ._guide import DepthGuide
 from ._input import Array, ImageLike, Order, Size, Unit, as_image, as_size
-from ._scene import Scene
+from ._scene import Scene, Sparse
 from ._settings import FitSettings, Robust, as_json
 
 Weights = Union[Literal["default", "small", "none"], str, "os.PathLike[str]", bytes]
@@ -66,6 +67,8 @@ class Completer:
         working_size: Size | None = None,
         threads: int | None = None,
     ) -> None:
+        if not (fit is None or isinstance(fit, Mapping)):
+            raise SettingsError(f"`fit` is {fit!r}, not a dict", 'for example `fit={"method": "lse"}`')
         changes: dict[str, Any] = dict(fit or {})
         if robust is not None:
             if "robust" in changes:
@@ -136,7 +139,7 @@ class Completer:
     def complete(
         self,
         image: ImageLike,
-        sparse: Array | tuple[Array, ...],
+        sparse: Sparse,
         *,
         sigma: Array | float | None = None,
         unit: Unit | None = None,

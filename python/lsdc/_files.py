@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping
-from typing import Union
+from typing import Literal, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
 from ._errors import InputError
-from ._input import Size, as_size
+from ._input import Size, as_size, per_metre
 
 Path = Union[str, "os.PathLike[str]"]
+FileUnit = Union[Literal["m", "cm", "mm", "kitti", "tum", "vkitti"], float]
+"""Of depths in a file: a name, or the metres of one step."""
 # The unit, whether it was guessed, and what should be checked.
 _Said = tuple[str, bool, list[str]]
 # Rows x, y, depth[, sigma]; counts of those ignored, outside and hidden; what was said.
@@ -25,12 +27,12 @@ class FileWarning(UserWarning):
     """What was assumed of a file, or left out, and should be checked."""
 
 
-def read_depth(path: Path, *, unit: str | float | None = None) -> NDArray[np.float32]:
+def read_depth(path: Path, *, unit: FileUnit | None = None) -> NDArray[np.float32]:
     """Reads a map of depths: `npy`, `npz`, `png`, `pgm`, `tiff`, `exr`, `pfm` or `h5`.
 
     Parameters
     ----------
-    unit : "m", "cm", "mm", "kitti", "tum", "vkitti", or how many units make a metre
+    unit : "m", "cm", "mm", "kitti", "tum", "vkitti", or the metres of one step
         If the file does not say: without it, integers are taken for millimetres and other numbers for metres, with a
         `FileWarning`.
 
@@ -50,14 +52,14 @@ def read_depth(path: Path, *, unit: str | float | None = None) -> NDArray[np.flo
 
 
 def read_points(
-    path: Path, size: Size, *, camera: Path | None = None, unit: str | float | None = None
+    path: Path, size: Size, *, camera: Path | None = None, unit: FileUnit | None = None
 ) -> NDArray[np.float64]:
     """Reads the known depths of an image: a map, a table of points (`csv`, `txt`, arrays of 3 or 4 columns), or a cloud
     (`ply`, `pcd`, `las`, `laz`, `xyz`, `bin`), whose visible points a camera projects.
 
     Parameters
     ----------
-    size : (width, height) or an image
+    size : (width, height)
         Of the image that the points lie in.
     camera : path
         Of a camera, which clouds need: TOML or JSON with fx, fy, cx, cy, or the camera_info of ROS.
@@ -126,8 +128,9 @@ class Colmap:
         return f"<lsdc.Colmap {os.fspath(self._folder)!r}, {len(self.images)} images>"
 
 
-def _name(unit: str | float | None) -> str | None:
-    return None if unit is None else str(unit)
+def _name(unit: FileUnit | None) -> str | None:
+    """As the extension module reads it: numbers are steps in a metre."""
+    return unit if unit is None or isinstance(unit, str) else str(per_metre(unit))
 
 
 def _points(path: Path, found: _Points) -> NDArray[np.float64]:

@@ -76,6 +76,8 @@ Robust = Union[Loss, RobustSettings, None]
 
 def as_json(settings: Mapping[str, object] | str | None) -> str:
     """Settings as the extension module reads them."""
+    if not (settings is None or isinstance(settings, (str, Mapping))):
+        raise SettingsError(f"{settings!r} is neither a name nor a dict of settings")
     try:
         return json.dumps(settings, allow_nan=False)
     except (TypeError, ValueError) as error:

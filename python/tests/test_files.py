@@ -23,7 +23,7 @@ def test_maps_of_numpy_and_pillow(sparse, tmp_path):
     np.testing.assert_array_equal(lsdc.read_depth(tmp_path / "a.npy", unit="m"), sparse)
     millimetres = np.rint(sparse * 1000).astype(np.uint16)
     Image.fromarray(millimetres).save(tmp_path / "a.png")
-    found = lsdc.read_depth(str(tmp_path / "a.png"), unit=1000)
+    found = lsdc.read_depth(str(tmp_path / "a.png"), unit=1 / 1000)
     np.testing.assert_allclose(found, millimetres / 1000, rtol=1e-6)
     with pytest.warns(lsdc.FileWarning, match="taken to be in"):
         np.testing.assert_array_equal(lsdc.read_depth(tmp_path / "a.png"), found)
