@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
 from typing import Any, Literal, Union, cast
 
 from . import _native
@@ -67,9 +66,11 @@ class Completer:
         working_size: Size | None = None,
         threads: int | None = None,
     ) -> None:
-        if not (fit is None or isinstance(fit, Mapping)):
-            raise SettingsError(f"`fit` is {fit!r}, not a dict", 'for example `fit={"method": "lse"}`')
-        changes: dict[str, Any] = dict(fit or {})
+        try:
+            changes: dict[str, Any] = dict(fit or {})
+        except (TypeError, ValueError):
+            hint = 'for example `fit={"method": "lse"}`'
+            raise SettingsError(f"`fit` is {fit!r}, not a dict", hint) from None
         if robust is not None:
             if "robust" in changes:
                 raise SettingsError("`robust` is given twice, once in `fit`")

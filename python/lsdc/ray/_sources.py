@@ -166,7 +166,7 @@ class Models:
             with Image.open(io.BytesIO(data)) as image:
                 size, exif = image.size, image.getexif().get(0x0112, 1)
             points, counts, _ = self._model._seen(name, size, exif if exif in range(1, 9) else 1)
-            left_out = dict(zip(("unusable", "outside", "hidden"), counts, strict=True))
+            left_out: dict[str, int] = dict(zip(("unusable", "outside", "hidden"), counts, strict=True))
             return Inputs(as_picture(data), points, left_out=left_out)
 
         return Frame(key, decode)
