@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import warnings
 from collections.abc import Mapping
 from typing import Literal, Union
@@ -146,4 +147,12 @@ def _warn(path: Path, said: _Said, more: list[str] | None = None) -> None:
     if guessed:
         remarks = [f"taken to be in {unit}; `unit` says otherwise", *remarks]
     for remark in [*remarks, *(more or [])]:
-        warnings.warn(f"{os.fspath(path)}: {remark}", FileWarning, stacklevel=4)
+        warnings.warn(f"{os.fspath(path)}: {remark}", FileWarning, stacklevel=_depth())
+
+
+def _depth() -> int:
+    """Of the calls within this package, of which a warning tells the first."""
+    depth, frame = 0, sys._getframe(1)
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).split(".")[0] == __package__:
+        depth, frame = depth + 1, frame.f_back
+    return depth + 1

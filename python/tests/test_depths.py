@@ -185,8 +185,9 @@ def test_files(scene, sparse, expected, tmp_path):
     np.save(tmp_path / "points.npy", rows(sparse))
     for name in ("map.npy", "points.npy"):
         assert_array_equal(scene.complete(str(tmp_path / name), unit="m").depth, expected)
-    with pytest.warns(lsdc.FileWarning, match="taken to be in metres"):
+    with pytest.warns(lsdc.FileWarning, match="taken to be in metres") as caught:
         completion = scene.complete(tmp_path / "map.npy", sigma=0.05)
+    assert caught[0].filename == __file__
     assert_array_equal(completion.depth, scene.complete(sparse, sigma=0.05).depth)
     with pytest.raises(lsdc.ReadError):
         scene.complete(tmp_path / "nothing.npy")
