@@ -86,7 +86,7 @@ def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
     elif colours.dtype.kind == "f":
         colours = colours.astype(np.float32, copy=False)
     elif colours.dtype != np.uint8:
-        hint = "give 8 bits (`image.astype(np.uint8)`) or 16 bits unsigned, or floats from 0 to 1"
+        hint = "give 8 or 16 bits unsigned (`image.astype(np.uint8)`), or floats from 0 to 1"
         raise InputError(f"colours of type {colours.dtype} have no known range", hint)
     return np.ascontiguousarray(colours), bgr
 
