@@ -22,7 +22,7 @@ from ._files import Colmap, FileWarning, read_depth, read_points
 from ._guide import DepthGuide
 from ._input import Array, ImageLike, Order, Size, Unit
 from ._native import __version__
-from ._scene import Scene
+from ._scene import Scene, Sparse
 from ._settings import FitSettings, JointSettings, Robust, RobustSettings
 
 __all__ = [
@@ -53,7 +53,7 @@ __all__ = [
 
 def complete(
     image: ImageLike,
-    sparse: Array | tuple[Array, ...],
+    sparse: Sparse,
     *,
     sigma: Array | float | None = None,
     unit: Unit | None = None,
@@ -70,9 +70,9 @@ def complete(
     ----------
     image : array (H, W, 3), (H, W) or (H, W, 4), image of Pillow, or path
         See `Completer.scene`.
-    sparse : array (H, W), (N, 3) or (N, 4), or tuple of arrays (N,)
+    sparse : array (H, W), (N, 3) or (N, 4), tuple of arrays (N,), or path
         A depth map of the image's shape, with 0 or NaN where there is no measurement; or points, one row x (to the
-        right), y (down), depth[, sigma] each. See `Scene.complete`, also for `sigma`, `unit`, `robust`, `guide` and
+        right), y (down), depth[, sigma] each; or a file of either. See `Scene.complete`, also for `sigma`, `unit`, `robust`, `guide` and
         `size`.
     weights, threads
         See `Completer`. Those that come with the package are prepared on first use and kept.

@@ -11,7 +11,7 @@ from ._completion import Completion
 from ._errors import ReadError, SettingsError
 from ._guide import DepthGuide
 from ._input import Array, ImageLike, Order, Size, Unit, as_image, as_size
-from ._scene import Scene
+from ._scene import Scene, Sparse
 from ._settings import FitSettings, Robust, as_json
 
 Weights = Union[Literal["default", "small", "none"], str, "os.PathLike[str]", bytes]
@@ -66,7 +66,11 @@ class Completer:
         working_size: Size | None = None,
         threads: int | None = None,
     ) -> None:
-        changes: dict[str, Any] = dict(fit or {})
+        try:
+            changes: dict[str, Any] = dict(fit or {})
+        except (TypeError, ValueError):
+            hint = 'for example `fit={"method": "lse"}`'
+            raise SettingsError(f"`fit` is {fit!r}, not a dict", hint) from None
         if robust is not None:
             if "robust" in changes:
                 raise SettingsError("`robust` is given twice, once in `fit`")
@@ -136,7 +140,7 @@ class Completer:
     def complete(
         self,
         image: ImageLike,
-        sparse: Array | tuple[Array, ...],
+        sparse: Sparse,
         *,
         sigma: Array | float | None = None,
         unit: Unit | None = None,

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import os
+import sys
 import warnings
-from typing import Union
+from collections.abc import Mapping
+from typing import Literal, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
-from ._input import Size, as_size
+from ._errors import InputError
+from ._input import Size, as_size, per_metre
 
 Path = Union[str, "os.PathLike[str]"]
+FileUnit = Union[Literal["m", "cm", "mm", "kitti", "tum", "vkitti"], float]
+"""Of depths in a file: a name, or the metres of one step."""
 # The unit, whether it was guessed, and what should be checked.
 _Said = tuple[str, bool, list[str]]
 # Rows x, y, depth[, sigma]; counts of those ignored, outside and hidden; what was said.
@@ -23,12 +28,12 @@ class FileWarning(UserWarning):
     """What was assumed of a file, or left out, and should be checked."""
 
 
-def read_depth(path: Path, *, unit: str | float | None = None) -> NDArray[np.float32]:
+def read_depth(path: Path, *, unit: FileUnit | None = None) -> NDArray[np.float32]:
     """Reads a map of depths: `npy`, `npz`, `png`, `pgm`, `tiff`, `exr`, `pfm` or `h5`.
 
     Parameters
     ----------
-    unit : "m", "cm", "mm", "kitti", "tum", "vkitti", or how many units make a metre
+    unit : "m", "cm", "mm", "kitti", "tum", "vkitti", or the metres of one step
         If the file does not say: without it, integers are taken for millimetres and other numbers for metres, with a
         `FileWarning`.
 
@@ -48,14 +53,14 @@ def read_depth(path: Path, *, unit: str | float | None = None) -> NDArray[np.flo
 
 
 def read_points(
-    path: Path, size: Size, *, camera: Path | None = None, unit: str | float | None = None
+    path: Path, size: Size, *, camera: Path | None = None, unit: FileUnit | None = None
 ) -> NDArray[np.float64]:
     """Reads the known depths of an image: a map, a table of points (`csv`, `txt`, arrays of 3 or 4 columns), or a cloud
     (`ply`, `pcd`, `las`, `laz`, `xyz`, `bin`), whose visible points a camera projects.
 
     Parameters
     ----------
-    size : (width, height) or an image
+    size : (width, height)
         Of the image that the points lie in.
     camera : path
         Of a camera, which clouds need: TOML or JSON with fx, fy, cx, cy, or the camera_info of ROS.
@@ -76,26 +81,57 @@ class Colmap:
     """A sparse model of COLMAP: the folder of `cameras`, `images` and `points3D`, binary or text.
 
     Depths are in the unit of the model, whose scale images alone do not tell; completion does not need it.
+
+    Parameters
+    ----------
+    folder : path
+    files : dict of bytes, optional
+        The contents of these files by name, such as `cameras.bin`, if they are not on a disk; errors name the folder.
+
+    Raises
+    ------
+    ReadError
+        Files that are missing or damaged, an image of an unknown camera.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._native = _native.Colmap(os.fspath(folder))
+    def __init__(self, folder: Path, *, files: Mapping[str, bytes] | None = None) -> None:
+        self._native = _native.Colmap(os.fspath(folder), None if files is None else dict(files))
         self._folder = folder
         self.images: dict[str, tuple[int, int]] = dict(self._native.images())
         """The names of the images, and their widths and heights in the model."""
 
-    def points(self, name: str, *, size: Size | None = None) -> NDArray[np.float64]:
-        """The points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`. `size` is
-        that of the image if it is not that of the model."""
-        shape = None if size is None else as_size(size, "size")
-        return _points(name, self._native.points(name, shape, None))
+    def points(self, name: str, *, size: Size | None = None, exif: int = 1) -> NDArray[np.float64]:
+        """The points of the model that an image sees: rows x, y, depth, sigma `(N, 4)` for `Scene.complete`.
+
+        Parameters
+        ----------
+        name : str
+            One of `images`.
+        size : (width, height)
+            Of the file, if it is not that of the model.
+        exif : int from 1 to 8
+            How the file is turned to be upright, as it is completed if it is given by its path: Pillow's
+            `image.getexif().get(0x0112, 1)`. Models know pixels as they are stored.
+
+        Raises
+        ------
+        InputError, ReadError
+            No image of this name, one of other proportions than in the model, or one that sees no point.
+        """
+        return _points(name, self._seen(name, size, exif))
+
+    def _seen(self, name: str, size: Size | None, exif: int) -> _Points:
+        if exif not in range(1, 9):
+            raise InputError(f"`exif` is {exif!r}, not a number from 1 to 8")
+        return self._native.points(name, None if size is None else as_size(size, "size"), exif)
 
     def __repr__(self) -> str:
         return f"<lsdc.Colmap {os.fspath(self._folder)!r}, {len(self.images)} images>"
 
 
-def _name(unit: str | float | None) -> str | None:
-    return None if unit is None else str(unit)
+def _name(unit: FileUnit | None) -> str | None:
+    """As the extension module reads it: numbers are steps in a metre."""
+    return unit if unit is None or isinstance(unit, str) else str(per_metre(unit))
 
 
 def _points(path: Path, found: _Points) -> NDArray[np.float64]:
@@ -111,4 +147,12 @@ def _warn(path: Path, said: _Said, more: list[str] | None = None) -> None:
     if guessed:
         remarks = [f"taken to be in {unit}; `unit` says otherwise", *remarks]
     for remark in [*remarks, *(more or [])]:
-        warnings.warn(f"{os.fspath(path)}: {remark}", FileWarning, stacklevel=4)
+        warnings.warn(f"{os.fspath(path)}: {remark}", FileWarning, stacklevel=_depth())
+
+
+def _depth() -> int:
+    """Of the calls within this package, of which a warning tells the first."""
+    depth, frame = 0, sys._getframe(1)
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).split(".")[0] == __package__:
+        depth, frame = depth + 1, frame.f_back
+    return depth + 1

@@ -5,7 +5,9 @@ Contiguous arrays of the right type are used as they are, others are copied once
 
 from __future__ import annotations
 
+import operator
 import os
+import reprlib
 import sys
 from typing import Any, Literal, Protocol, Union, cast
 
@@ -36,11 +38,16 @@ Size = tuple[int, int]
 
 UNITS = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
+# In metres. What is larger was meant as steps in a metre.
+LARGEST_STEP = 100
+
 
 def as_array(value: Array, what: str) -> NDArray[Any]:
     """`value` as an array of any layout and type, which shares its memory where possible."""
     if isinstance(value, np.ndarray):
         return value
+    if isinstance(value, (str, bytes, os.PathLike)):
+        raise InputError(f"{what} cannot be a {type(value).__name__}", "read the file first: `lsdc.read_depth(path)`")
     try:
         if hasattr(value, "__dlpack__"):
             try:
@@ -54,7 +61,7 @@ def as_array(value: Array, what: str) -> NDArray[Any]:
         hint = "give an array in the memory of the CPU: of a tensor, `tensor.detach().cpu()`"
         raise InputError(f"{what} cannot be read as an array: {error}", hint) from error
     if found.dtype == object:
-        raise InputError(f"{what} is not an array of numbers, but a {type(value).__name__}")
+        raise InputError(f"{what} cannot be read as an array of numbers: {type(value).__name__}")
     return found
 
 
@@ -79,7 +86,7 @@ def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
     elif colours.dtype.kind == "f":
         colours = colours.astype(np.float32, copy=False)
     elif colours.dtype != np.uint8:
-        hint = "give 8 or 16 bits unsigned, or floats from 0 to 1"
+        hint = "give 8 or 16 bits unsigned (`image.astype(np.uint8)`), or floats from 0 to 1"
         raise InputError(f"colours of type {colours.dtype} have no known range", hint)
     return np.ascontiguousarray(colours), bgr
 
@@ -128,8 +135,8 @@ def as_observations(
     if isinstance(sparse, tuple):
         return _points(_stacked(sparse, unit), sigma, unit)
     given = as_array(sparse, "the sparse depths")
-    if given.ndim == 3 and given.shape[2] == 1:
-        given = given[:, :, 0]
+    if given.ndim == 3 and 1 in (given.shape[0], given.shape[2]):
+        given = given.squeeze(0 if given.shape[0] == 1 else 2)
     width, height = size
     is_table = given.ndim == 2 and given.shape[1] in (3, 4)
     is_map = given.shape == (height, width) or (not is_table and _same_view(given.shape, (height, width)))
@@ -143,6 +150,8 @@ def as_observations(
     if is_table:
         return _points(given, sigma, unit)
     hint = "points are rows x, y, depth[, sigma], with x to the right"
+    if given.shape == size:
+        hint = "rows come first: transpose the map"
     raise InputError(
         f"{_shape(given)} is neither a map of the image of {height} rows and {width} columns nor a table of points",
         hint,
@@ -209,6 +218,8 @@ def _deviations(sigma: Array | float, unit: Unit | None, shape: tuple[int, ...])
     if given.shape not in ((), shape):
         raise InputError(f"`sigma` has the shape {_shape(given)}, but depths have {shape}")
     scaled = _numbers(given, "`sigma`") / per_metre(unit)
+    if given.shape == () and not (np.isfinite(scaled) and scaled > 0):
+        raise InputError(f"`sigma` is {given}, not a positive number")
     return np.ascontiguousarray(np.broadcast_to(scaled, shape), dtype=np.float32)
 
 
@@ -232,10 +243,10 @@ def per_metre(unit: Unit | None) -> float:
     if isinstance(unit, str):
         if unit in UNITS:
             return UNITS[unit]
-    elif np.isfinite(unit) and unit > 0:
+    elif 0 < unit < LARGEST_STEP:
         return 1.0 / float(unit)
     raise InputError(
-        f"{unit!r} is not a unit", 'give "m", "cm", "mm", or the metres of one step, such as 1 / 256'
+        f"{unit!r} is not a unit", 'give "m", "cm", "mm", or the metres of one step: 1 / 256, not 256'
     )
 
 
@@ -252,9 +263,9 @@ def as_positions(value: Array, columns: int = 2) -> NDArray[np.float64]:
 def as_size(value: Size, what: str) -> Size:
     """Width and height."""
     try:
-        width, height = (int(side) for side in value)
+        width, height = (operator.index(side) for side in value)
     except (TypeError, ValueError):
-        raise InputError(f"`{what}` is {value!r}, not (width, height)") from None
+        raise InputError(f"`{what}` is {reprlib.repr(value)}, not (width, height) in whole pixels") from None
     if width < 1 or height < 1:
         raise InputError(f"`{what}` is {width}x{height}")
     return width, height

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Union
 
 import numpy as np
@@ -9,11 +10,14 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._completion import Completion
+from ._files import read_points
 from ._guide import DepthGuide
 from ._input import Array, Size, Unit, as_array, as_observations, as_positions, as_size
 from ._settings import Robust, as_json
 
 Guide = Union[DepthGuide, Array]
+Sparse = Union[Array, tuple[Array, ...], "os.PathLike[str]", str]
+"""A map, a table or columns of points, or the path of a file of them."""
 
 
 class Scene:
@@ -37,7 +41,7 @@ class Scene:
 
     def complete(
         self,
-        sparse: Array | tuple[Array, ...],
+        sparse: Sparse,
         *,
         sigma: Array | float | None = None,
         unit: Unit | None = None,
@@ -50,9 +54,10 @@ class Scene:
 
         Parameters
         ----------
-        sparse : array (H, W), (N, 3) or (N, 4), or tuple of arrays (N,)
+        sparse : array (H, W), (N, 3) or (N, 4), tuple of arrays (N,), or path
             A depth map of the image's shape, or of the same proportions with fewer or more pixels, where 0, negative,
-            NaN and infinite values (and what is masked) mean no measurement; or points, one row x, y, depth[, sigma] each; or these columns as a tuple. x points to the
+            NaN and infinite values (and what is masked) mean no measurement; or points, one row x, y, depth[, sigma]
+            each; or these columns as a tuple; or a file of a map or points, as by `read_points`. x points to the
             right, y down, in pixels from the centre of the first; fractions are allowed. Depths are measured along
             the optical axis.
         sigma : array of the shape of the depths, or a number, optional
@@ -89,6 +94,8 @@ class Scene:
         >>> report["used"], report["outside"]
         (3, 1)
         """
+        if isinstance(sparse, (str, os.PathLike)):
+            sparse, unit = read_points(sparse, self.size, unit=unit), None
         known = as_observations(sparse, sigma, unit, self.size)
         scene = self._native
         if robust is not None:

@@ -74,8 +74,10 @@ Robust = Union[Loss, RobustSettings, None]
 """The name of a loss, the settings of one, or None for a plain fit."""
 
 
-def as_json(settings: Mapping[str, object] | str | None) -> str:
+def as_json(settings: object) -> str:
     """Settings as the extension module reads them."""
+    if not (settings is None or isinstance(settings, (str, Mapping))):
+        raise SettingsError(f"{settings!r} is neither a name nor a dict of settings")
     try:
         return json.dumps(settings, allow_nan=False)
     except (TypeError, ValueError) as error:

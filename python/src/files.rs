@@ -4,9 +4,11 @@ use crate::arrays;
 use crate::error::Kind;
 use lsdc_core::Observation;
 use lsdc_files::error::{Cause, Error};
-use lsdc_files::{Camera, Contents, Sparse, Unit, View};
+use lsdc_files::{Camera, Contents, Orientation, Sparse, View};
 use numpy::PyArray2;
 use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// What was said about reading: the unit, whether it was a guess, and what should be checked.
@@ -69,9 +71,17 @@ pub(crate) struct Colmap(lsdc_files::Colmap);
 
 #[pymethods]
 impl Colmap {
+    /// In a folder, or the contents of its files by name.
     #[new]
-    fn new(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
-        let found = py.detach(|| lsdc_files::Colmap::read(&folder));
+    fn new(
+        py: Python<'_>,
+        folder: PathBuf,
+        files: Option<HashMap<String, PyBackedBytes>>,
+    ) -> PyResult<Self> {
+        let found = py.detach(|| match files {
+            None => lsdc_files::Colmap::read(&folder),
+            Some(files) => lsdc_files::Colmap::of_files(&folder, |name| Ok(files.get(name))),
+        });
         found.map(Self).map_err(|e| raised(py, &e))
     }
 
@@ -81,24 +91,22 @@ impl Colmap {
         views.map(|view| (view.name.clone(), view.size)).collect()
     }
 
-    /// What an image sees.
+    /// What an image sees that is stored with this size and orientation by EXIF.
     fn points<'py>(
         &self,
         py: Python<'py>,
         name: &str,
         size: Option<(usize, usize)>,
-        unit: Option<&str>,
+        exif: u8,
     ) -> PyResult<Points<'py>> {
         let found: Option<&View> = self.0.views.iter().find(|view| view.name == name);
         let Some(view) = found else {
             let what = format!("the model has no image `{name}`");
             return Err(Kind::Input.raise(py, &what, Some("`Colmap.images` names them")));
         };
-        let read = || {
-            let unit = unit.map(str::parse::<Unit>).transpose()?;
-            Sparse::of_view(view, size.unwrap_or(view.size), unit)
-        };
-        let found = py.detach(read).map_err(|e| raised(py, &e))?;
+        let image = Orientation::new(size.unwrap_or(view.size), exif);
+        let found = py.detach(|| Sparse::of_view(view, image, None));
+        let found = found.map_err(|e| raised(py, &e))?;
         points(py, found)
     }
 }

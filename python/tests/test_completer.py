@@ -78,6 +78,8 @@ def test_settings(image, sparse):
         {"robust": {"loss": "auto", "tunning": 1}},
         {"threads": 0},
         {"threads": -1},
+        {"fit": "lse"},
+        {"robust": True},
         {"threads": 1 << 20},
         {"working_size": (1, 1 << 20)},
     ],

@@ -75,7 +75,8 @@ def test_integers_need_a_unit(scene, sparse):
             scene.complete(form)
         assert "mm" in caught.value.hint
         scene.complete(form, unit="mm")
-    for unit in ("feet", 0, -1.0, float("nan")):
+    # 1000 was meant to be 1 / 1000.
+    for unit in ("feet", 0, -1.0, float("nan"), 1000, 256):
         with pytest.raises(lsdc.InputError, match="not a unit"):
             scene.complete(millimetres, unit=unit)
 
@@ -169,9 +170,37 @@ REFUSED = {
     "truth values": lambda sparse: sparse > 0,
     "complex": lambda sparse: sparse.astype(complex),
     "objects": lambda sparse: sparse.astype(object),
-    "text": lambda sparse: "sparse.npy",
+    "bytes": lambda sparse: b"sparse.npy",
     "nothing": lambda sparse: None,
 }
+
+
+def test_maps_of_one_channel(scene, sparse, expected):
+    assert_array_equal(scene.complete(sparse[None]).depth, expected)
+    assert_array_equal(scene.complete(sparse[..., None]).depth, expected)
+
+
+def test_files(scene, sparse, expected, tmp_path):
+    np.save(tmp_path / "map.npy", sparse)
+    np.save(tmp_path / "points.npy", rows(sparse))
+    for name in ("map.npy", "points.npy"):
+        assert_array_equal(scene.complete(str(tmp_path / name), unit="m").depth, expected)
+    with pytest.warns(lsdc.FileWarning, match="taken to be in metres") as caught:
+        completion = scene.complete(tmp_path / "map.npy", sigma=0.05)
+    assert caught[0].filename == __file__
+    assert_array_equal(completion.depth, scene.complete(sparse, sigma=0.05).depth)
+    with pytest.raises(lsdc.ReadError):
+        scene.complete(tmp_path / "nothing.npy")
+    with pytest.raises(lsdc.InputError, match="the guide") as caught:
+        scene.complete(sparse, guide=str(tmp_path / "map.npy"))
+    assert "read" in caught.value.hint
+
+
+def test_what_hints_say(scene, sparse):
+    for sparse, hint in ((sparse.T, "transpose"), (sparse[::2], "rows x, y, depth")):
+        with pytest.raises(lsdc.InputError) as caught:
+            scene.complete(sparse)
+        assert hint in caught.value.hint
 
 
 @pytest.mark.parametrize("form", REFUSED)
@@ -204,7 +233,7 @@ def test_a_map_that_may_be_a_table_is_refused(completer):
     assert scene.complete((np.ones(20), np.arange(20.0), np.ones(20))).report["used"] == 20
 
 
-@pytest.mark.parametrize("sigma", [np.ones(3), np.ones((64, 48)), "a", None])
+@pytest.mark.parametrize("sigma", [np.ones(3), np.ones((64, 48)), "a", None, 0, -1.0, np.nan])
 def test_deviations_of_another_shape_are_refused(scene, sparse, sigma):
     if sigma is None:
         with pytest.raises(lsdc.InputError, match="too"):

@@ -23,7 +23,7 @@ def test_maps_of_numpy_and_pillow(sparse, tmp_path):
     np.testing.assert_array_equal(lsdc.read_depth(tmp_path / "a.npy", unit="m"), sparse)
     millimetres = np.rint(sparse * 1000).astype(np.uint16)
     Image.fromarray(millimetres).save(tmp_path / "a.png")
-    found = lsdc.read_depth(str(tmp_path / "a.png"), unit=1000)
+    found = lsdc.read_depth(str(tmp_path / "a.png"), unit=1 / 1000)
     np.testing.assert_allclose(found, millimetres / 1000, rtol=1e-6)
     with pytest.warns(lsdc.FileWarning, match="taken to be in"):
         np.testing.assert_array_equal(lsdc.read_depth(tmp_path / "a.png"), found)
@@ -51,18 +51,87 @@ def test_tables_and_clouds_are_points_to_complete(scene, tmp_path):
     np.testing.assert_allclose(cloud, [[31.5, 23.5, 2], [36.5, 23.5, 2]], rtol=1e-6)
 
 
-def test_models_of_colmap(tmp_path):
-    (tmp_path / "cameras.txt").write_text("1 PINHOLE 64 48 100 100 32 24\n")
-    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a/left.png\n32 24 7 37 24 8\n")
-    points = "7 0 0 2 0 0 0 0.5 1 0\n8 0.1 0 2 0 0 0 0.5 1 1\n"
-    (tmp_path / "points3D.txt").write_text(points)
-    model = lsdc.Colmap(tmp_path)
-    assert model.images == {"a/left.png": (64, 48)}
-    # COLMAP counts from the corner of the first pixel.
-    found = model.points("a/left.png")
-    np.testing.assert_allclose(found[:, :3], [[31.5, 23.5, 2], [36.5, 23.5, 2]], rtol=1e-6)
-    with pytest.raises(lsdc.InputError, match="no image `b`"):
-        model.points("b")
+@pytest.fixture
+def model(tmp_path):
+    """The folder of a model with an image of 64x48."""
+    files = {
+        "cameras": "1 PINHOLE 64 48 100 100 32 24\n",
+        "images": "1 1 0 0 0 0 0 0 1 a/left.png\n32 24 7 37 14 8 60 5 9\n",
+        "points3D": "7 0 0 2 0 0 0 0.5 1 0\n8 0.1 0 2 0 0 0 0.5 1 1\n9 0 0 -1 0 0 0 0.5 1 2\n",
+    }
+    for name, text in files.items():
+        (tmp_path / f"{name}.txt").write_text(text)
+    return tmp_path
+
+
+def test_models_of_colmap(model):
+    files = {path.name: path.read_bytes() for path in model.iterdir()}
+    for found in (lsdc.Colmap(model), lsdc.Colmap("s3://bucket/model", files=files)):
+        assert found.images == {"a/left.png": (64, 48)}
+        with pytest.warns(lsdc.FileWarning, match="left.png: points left out: 1 without a usable depth"):
+            points = found.points("a/left.png")
+        # COLMAP counts from the corner of the first pixel. A reprojection error of half a pixel at a focal length of 100.
+        np.testing.assert_allclose(points, [[31.5, 23.5, 2, 0.01], [36.5, 13.5, 2, 0.01]], rtol=1e-6)
+        with pytest.raises(lsdc.InputError, match="no image `b`"):
+            found.points("b")
+    with pytest.raises(lsdc.ReadError, match="s3://bucket/model/images.txt"):
+        lsdc.Colmap("s3://bucket/model", files={**files, "images.txt": b"1 1 0"})
+    with pytest.raises(lsdc.ReadError, match="holds no points3D.bin"):
+        lsdc.Colmap("here", files={name: files[name] for name in ("cameras.txt", "images.txt")})
+
+
+def test_images_of_a_model_that_are_larger_or_turned(model):
+    model = lsdc.Colmap(model)
+
+    def places(size, exif=1):
+        with pytest.warns(lsdc.FileWarning, match="1 without"):
+            return model.points("a/left.png", size=size, exif=exif)[:, :2].tolist()
+
+    assert places((128, 96)) == [[63.5, 47.5], [73.5, 27.5]]
+    # EXIF 6: the first row is the right side. 3: by 180 degrees.
+    assert places((64, 48), 6) == [[48 - 1 - 23.5, 31.5], [48 - 1 - 13.5, 36.5]]
+    assert places((64, 48), 3) == [[63 - 31.5, 47 - 23.5], [63 - 36.5, 47 - 13.5]]
+    # The model was made of images that had been turned already.
+    assert places((48, 64), 6) == places((64, 48))
+    with pytest.raises(lsdc.InputError, match="64x48 in the model"):
+        model.points("a/left.png", size=(50, 50))
+    with pytest.raises(lsdc.InputError, match="`exif` is 9"):
+        model.points("a/left.png", exif=9)
+
+
+@pytest.mark.parametrize("lens", ["SIMPLE_PINHOLE", "OPENCV", "OPENCV_FISHEYE"])
+def test_models_of_pycolmap(tmp_path, lens):
+    pycolmap = pytest.importorskip("pycolmap")
+    pycolmap.set_random_seed(0)
+    options = pycolmap.SyntheticDatasetOptions()
+    options.camera_model_id = getattr(pycolmap.CameraModelId, lens)
+    coefficients = {"OPENCV": [0.05, -0.02, 1e-3, -1e-3], "OPENCV_FISHEYE": [0.05, -0.02, 0, 0]}.get(lens, [])
+    focal = [1280.0] if lens == "SIMPLE_PINHOLE" else [1280.0, 1280.0]
+    options.camera_params = [*focal, 512.0, 384.0, *coefficients]
+    theirs = pycolmap.synthesize_dataset(options)
+    for form in ("text", "binary"):
+        folder = tmp_path / form
+        folder.mkdir()
+        getattr(theirs, f"write_{form}")(folder)
+        ours = lsdc.Colmap(folder)
+        assert len(ours.images) == theirs.num_images() > 0
+        for image in theirs.images.values():
+            seen = [(p.xy, theirs.points3D[p.point3D_id].xyz) for p in image.points2D if p.has_point3D()]
+            world = np.array([place for _, place in seen])
+            pose = image.cam_from_world().matrix()
+            expected = np.column_stack([np.array([place for place, _ in seen]) - 0.5, world @ pose[2, :3] + pose[2, 3]])
+            found = ours.points(image.name)[:, :3]
+            np.testing.assert_allclose(found, expected, rtol=1e-6)
+            # Made without noise, points are seen where our own cameras project them.
+            camera = lsdc.Camera(
+                (1280, 1280),
+                (511.5, 383.5),
+                lens={"SIMPLE_PINHOLE": "pinhole", "OPENCV": "radtan"}.get(lens, "fisheye"),
+                coefficients=coefficients,
+                rotation=pose[:, :3],
+                translation=pose[:, 3],
+            )
+            np.testing.assert_allclose(camera.project(world), expected, rtol=1e-6, atol=1e-6)
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -133,7 +133,7 @@ REFUSED = {
     "text": (lambda image: np.array([["a"]]), "8 or 16 bits"),
     "no rows": (lambda image: image[:0], None),
     "no columns": (lambda image: image[:, :0], None),
-    "0 to 255 in floats": (lambda image: image.astype(np.float32), None),
+    "0 to 255 in floats": (lambda image: image.astype(np.float32), "from 0 to 1"),
     "NaN": (lambda image: np.full((48, 64, 3), np.nan, np.float32), None),
     "too many pixels": (lambda image: np.broadcast_to(image[:1, :1], (1, (1 << 30) + 1, 3))[:, :0], None),
     "nothing": (lambda image: None, None),

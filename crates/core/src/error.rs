@@ -27,6 +27,7 @@ impl Error {
     /// A suggestion for what to do, if there is one.
     pub fn hint(&self) -> Option<&str> {
         match self {
+            Self::Image(ImageError::TooBright { .. }) => Some("give floats from 0 to 1, or bytes"),
             Self::Image(_) => None,
             Self::Weights(error) => error.hint(),
             Self::Settings(error) => error.hint.as_deref(),

@@ -46,7 +46,8 @@
 //!
 //! Nothing here prints, panics on bad input, or starts threads unless asked to: work runs on the caller's
 //! `rayon` pool, or on one of the completer's own. The same input gives the same bits for any number of
-//! threads with one instruction set; different instruction sets round differently.
+//! threads with one instruction set, here, in the `lsdc` program and in its packages for C and Python; different
+//! instruction sets round differently.
 //!
 //! The modules hidden from this page are used by the `lsdc` program for training; they may change at any
 //! time.

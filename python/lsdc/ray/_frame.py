@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +48,8 @@ class Inputs:
     sparse: Array
     sigma: Array | None = None
     guide: Array | None = None
+    left_out: Mapping[str, int] | None = None
+    """How many points, and why, where a source leaves some out."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,8 @@ def _result(inputs: Inputs, completer: Completer, options: Options) -> dict[str,
         deviation, _ = encoded(completion.standard_deviation, form, 1.0)
     width, height = completion.size
     report = {name: _finite(value) for name, value in completion.report.items() if name not in TIMES}
+    if inputs.left_out is not None:
+        report["left_out"] = dict(inputs.left_out)
     return {
         "width": width,
         "height": height,

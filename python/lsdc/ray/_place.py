@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import uuid
 from functools import cached_property
 from typing import Any
@@ -27,7 +28,8 @@ class Place:
         return Place, (self.address,)
 
     def __repr__(self) -> str:
-        return self.address
+        """The address without logins and options."""
+        return re.sub("//[^/@]*@", "//", self.address.partition("?")[0])
 
     def child(self, name: str) -> Place:
         """A folder in it."""
@@ -130,5 +132,5 @@ def _by_fsspec(address: str) -> tuple[Any, str]:
         system, path = fsspec.core.url_to_fs(address)
     except (ImportError, ValueError) as error:
         hint = "give a path, s3://..., gs://..., or install the file system of fsspec for it"
-        raise SettingsError(f"`{address}` cannot be opened: {error}", hint) from error
+        raise SettingsError(f"`{Place(address)}` cannot be opened: {error}", hint) from error
     return pafs.PyFileSystem(pafs.FSSpecHandler(system)), path

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any, Protocol
 
 from .._errors import InputError, ReadError
-from ._colmap import Model, View
+from .._files import Colmap
 from ._frame import Frame, Inputs, as_depths, as_picture
 from ._place import Place
 from ._tables import Tables
@@ -52,7 +53,7 @@ def opened(address: str, sparse: str | None, columns: Mapping[str, str]) -> Sour
     place = Place(address)
     names = [""] if place.is_file() else place.files()
     if not names:
-        raise ReadError(f"there are no files in `{address}`")
+        raise ReadError(f"there are no files in `{place}`")
     for ending, source in ((".tar", Tars), (".parquet", Tables)):
         chosen = [name for name in names if (name or place.name).lower().endswith(ending)]
         if chosen and sparse is None:
@@ -63,11 +64,11 @@ def opened(address: str, sparse: str | None, columns: Mapping[str, str]) -> Sour
     if sparse is None:
         if not any(name.startswith("images/") for name in names):
             hint = "give tars, Parquet, a folder with `images` and `sparse` in it, or `--sparse FOLDER`"
-            raise InputError(f"`{address}` says nothing of depths", hint)
+            raise InputError(f"`{place}` says nothing of depths", hint)
         place, depths = place.child("images"), place.child("sparse")
     for model in (depths, depths.child("0")):
-        if Model.is_at(model):
-            return Colmap(place, model)
+        if Models.is_at(model):
+            return Models(place, model)
     return Folder(place, depths)
 
 
@@ -124,44 +125,49 @@ def _fetched(place: Place, name: str) -> bytes | ReadError:
         return missing
 
 
-class Colmap:
-    """Images, and the points that they see in a model. The model is read by every worker, when it begins."""
+class Models:
+    """Images, and the points that they see in a model of COLMAP. The model is read by every worker, when it begins."""
 
     def __init__(self, images: Place, model: Place) -> None:
         self._images, self._place = images, model
-        self._model: Model | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Colmap, (self._images, self._place)
+        return Models, (self._images, self._place)
 
-    def _views(self) -> dict[str, View]:
-        if self._model is None:
-            self._model = Model(self._place)
-        return self._model.views
+    @staticmethod
+    def is_at(place: Place) -> bool:
+        return any(place.is_file(f"cameras.{ending}") for ending in ("bin", "txt"))
+
+    @cached_property
+    def _model(self) -> Colmap:
+        names = [f"{part}.{ending}" for part in ("cameras", "images", "points3D") for ending in ("bin", "txt")]
+        files = {name: self._place.read(name) for name in names if self._place.is_file(name)}
+        return Colmap(str(self._place), files=files)
 
     def files(self) -> Sequence[str]:
         return [""]
 
     def index(self, file: str) -> list[Entry]:
-        return [(_split(name)[0], name) for name in self._views()]
+        return [(_split(name)[0], name) for name in self._model.images]
 
     def reference(self, file: str, entries: Sequence[Entry]) -> Any:
         return list(entries)
 
     def frames(self, reference: Any) -> Iterator[Frame]:
         for key, name in reference:
-            yield self._frame(key, self._views()[name], _fetched(self._images, name))
+            yield self._frame(key, name, _fetched(self._images, name))
 
-    def _frame(self, key: str, view: View, data: bytes | ReadError) -> Frame:
+    def _frame(self, key: str, name: str, data: bytes | ReadError) -> Frame:
         def decode() -> Inputs:
             from PIL import Image
 
             if isinstance(data, ReadError):
                 raise data
             with Image.open(io.BytesIO(data)) as image:
-                stored, exif = image.size, image.getexif().get(0x0112, 1)
-            exif = exif if exif in range(1, 9) else 1
-            return Inputs(as_picture(data), view.points(stored, exif))
+                size, exif = image.size, image.getexif().get(0x0112, 1)
+            points, counts, _ = self._model._seen(name, size, exif if exif in range(1, 9) else 1)
+            left_out: dict[str, int] = dict(zip(("unusable", "outside", "hidden"), counts, strict=True))
+            return Inputs(as_picture(data), points, left_out=left_out)
 
         return Frame(key, decode)
 

@@ -194,7 +194,7 @@ def test_an_object_store(cluster, one_process, tars, tmp_path, store):
     source, dest = Place(store("frames")), Place(store("out"))
     for file in tars.iterdir():
         source.write(file.name, file.read_bytes())
-    assert command(source, dest, *EXACT) == 0
+    assert command(source.address, dest.address, *EXACT) == 0
     assert [name for name in dest.files() if not name.startswith(("data/", "done/"))] == [
         "failures.csv",
         "plan.json",
@@ -202,4 +202,4 @@ def test_an_object_store(cluster, one_process, tars, tmp_path, store):
     names = [name for name in dest.files("data")]
     rows = [row for name in names for row in pq.read_table(dest.open(name)).to_pylist()]
     assert same(rows, one_process)
-    assert command(source, dest, *EXACT) == 0
+    assert command(source.address, dest.address, *EXACT) == 0

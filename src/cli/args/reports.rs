@@ -44,7 +44,7 @@ pub(in crate::cli) struct Merge {
     /// Reports of `lsdc eval --json` on different frames, that is, the parts of --shard.
     #[arg(required = true)]
     pub(in crate::cli) files: Vec<PathBuf>,
-    /// Folder for the merged report in all formats [default: only print it].
+    /// Folder for the merged report in all formats, without pictures of frames [default: only print it].
     #[arg(short, long, value_name = "DIR")]
     pub(in crate::cli) output: Option<PathBuf>,
     /// Replace existing files.

@@ -5,11 +5,11 @@ mod binary;
 mod calibration;
 mod text;
 
-use super::files::has_ending;
 use super::{Camera, Orientation, Unit};
 use crate::error::{Error, Result};
 use calibration::Calibration;
 use std::collections::HashMap;
+use std::io::ErrorKind;
 use std::path::Path;
 
 /// A model: its images by name.
@@ -87,10 +87,35 @@ impl Colmap {
     /// # Errors
     /// Files that are missing or damaged, an image of an unknown camera.
     pub fn read(folder: &Path) -> Result<Self> {
+        Self::of_files(folder, |name| {
+            let path = folder.join(name);
+            match std::fs::read(&path) {
+                Ok(bytes) => Ok(Some(bytes)),
+                Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+                Err(error) => Err(Error::read(&path, error)),
+            }
+        })
+    }
+
+    /// A model whose files need not be on a disk: `file` gives the contents of that of a name, such as
+    /// `cameras.bin`, if there is one. Messages name the folder.
+    ///
+    /// # Errors
+    /// As [`Self::read`], and those of `file`.
+    pub fn of_files<Bytes: AsRef<[u8]>>(
+        folder: &Path,
+        file: impl Fn(&str) -> Result<Option<Bytes>>,
+    ) -> Result<Self> {
         let parts = Parts {
-            cameras: part(folder, "cameras", binary::cameras, text::cameras)?,
-            poses: part(folder, "images", binary::poses, text::poses)?,
-            landmarks: part(folder, "points3D", binary::landmarks, text::landmarks)?,
+            cameras: part(folder, &file, "cameras", binary::cameras, text::cameras)?,
+            poses: part(folder, &file, "images", binary::poses, text::poses)?,
+            landmarks: part(
+                folder,
+                &file,
+                "points3D",
+                binary::landmarks,
+                text::landmarks,
+            )?,
         };
         let mut views = Vec::with_capacity(parts.poses.len());
         for pose in &parts.poses {
@@ -202,31 +227,31 @@ fn matrix(quaternion: [f64; 4]) -> [[f64; 3]; 3] {
 }
 
 /// Reads one file of a model, in the form in which it is there.
-fn part<T>(
+fn part<Bytes: AsRef<[u8]>, T>(
     folder: &Path,
+    file: impl Fn(&str) -> Result<Option<Bytes>>,
     name: &str,
     binary: impl Fn(&[u8]) -> Parsed<T>,
     text: impl Fn(&str) -> Parsed<T>,
 ) -> Result<T> {
-    let forms = ["bin", "txt"].map(|ending| folder.join(format!("{name}.{ending}")));
-    let path = forms
-        .into_iter()
-        .find(|path| path.exists())
-        .ok_or_else(|| {
-            Error::format(folder, format!("holds no {name}.bin or {name}.txt"))
-                .hint("a sparse model of COLMAP is a folder such as sparse/0")
-        })?;
-    let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
-    let parsed = if has_ending(&path, "bin") {
-        binary(&bytes)
-    } else {
-        std::str::from_utf8(&bytes)
-            .map_err(|_| "is no text".to_owned())
-            .and_then(text)
+    let parsed = |name: &str, parsed: Parsed<T>| {
+        parsed.map_err(|what| {
+            Error::format(&folder.join(name), what)
+                .hint("export the model again (`colmap model_converter`)")
+        })
     };
-    parsed.map_err(|what| {
-        Error::format(&path, what).hint("export the model again (`colmap model_converter`)")
-    })
+    let (as_binary, as_text) = (format!("{name}.bin"), format!("{name}.txt"));
+    if let Some(bytes) = file(&as_binary)? {
+        return parsed(&as_binary, binary(bytes.as_ref()));
+    }
+    if let Some(bytes) = file(&as_text)? {
+        let found = std::str::from_utf8(bytes.as_ref()).map_err(|_| "is no text".to_owned());
+        return parsed(&as_text, found.and_then(text));
+    }
+    Err(
+        Error::format(folder, format!("holds no {as_binary} or {as_text}"))
+            .hint("a sparse model of COLMAP is a folder such as sparse/0"),
+    )
 }
 
 #[cfg(test)]
