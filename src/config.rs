@@ -3,12 +3,12 @@
 use crate::data::DataConfig;
 use crate::error::{Error, Result};
 use crate::eval::EvalConfig;
+use crate::fit_settings::{FitSettings, merge};
 use crate::model::NetworkConfig;
 use crate::renamed::renamed;
 use crate::train::TrainConfig;
 use lsdc_core::fit::FitConfig;
 use serde::{Deserialize, Serialize};
-use std::fmt::Display;
 use std::path::Path;
 
 /// The named networks.
@@ -47,40 +47,6 @@ pub struct Config {
     /// What is said of old names of settings.
     #[serde(skip)]
     pub remarks: Vec<String>,
-}
-
-/// Settings of a fit, as far as they are given.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct FitSettings(toml::Table);
-
-impl FitSettings {
-    /// All settings of a fit.
-    ///
-    /// # Errors
-    /// None for a checked fit.
-    pub fn all(fit: &FitConfig) -> Result<Self> {
-        toml::Table::try_from(fit).map(Self).map_err(unfit)
-    }
-
-    /// Lays what is given over a fit.
-    ///
-    /// # Errors
-    /// An unknown key, or a value out of range.
-    pub fn over(&self, fit: &FitConfig) -> Result<FitConfig> {
-        let Self(mut table) = Self::all(fit)?;
-        let mut given = self.0.clone();
-        renamed(&mut given);
-        merge(&mut table, given);
-        let fit: FitConfig = table.try_into().map_err(unfit)?;
-        fit.check()?;
-        Ok(fit)
-    }
-}
-
-fn unfit(e: impl Display) -> Error {
-    Error::config(format!("`fit`: {}", e.to_string().trim()))
-        .hint("docs/fit.md explains every setting")
 }
 
 /// Configurations that come with the program, by file name.
@@ -165,6 +131,7 @@ impl Config {
     fn check(&self) -> Result<()> {
         self.network().check()?;
         self.fit.over(&FitConfig::default())?;
+        self.data.check()?;
         self.train.check()?;
         self.eval.check()
     }
@@ -225,18 +192,6 @@ fn assignment(setting: &str) -> Result<toml::Table> {
             Error::config(format!("`{key}` in `--set {setting}` is not a key"))
                 .hint("as in --set train.steps=100")
         })
-}
-
-/// Lays `over` on top of `base`, table by table.
-fn merge(base: &mut toml::Table, over: toml::Table) {
-    for (key, value) in over {
-        match (base.get_mut(&key), value) {
-            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
-            (_, value) => {
-                base.insert(key, value);
-            }
-        }
-    }
 }
 
 #[cfg(test)]

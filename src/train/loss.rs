@@ -1,5 +1,6 @@
 //! The three losses of the paper (section 3.4), on the pixels of a batch.
 
+use super::affinities::steps;
 use crate::error::{Error, Result};
 use crate::model::BasisNet;
 use crate::ops::{Reweighting, joint, lstsq, reweighted};
@@ -103,8 +104,10 @@ pub fn losses(
         .clone()
         .slice([0..images, 0..points])
         .repeat_dim(0, draws);
-    let depths = batch.depths.clone().slice([0..images, 0..points]);
-    let (depths, draw) = (depths.repeat_dim(0, draws), batch.draws.clone());
+    let (depths, draw) = (
+        batch.measured.clone().repeat_dim(0, draws),
+        batch.draws.clone(),
+    );
     let solver = fit.solver();
     let (weights, field) = match (fit.method, robust) {
         (FitMethod::Joint, _) => {
@@ -128,8 +131,18 @@ pub fn losses(
     if let Some((field, _)) = &field {
         fitted = fitted + field.clone();
     }
-    let shares = shares(batch, config);
-    let mut losses = compared(fitted, &batch.depths, shares, (points, batch.patch), config);
+    let flat = batch.weights.clone().map(|weights| weights.flatten(1, 2));
+    let counts = Counts {
+        fits: shares(batch, config),
+        pixels: flat.map(|weights| at_pixels(weights, &batch.pixels)),
+    };
+    let mut losses = compared(
+        fitted,
+        &batch.depths,
+        &counts,
+        (points, batch.patch),
+        config,
+    );
     if config.affinities > 0.0
         && let Some((_, edges)) = &field
     {
@@ -154,10 +167,9 @@ pub(super) fn field_losses(
     let edges = net.affinities(batch.images.clone(), batch.encoded.clone());
     let device = edges.device();
     let mut losses = if config.l1 + config.l2 + config.rmse + config.gradient > 0.0 {
-        let depths = batch.depths.clone().slice([0..images, 0..points]);
         let found = joint(
             Tensor::zeros([draws * images, points, 1], &device),
-            depths.repeat_dim(0, draws),
+            batch.measured.clone().repeat_dim(0, draws),
             batch.draws.clone(),
             edges.clone(),
             candidates(batch),
@@ -168,13 +180,13 @@ pub(super) fn field_losses(
         );
         let field = found.field.reshape([draws, images, height * width]);
         let maps = batch.maps.clone().reshape([images, height * width]);
-        compared(
-            field.permute([1, 2, 0]),
-            &maps,
-            shares(batch, config),
-            (0, (height, width)),
-            config,
-        )
+        let weights = batch.weights.clone();
+        let counts = Counts {
+            fits: shares(batch, config),
+            pixels: weights.map(|weights| weights.reshape([images, height * width, 1])),
+        };
+        let field = field.permute([1, 2, 0]);
+        compared(field, &maps, &counts, (0, (height, width)), config)
     } else {
         let nothing = Tensor::zeros([1], &device);
         Losses {
@@ -195,6 +207,33 @@ fn candidates(batch: &Batch) -> Vec<Vec<u32>> {
     lists.map(|list| list[..batch.points].to_vec()).collect()
 }
 
+/// How much errors count; all the same where there is nothing.
+#[derive(Default)]
+struct Counts {
+    /// Of each fit, `[images, 1, draws]`.
+    fits: Option<Tensor<3>>,
+    /// At each pixel, `[images, pixels, 1]`.
+    pixels: Option<Tensor<3>>,
+}
+
+impl Counts {
+    /// Errors, or their squares, `[images, pixels, draws]`, each as much as its pixel counts.
+    fn of_pixels(&self, errors: Tensor<3>) -> Tensor<3> {
+        match &self.pixels {
+            None => errors,
+            Some(weights) => errors * weights.clone(),
+        }
+    }
+
+    /// What was found for each fit, as much as the fit counts.
+    fn of_fits(&self, errors: Tensor<3>) -> Tensor<3> {
+        match &self.fits {
+            None => errors,
+            Some(shares) => errors * shares.clone(),
+        }
+    }
+}
+
 /// What the errors of each fit are multiplied by, `[images, 1, draws]`; nothing if all count the same.
 fn shares(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
     if config.balance == 0.0 {
@@ -213,7 +252,7 @@ fn shares(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
 fn compared(
     fitted: Tensor<3>,
     depths: &Tensor<2>,
-    shares: Option<Tensor<3>>,
+    counts: &Counts,
     (points, patch): (usize, (usize, usize)),
     config: &LossConfig,
 ) -> Losses {
@@ -222,26 +261,24 @@ fn compared(
     let valid = depths.clone().greater_elem(0.0).float();
     let error = (fitted - depths) * valid.clone();
     let count = (valid.clone().sum() * draws as f64).clamp_min(1.0);
-    let l1 = error.clone().abs().sum() / count.clone();
-    let l2 = error.clone().square().sum() / count.clone();
-    let shared = |errors: Tensor<3>| match &shares {
-        None => errors,
-        Some(shares) => errors * shares.clone(),
-    };
-    let absolute = match &shares {
+    let absolutes = counts.of_pixels(error.clone().abs());
+    let squares = counts.of_pixels(error.clone().square());
+    let l1 = absolutes.clone().sum() / count.clone();
+    let l2 = squares.clone().sum() / count.clone();
+    let absolute = match &counts.fits {
         None => l1.clone(),
-        Some(_) => shared(error.clone().abs()).sum() / count.clone(),
+        Some(_) => counts.of_fits(absolutes).sum() / count.clone(),
     };
     let mut total = absolute * config.l1 + l2.clone() * config.l2;
     if config.rmse > 0.0 {
         // Smooth where an image is met exactly.
         const LEAST: f64 = 1e-6;
-        let counts = valid.clone().sum_dim(1).clamp_min(1.0);
-        let means = error.clone().square().sum_dim(1) / counts;
-        total = total + shared((means + LEAST).sqrt()).mean() * config.rmse;
+        let means = squares.sum_dim(1) / valid.clone().sum_dim(1).clamp_min(1.0);
+        total = total + counts.of_fits((means + LEAST).sqrt()).mean() * config.rmse;
     }
     if config.gradient > 0.0 {
-        total = total + gradient(error, valid, points, patch) * config.gradient;
+        let certain = counts.of_pixels(valid.clone());
+        total = total + gradient(error, [valid, certain], points, patch) * config.gradient;
     }
     Losses { total, l1, l2 }
 }
@@ -258,42 +295,11 @@ fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
     values.reshape([draws, images, count]).permute([1, 2, 0])
 }
 
-/// The mean over pairs of neighbours of `c (D^2 + FLAT^2) / STEP^2 - ln c`: minus the logarithm of
-/// the likelihood, but for a constant and a factor 2, of a relative difference in depth D that is
-/// normal with variance `STEP^2 / c`. Differences are reduced by what quantisation of the depths may
-/// make of them. `edges [batch, height, width, 2]`, `depths [batch, height, width]`.
-fn steps(edges: &Tensor<4>, depths: &Tensor<3>) -> Tensor<1> {
-    const STEP: f64 = 0.01;
-    const FLAT: f64 = 0.003;
-    const QUANTUM: f64 = 0.04;
-    let mut sum = Tensor::zeros([1], &edges.device());
-    let mut pairs = Tensor::zeros([1], &edges.device());
-    for way in [0, 1] {
-        let axis = 2 - way;
-        let length = depths.dims()[axis];
-        if length == 1 {
-            continue;
-        }
-        let here = depths.clone().narrow(axis, 0, length - 1);
-        let next = depths.clone().narrow(axis, 1, length - 1);
-        let strength = edges.clone().narrow(3, way, 1).squeeze_dim::<3>(3);
-        let strength = strength.narrow(axis, 0, length - 1);
-        let both = (here.clone() * next.clone()).greater_elem(0.0).float();
-        let level = (here.clone() + next.clone()).clamp_min(1e-3) / 2.0;
-        let step = ((next - here).abs() - QUANTUM).clamp_min(0.0) / level;
-        let square = (step.square() + FLAT * FLAT) / (STEP * STEP);
-        let surprise = strength.clone() * square - strength.log();
-        sum = sum + (surprise * both.clone()).sum();
-        pairs = pairs + both.sum();
-    }
-    sum / pairs.clamp_min(1.0)
-}
-
 /// Differences of the error between horizontal and vertical neighbours inside the patches, where
-/// both have a depth.
+/// both have a depth, as much as both count.
 fn gradient(
     error: Tensor<3>,
-    valid: Tensor<3>,
+    [valid, certain]: [Tensor<3>; 2],
     points: usize,
     (height, width): (usize, usize),
 ) -> Tensor<1> {
@@ -304,7 +310,7 @@ fn gradient(
         t.slice([0..images, points..pixels])
             .reshape([patches, height, width, channels])
     };
-    let (error, valid) = (cut(error), cut(valid));
+    let (error, valid, certain) = (cut(error), cut(valid), cut(certain));
     let mut sum = Tensor::zeros([1], &error.device());
     let mut count = Tensor::zeros([1], &error.device());
     for axis in [1, 2] {
@@ -315,9 +321,10 @@ fn gradient(
                 t.clone().narrow(axis, 0, length - 1),
             )
         };
-        let ((next, here), (v_next, v_here)) = (pair(&error), pair(&valid));
+        let ((next, here), (c_next, c_here)) = (pair(&error), pair(&certain));
+        let (v_next, v_here) = pair(&valid);
         let both = v_next * v_here;
-        sum = sum + ((next - here) * both.clone()).abs().sum();
+        sum = sum + ((next - here) * (c_next * c_here)).abs().sum();
         count = count + both.sum() * draws as f64;
     }
     sum / count.clamp_min(1.0)
@@ -329,30 +336,43 @@ mod tests {
     use burn::tensor::Device;
 
     #[test]
-    fn edges_as_likely_as_the_steps_cost_least() {
+    fn errors_count_as_much_as_their_pixels() {
         let device = Device::flex();
-        let tensor = |values: Vec<f32>, shape: [usize; 3]| {
-            Tensor::<3>::from_data(TensorData::new(values, shape), &device)
+        let row = |values: [f32; 4], shape: [usize; 3]| {
+            Tensor::<3>::from_data(TensorData::new(values.to_vec(), shape), &device)
         };
-        // A step of 0.54 m between 2 and 2.54, no depth at the last pixel.
-        let depths = tensor(vec![2.0, 2.0, 2.54, 2.54, 0.0], [1, 1, 5]);
-        let loss = |strengths: [f32; 5]| {
-            let edges = strengths.into_iter().flat_map(|c| [c, 1.0]).collect();
-            let edges = Tensor::from_data(TensorData::new::<f32, _>(edges, [1, 1, 5, 2]), &device);
-            f64::from(steps(&edges, &depths).into_scalar::<f32>())
+        // A patch of 2x2 pixels, without a depth at the last.
+        let fitted = row([3.0, 4.0, 1.0, 9.0], [1, 4, 1]);
+        let depths = vec![2.0_f32, 2.0, 2.0, 0.0];
+        let depths = Tensor::from_data(TensorData::new(depths, [1, 4]), &device);
+        let counts = Counts {
+            fits: None,
+            pixels: Some(row([1.0, 0.5, 0.25, 0.0], [1, 4, 1])),
         };
-        // Variances of 0.003^2, and of that and (0.5 / 2.27)^2, in units of 0.01^2.
-        let flat = 1.0 / 0.09;
-        let jump = 1.0 / (0.09 + (0.5_f64 / 2.27).powi(2) * 1e4);
-        let least = [flat, jump, flat, 3.0, 3.0].map(|c| c as f32);
-        let expected = (3.0 - (2.0 * flat.ln() + jump.ln())) / 3.0;
-        assert!((loss(least) - expected).abs() < 1e-4);
-        for i in 0..3 {
-            for factor in [0.8, 1.25] {
-                let mut other = least;
-                other[i] *= factor;
-                assert!(loss(other) > loss(least) + 1e-3, "{i} {factor}");
-            }
+        let total = |[l1, l2, rmse, gradient]: [f64; 4]| {
+            let config = LossConfig {
+                l1,
+                l2,
+                rmse,
+                gradient,
+                ..LossConfig::default()
+            };
+            let found = compared(fitted.clone(), &depths, &counts, (0, (2, 2)), &config);
+            f64::from(found.total.into_scalar::<f32>())
+        };
+        // Errors 1, 2, -1, of which two pairs are neighbours: steps of 1 and 2.
+        let squares: f64 = (1.0 + 0.5 * 4.0 + 0.25) / 3.0;
+        for (losses, expected) in [
+            ([1.0, 0.0, 0.0, 0.0], (1.0 + 0.5 * 2.0 + 0.25) / 3.0),
+            ([0.0, 1.0, 0.0, 0.0], squares),
+            ([0.0, 0.0, 1.0, 0.0], squares.sqrt()),
+            ([0.0, 0.0, 0.0, 1.0], (0.5 * 1.0 + 0.25 * 2.0) / 2.0),
+        ] {
+            let found = total(losses);
+            assert!(
+                (found - expected).abs() < 1e-5,
+                "{losses:?}: {found} {expected}"
+            );
         }
     }
 
@@ -373,7 +393,11 @@ mod tests {
                 gradient: 0.0,
                 ..LossConfig::default()
             };
-            let found = compared(fitted.clone(), &depths, shares, (2, (0, 0)), &config);
+            let counts = Counts {
+                fits: shares,
+                pixels: None,
+            };
+            let found = compared(fitted.clone(), &depths, &counts, (2, (0, 0)), &config);
             f64::from(found.total.into_scalar::<f32>())
         };
         let shares = || Some(tensor(vec![1.0, (1.0_f32 / 16.0).powf(0.25)], [1, 1, 2]));

@@ -1,5 +1,6 @@
 //! Training: losses, steps, checkpoints, the run, and what is learned once it is over.
 
+mod affinities;
 mod average;
 mod calibrate;
 mod checkpoint;
@@ -13,6 +14,7 @@ mod parallel;
 mod run;
 mod schedule;
 mod step;
+mod teacher;
 
 pub use calibrate::{Held, calibrate, divide, learn_errors};
 pub use config::{OptimiserKind, Part, TrainConfig};
@@ -22,3 +24,4 @@ pub use loss::{LossConfig, Losses, losses};
 pub use run::{Event, Outcome, SCORES_NOTE, TRAINING_NOTE, Trainer};
 pub use schedule::Schedule;
 pub use step::Step;
+pub use teacher::{Lesson, TeacherConfig};
