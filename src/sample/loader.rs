@@ -93,6 +93,11 @@ impl Sampler {
             .collect()
     }
 
+    /// Whether images are encoded.
+    pub fn is_encoded(&self) -> bool {
+        self.encoding.is_some()
+    }
+
     /// The frames of a shard among those that take part.
     pub fn frames(&self, shard: Shard) -> Vec<usize> {
         let all = self.order.frames();

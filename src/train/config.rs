@@ -148,7 +148,15 @@ impl TrainConfig {
         {
             return Err(Error::config("`train.average` must be in [0, 1)"));
         }
-        self.teacher.as_ref().map_or(Ok(()), TeacherConfig::check)?;
+        match &self.teacher {
+            Some(teacher) => teacher.check()?,
+            None if self.loss.imitates() => {
+                return Err(Error::config(
+                    "`train.loss.teacher_affinities` and `teacher_span` need `train.teacher`",
+                ));
+            }
+            None => {}
+        }
         self.augment.check()?;
         self.supervision.check()?;
         self.robust.as_ref().map_or(Ok(()), Reweighting::check)?;

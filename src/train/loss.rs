@@ -1,6 +1,7 @@
 //! The three losses of the paper (section 3.4), on the pixels of a batch.
 
 use super::affinities::steps;
+use super::imitation::Shown;
 use crate::error::{Error, Result};
 use crate::model::BasisNet;
 use crate::ops::{Reweighting, joint, lstsq, reweighted};
@@ -31,6 +32,11 @@ pub struct LossConfig {
     /// for fits with a field.
     #[serde(alias = "edges")]
     pub affinities: f64,
+    /// Mean squared logarithm of the ratio of affinities to those of the teacher's network; for fits with a field.
+    pub teacher_affinities: f64,
+    /// The share of the basis functions of the teacher's network that the network's own cannot represent, in squares,
+    /// each function counting the same: from 0 to 1.
+    pub teacher_span: f64,
 }
 
 impl Default for LossConfig {
@@ -43,11 +49,18 @@ impl Default for LossConfig {
             regularisation: 1e-3,
             balance: 0.0,
             affinities: 0.0,
+            teacher_affinities: 0.0,
+            teacher_span: 0.0,
         }
     }
 }
 
 impl LossConfig {
+    /// Whether the network of a teacher is compared with.
+    pub(super) fn imitates(&self) -> bool {
+        self.teacher_affinities > 0.0 || self.teacher_span > 0.0
+    }
+
     pub(super) fn check(&self) -> Result<()> {
         let all = [
             self.l1,
@@ -56,16 +69,18 @@ impl LossConfig {
             self.gradient,
             self.regularisation,
             self.affinities,
+            self.teacher_affinities,
+            self.teacher_span,
         ];
         if all.iter().all(|w| *w >= 0.0 && w.is_finite())
             && (0.0..=1.0).contains(&self.balance)
-            && self.l1 + self.l2 + self.rmse + self.affinities > 0.0
+            && (self.l1 + self.l2 + self.rmse + self.affinities > 0.0 || self.imitates())
         {
             Ok(())
         } else {
             Err(Error::config(
-                "`loss`: weights must be at least 0, `balance` from 0 to 1, and `l1`, `l2`, `rmse` or \
-                 `affinities` above 0",
+                "`loss`: weights must be at least 0, `balance` from 0 to 1, and `l1`, `l2`, `rmse`, \
+                 `affinities` or those of a teacher above 0",
             ))
         }
     }
@@ -82,16 +97,18 @@ pub struct Losses {
     pub l2: Tensor<1>,
 }
 
-/// Runs the network once and one fit per draw, and compares with the depths of the batch.
+/// Runs the network once and one fit per draw, and compares with the depths of the batch, and with what the network
+/// of a teacher shows, if there is one.
 pub fn losses(
     net: &BasisNet,
     batch: &Batch,
+    shown: Option<&Shown>,
     fit: &FitConfig,
     robust: Option<Reweighting>,
     config: &LossConfig,
 ) -> Losses {
     if fit.method == FitMethod::Field {
-        return field_losses(net, batch, fit, config);
+        return field_losses(net, batch, shown, fit, config);
     }
     let [images, _] = batch.depths.dims();
     let points = batch.points;
@@ -99,6 +116,7 @@ pub fn losses(
     let bases = net.bases(batch.images.clone(), batch.encoded.clone());
     let bases = bases.at(batch.size, &batch.pixels);
     let functions = bases.dims()[2];
+    let spans = shown.and_then(|shown| shown.span_loss(&bases, &batch.depths, config));
 
     let at_points = bases
         .clone()
@@ -143,11 +161,9 @@ pub fn losses(
         (points, batch.patch),
         config,
     );
-    if config.affinities > 0.0
-        && let Some((_, edges)) = &field
-    {
-        losses.total = losses.total + steps(edges, &batch.maps) * config.affinities;
-    }
+    let affinities = field.map(|(_, edges)| of_affinities(&edges, batch, shown, config));
+    let more = affinities.into_iter().flatten().chain(spans);
+    losses.total = more.fold(losses.total, |sum, loss| sum + loss);
     if config.regularisation > 0.0 {
         losses.total = losses.total + weights.abs().mean() * config.regularisation;
     }
@@ -158,6 +174,7 @@ pub fn losses(
 pub(super) fn field_losses(
     net: &BasisNet,
     batch: &Batch,
+    shown: Option<&Shown>,
     fit: &FitConfig,
     config: &LossConfig,
 ) -> Losses {
@@ -195,10 +212,21 @@ pub(super) fn field_losses(
             l2: nothing,
         }
     };
-    if config.affinities > 0.0 {
-        losses.total = losses.total + steps(&edges, &batch.maps) * config.affinities;
-    }
+    let more = of_affinities(&edges, batch, shown, config).into_iter();
+    losses.total = more.fold(losses.total, |sum, loss| sum + loss);
     losses
+}
+
+/// The weighted losses of affinities themselves, as far as they are asked for.
+fn of_affinities(
+    edges: &Tensor<4>,
+    batch: &Batch,
+    shown: Option<&Shown>,
+    config: &LossConfig,
+) -> Vec<Tensor<1>> {
+    let truth = (config.affinities > 0.0).then(|| steps(edges, &batch.maps) * config.affinities);
+    let teacher = shown.and_then(|shown| shown.affinity_loss(edges, config));
+    truth.into_iter().chain(teacher).collect()
 }
 
 /// The pixels of the candidate points of each image.

@@ -145,7 +145,7 @@ mod tests {
             ..FitConfig::default()
         };
         let (found, step) = gradients(net, shares, |net, batch, part| {
-            let losses = losses(net, batch, &fit, None, &loss);
+            let losses = losses(net, batch, None, &fit, None, &loss);
             let step = Step::of(&losses);
             let gradients = (losses.total * part).backward();
             Ok((GradientsParams::from_grads(gradients, net), step))

@@ -9,7 +9,7 @@ use crate::error::{Cause, Error, Result};
 use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{
     AnyEncoder, BasisNet, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision,
-    to_bytes, transfer, weights_of,
+    load, to_bytes, transfer, weights_of,
 };
 use crate::predict::{complete, completer, encoder_of, open_weights};
 use crate::sample::{
@@ -84,6 +84,8 @@ pub struct Trainer {
     /// Frames that are kept out of training.
     held_out: Vec<usize>,
     normalisation: Normalisation,
+    /// The weights of a teacher whose network is compared with.
+    imitated: Option<Weights>,
     /// What the network reads beside the image, if it was made for that.
     encoder: Option<Arc<Encoder>>,
     /// At least one.
@@ -138,13 +140,17 @@ impl Trainer {
         let encoder = encoder_of(&network)?;
         let normalisation = normalisation(&config.protocol, frames.as_ref())?;
         let (_, held_out) = divide(frames.as_ref(), config.held_out);
-        let encoding = encoder
-            .clone()
-            .map(|encoder| Encoding::new(encoder, normalisation, config.features.clone()));
+        let imitated = imitated(&config, &normalisation)?;
+        let encoding = match (&encoder, &imitated) {
+            (None, Some(weights)) => encoder_of(&weights.network)?,
+            _ => encoder.clone(),
+        }
+        .map(|encoder| Encoding::new(encoder, normalisation, config.features.clone()));
         Ok(Self {
             folder: folder.to_owned(),
             sampler: sampler(mixture, &config)?.encoded(encoding),
             held_out,
+            imitated,
             encoder,
             network,
             fit,
@@ -168,7 +174,7 @@ impl Trainer {
         progress: impl Fn(usize, usize),
     ) -> Result<bool> {
         let config = &self.config;
-        let features = self.encoder.is_some() && config.features.is_some() && config.views > 0;
+        let features = self.sampler.is_encoded() && config.features.is_some() && config.views > 0;
         let teacher = config.teacher.as_ref();
         if !features && teacher.is_none_or(|teacher| teacher.folder.is_none()) {
             return Err(Error::config("by these settings, nothing is kept in files").hint(
@@ -194,7 +200,10 @@ impl Trainer {
     pub fn run(&self, stop: &AtomicBool, mut report: impl FnMut(&Event)) -> Result<Outcome> {
         let checkpoints = Checkpoints::new(&self.folder);
         let net = self.initial(&self.device().clone().autodiff())?;
-        let mut learner = Learner::new(net, &self.fit, &self.config);
+        let teacher = self.imitated.as_ref();
+        let teacher = teacher.map(|weights| load(weights, self.device()));
+        let learner = Learner::new(net, &self.fit, &self.config);
+        let mut learner = learner.taught_by(teacher.transpose()?);
         let mut step = 0;
         if let Some(&last) = checkpoints.steps().last() {
             learner = checkpoints.load(last, learner)?;
@@ -329,6 +338,23 @@ impl Trainer {
         write(&weights)?;
         Ok(())
     }
+}
+
+/// The weights of the teacher, if its network is compared with.
+fn imitated(config: &TrainConfig, normalisation: &Normalisation) -> Result<Option<Weights>> {
+    let Some(teacher) = config.teacher.as_ref().filter(|_| config.loss.imitates()) else {
+        return Ok(None);
+    };
+    let weights = open_weights(Some(&teacher.weights))?;
+    let Normalisation { input, .. } = weights.normalisation;
+    if weights.normalisation == *normalisation {
+        return Ok(Some(weights));
+    }
+    Err(Error::config(format!(
+        "the network of the teacher sees {}x{} pixels, that which is trained {}x{}, or other colours",
+        input[0], input[1], normalisation.input[0], normalisation.input[1]
+    ))
+    .hint("set `train.protocol` to the size of the teacher, or the losses of a teacher's network to 0"))
 }
 
 /// Samples of the frames that are learned from: all but those held out of the first dataset.
