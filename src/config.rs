@@ -50,7 +50,7 @@ pub struct Config {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 7] = [
+const BUILT_IN: [(&str, &str); 8] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
@@ -62,6 +62,10 @@ const BUILT_IN: [(&str, &str); 7] = [
     (
         "nyu-anything.toml",
         include_str!("../configs/nyu-anything.toml"),
+    ),
+    (
+        "nyu-distill.toml",
+        include_str!("../configs/nyu-distill.toml"),
     ),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
@@ -264,6 +268,37 @@ mod tests {
         let fit: Config = toml::from_str(&comments.replace("# ", "")).unwrap();
         let meant = config.fit.over(&FitConfig::default()).unwrap();
         assert_eq!(fit.fit, FitSettings::all(&meant).unwrap());
+    }
+
+    #[test]
+    fn the_taught_network_is_the_default_one_with_a_mean() {
+        let config = Config::load(Some(Path::new("nyu-distill.toml")), &[]).unwrap();
+        let expected = NetworkConfig {
+            mean: true,
+            ..NetworkConfig::sharp()
+        };
+        assert_eq!(config.network(), expected);
+    }
+
+    #[test]
+    fn shares_must_leave_something_to_the_first_dataset() {
+        let load = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
+            Config::load(None, &sets)
+        };
+        let more = |shares: &str| format!("data.more=[{shares}]");
+        let config = load(&[&more("{ share = 0.4 }, { dataset = \"nyu\" }")]).unwrap();
+        assert_eq!(config.data.more.len(), 2);
+        for wrong in [
+            "{ share = 0.6 }, { share = 0.4 }",
+            "{ share = 0.0 }",
+            "{ more = [{ dataset = \"nyu\" }] }",
+        ] {
+            assert!(load(&[&more(wrong)]).is_err(), "{wrong}");
+        }
+        assert!(load(&["data.share=0.5"]).is_err());
+        let alone = load(&["train.loss.teacher_span=0.1"]).unwrap_err();
+        assert!(alone.to_string().contains("train.teacher"), "{alone}");
     }
 
     #[test]

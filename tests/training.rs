@@ -458,3 +458,33 @@ fn nor_do_they_with_a_teacher_and_several_datasets() {
     let said = refused(&["--config", "d.toml", "--set", "data.more=[]", "--prepare"]);
     assert!(said.contains("nothing is kept"), "{said}");
 }
+
+#[test]
+fn nor_do_they_beside_the_network_of_a_teacher() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), joint()).unwrap();
+    train(
+        at,
+        &["--config", "c.toml", "-o", "a", "--set", "train.steps=2"],
+    );
+    let teacher = at.join("a/weights.safetensors");
+    let losses = "affinities = 0.1, teacher_affinities = 0.1, teacher_span = 0.1 }";
+    let config = joint().replace("affinities = 0.1 }", losses);
+    let taught = |weights: &str| format!("{config}[train.teacher]\nweights = {weights:?}\n");
+    unchanged(&taught(teacher.to_str().unwrap()));
+
+    std::fs::write(at.join("d.toml"), taught("small")).unwrap();
+    let refused = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(at)
+        .args(["train", "--config", "d.toml", "-o", "d"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        said.contains("228x304 pixels") && said.contains("48x64"),
+        "{said}"
+    );
+    assert!(!at.join("d").exists());
+}
