@@ -56,7 +56,10 @@ impl Dataset for Mixture {
     fn about(&self) -> String {
         let parts = self.parts.iter().map(|(frames, share)| match share {
             None => frames.about(),
-            Some(share) => format!("{} ({} %)", frames.about(), 100.0 * share),
+            Some(share) => {
+                let percent = (share * 1e4).round() / 100.0;
+                format!("{} ({percent} %)", frames.about())
+            }
         });
         parts.collect::<Vec<_>>().join("; ")
     }

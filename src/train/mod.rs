@@ -4,6 +4,7 @@ mod affinities;
 mod average;
 mod calibrate;
 mod checkpoint;
+mod compare;
 mod config;
 mod foresight;
 mod imitation;
@@ -14,6 +15,7 @@ mod muon;
 mod parallel;
 mod run;
 mod schedule;
+mod setup;
 mod step;
 mod teacher;
 
