@@ -97,3 +97,46 @@ impl Dataset for Mixture {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{Rooms, RoomsConfig, Split};
+
+    #[test]
+    fn frames_of_all_datasets_follow_each_other_under_names_of_their_own() {
+        let rooms = |train: usize, seed: u64| -> Arc<dyn Dataset> {
+            let config = RoomsConfig {
+                train,
+                seed,
+                width: 16,
+                height: 16,
+                ..RoomsConfig::default()
+            };
+            Arc::new(Rooms::new(Split::Train, &config).unwrap())
+        };
+        let parts = [rooms(3, 0), rooms(2, 1), rooms(4, 2)];
+        let others = vec![(parts[1].clone(), Some(0.3)), (parts[2].clone(), None)];
+        let all = Mixture::new(parts[0].clone(), others);
+        assert_eq!(all.len(), 9);
+        let ranges: Vec<_> = all.parts().collect();
+        assert_eq!(ranges, [(0..3, None), (3..5, Some(0.3)), (5..9, None)]);
+        for (index, part, at) in [
+            (0, 0, 0),
+            (2, 0, 2),
+            (3, 1, 0),
+            (4, 1, 1),
+            (5, 2, 0),
+            (8, 2, 3),
+        ] {
+            let (found, own) = (all.load(index).unwrap(), parts[part].load(at).unwrap());
+            assert_eq!((found.rgb, found.depth), (own.rgb, own.depth));
+            assert_eq!(found.id, all.id(index));
+        }
+        assert_eq!(all.id(1), parts[0].id(1));
+        assert_eq!(all.id(4), format!("1/{}", parts[1].id(1)));
+        let names: std::collections::BTreeSet<_> = (0..9).map(|i| all.id(i)).collect();
+        assert_eq!(names.len(), 9);
+        assert!(all.about().contains("(30 %)"), "{}", all.about());
+    }
+}
