@@ -54,7 +54,7 @@ fn loading(criterion: &mut Criterion) {
             batch: 1,
             seed: 0,
         };
-        let order = (0..FRAMES).collect();
+        let order: Vec<usize> = (0..FRAMES).collect();
         let sampler = Sampler::new(frames.clone(), order, sampler).expect("frames");
 
         let mut group = criterion.benchmark_group(format!("loading {ending}"));

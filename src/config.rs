@@ -3,12 +3,12 @@
 use crate::data::DataConfig;
 use crate::error::{Error, Result};
 use crate::eval::EvalConfig;
+use crate::fit_settings::{FitSettings, merge};
 use crate::model::NetworkConfig;
 use crate::renamed::renamed;
 use crate::train::TrainConfig;
 use lsdc_core::fit::FitConfig;
 use serde::{Deserialize, Serialize};
-use std::fmt::Display;
 use std::path::Path;
 
 /// The named networks.
@@ -49,42 +49,8 @@ pub struct Config {
     pub remarks: Vec<String>,
 }
 
-/// Settings of a fit, as far as they are given.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct FitSettings(toml::Table);
-
-impl FitSettings {
-    /// All settings of a fit.
-    ///
-    /// # Errors
-    /// None for a checked fit.
-    pub fn all(fit: &FitConfig) -> Result<Self> {
-        toml::Table::try_from(fit).map(Self).map_err(unfit)
-    }
-
-    /// Lays what is given over a fit.
-    ///
-    /// # Errors
-    /// An unknown key, or a value out of range.
-    pub fn over(&self, fit: &FitConfig) -> Result<FitConfig> {
-        let Self(mut table) = Self::all(fit)?;
-        let mut given = self.0.clone();
-        renamed(&mut given);
-        merge(&mut table, given);
-        let fit: FitConfig = table.try_into().map_err(unfit)?;
-        fit.check()?;
-        Ok(fit)
-    }
-}
-
-fn unfit(e: impl Display) -> Error {
-    Error::config(format!("`fit`: {}", e.to_string().trim()))
-        .hint("docs/fit.md explains every setting")
-}
-
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 7] = [
+const BUILT_IN: [(&str, &str); 8] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
@@ -96,6 +62,10 @@ const BUILT_IN: [(&str, &str); 7] = [
     (
         "nyu-anything.toml",
         include_str!("../configs/nyu-anything.toml"),
+    ),
+    (
+        "nyu-distill.toml",
+        include_str!("../configs/nyu-distill.toml"),
     ),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
@@ -165,6 +135,7 @@ impl Config {
     fn check(&self) -> Result<()> {
         self.network().check()?;
         self.fit.over(&FitConfig::default())?;
+        self.data.check()?;
         self.train.check()?;
         self.eval.check()
     }
@@ -225,18 +196,6 @@ fn assignment(setting: &str) -> Result<toml::Table> {
             Error::config(format!("`{key}` in `--set {setting}` is not a key"))
                 .hint("as in --set train.steps=100")
         })
-}
-
-/// Lays `over` on top of `base`, table by table.
-fn merge(base: &mut toml::Table, over: toml::Table) {
-    for (key, value) in over {
-        match (base.get_mut(&key), value) {
-            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
-            (_, value) => {
-                base.insert(key, value);
-            }
-        }
-    }
 }
 
 #[cfg(test)]
@@ -309,6 +268,37 @@ mod tests {
         let fit: Config = toml::from_str(&comments.replace("# ", "")).unwrap();
         let meant = config.fit.over(&FitConfig::default()).unwrap();
         assert_eq!(fit.fit, FitSettings::all(&meant).unwrap());
+    }
+
+    #[test]
+    fn the_taught_network_is_the_default_one_with_a_mean() {
+        let config = Config::load(Some(Path::new("nyu-distill.toml")), &[]).unwrap();
+        let expected = NetworkConfig {
+            mean: true,
+            ..NetworkConfig::sharp()
+        };
+        assert_eq!(config.network(), expected);
+    }
+
+    #[test]
+    fn shares_must_leave_something_to_the_first_dataset() {
+        let load = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
+            Config::load(None, &sets)
+        };
+        let more = |shares: &str| format!("data.more=[{shares}]");
+        let config = load(&[&more("{ share = 0.4 }, { dataset = \"nyu\" }")]).unwrap();
+        assert_eq!(config.data.more.len(), 2);
+        for wrong in [
+            "{ share = 0.6 }, { share = 0.4 }",
+            "{ share = 0.0 }",
+            "{ more = [{ dataset = \"nyu\" }] }",
+        ] {
+            assert!(load(&[&more(wrong)]).is_err(), "{wrong}");
+        }
+        assert!(load(&["data.share=0.5"]).is_err());
+        let alone = load(&["train.loss.teacher_span=0.1"]).unwrap_err();
+        assert!(alone.to_string().contains("train.teacher"), "{alone}");
     }
 
     #[test]

@@ -25,6 +25,7 @@ pub mod data;
 pub mod device;
 pub mod eval;
 pub mod experiment;
+pub mod fit_settings;
 pub mod metrics;
 pub mod model;
 pub mod ops;

@@ -375,3 +375,116 @@ fn affinities_learn_the_same_whatever_the_basis_functions() {
         );
     }
 }
+
+/// A teacher that completes rooms, and a folder of images without depths as a third of all frames.
+fn taught(at: &Path) -> String {
+    for i in 0..5_u8 {
+        let image = image::RgbImage::from_fn(64, 48, |x, y| {
+            image::Rgb([(x * 4) as u8, (y * 5) as u8, 50 * i])
+        });
+        std::fs::create_dir_all(at.join("images")).unwrap();
+        image.save(at.join(format!("images/{i}.png"))).unwrap();
+    }
+    format!(
+        "{CONFIG}\n[train.teacher]\nweights = \"small\"\ntarget = \"all\"\npoints = 100\nfolder = \"kept\"\n\
+         [[data.more]]\ndataset = \"folder\"\nroot = \"images\"\nshare = 0.3333\n\
+         folder = {{ rgb = \"{{frame}}.png\", depth = \"\" }}\n"
+    )
+}
+
+#[test]
+fn nor_do_they_with_a_teacher_and_several_datasets() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let config = taught(at);
+    std::fs::write(at.join("c.toml"), &config).unwrap();
+    // What two processes prepared is all that a run needs.
+    let prepare = ["--config", "c.toml", "--prepare", "--shard"];
+    train(at, &[&prepare[..], &["0/2"]].concat());
+    train(at, &[&prepare[..], &["1/2"]].concat());
+    let kept = || {
+        let files = std::fs::read_dir(at.join("kept")).unwrap();
+        let mut files: Vec<_> = files.map(|file| file.unwrap().file_name()).collect();
+        files.sort();
+        files
+    };
+    let before = kept();
+    // 12 rooms without those held out, and 5 images.
+    assert_eq!(before.len(), 15);
+    assert!(!at.join("runs").exists());
+    let short = ["--set", "train.calibrate=false"];
+    train(
+        at,
+        &[&["--config", "c.toml", "-o", "a"][..], &short].concat(),
+    );
+    assert_eq!(kept(), before);
+    // Computed anew, and in a run that goes on.
+    std::fs::remove_dir_all(at.join("kept")).unwrap();
+    let workers = ["--set", "train.workers=3"];
+    train(
+        at,
+        &[&["--config", "c.toml", "-o", "b"][..], &short, &workers].concat(),
+    );
+    assert_eq!(losses(at, "a"), losses(at, "b"));
+    std::fs::remove_dir_all(at.join("b/checkpoints/00000006")).unwrap();
+    train(at, &["--resume", "b"]);
+    assert_eq!(losses(at, "a"), losses(at, "b"));
+    let [a, b] = ["a", "b"].map(|run| tensors(&at.join(run).join("weights.safetensors")));
+    assert!(a == b, "the weights differ");
+
+    // Another teacher is not taken for the one that the run began with.
+    let settings = at.join("b/config.toml");
+    let text = std::fs::read_to_string(&settings).unwrap();
+    let refused = |args: &[&str]| {
+        let run = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+            .current_dir(at)
+            .arg("train")
+            .args(args)
+            .output()
+            .unwrap();
+        assert_eq!(run.status.code(), Some(2));
+        String::from_utf8(run.stderr).unwrap()
+    };
+    let text = text.replace("weights = \"small\"", "weights = \"default\"");
+    std::fs::write(&settings, text).unwrap();
+    let said = refused(&["--resume", "b"]);
+    assert!(said.contains("teacher.weights"), "{said}");
+
+    let alone = config.split("[train.teacher]").next().unwrap().to_owned();
+    let images = config.split("[[data.more]]").nth(1).unwrap();
+    std::fs::write(at.join("d.toml"), format!("{alone}[[data.more]]{images}")).unwrap();
+    let said = refused(&["--config", "d.toml", "-o", "d"]);
+    assert!(said.contains("without a teacher"), "{said}");
+    let said = refused(&["--config", "d.toml", "--set", "data.more=[]", "--prepare"]);
+    assert!(said.contains("nothing is kept"), "{said}");
+}
+
+#[test]
+fn nor_do_they_beside_the_network_of_a_teacher() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), joint()).unwrap();
+    train(
+        at,
+        &["--config", "c.toml", "-o", "a", "--set", "train.steps=2"],
+    );
+    let teacher = at.join("a/weights.safetensors");
+    let losses = "affinities = 0.1, teacher_affinities = 0.1, teacher_span = 0.1 }";
+    let config = joint().replace("affinities = 0.1 }", losses);
+    let taught = |weights: &str| format!("{config}[train.teacher]\nweights = {weights:?}\n");
+    unchanged(&taught(teacher.to_str().unwrap()));
+
+    std::fs::write(at.join("d.toml"), taught("small")).unwrap();
+    let refused = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(at)
+        .args(["train", "--config", "d.toml", "-o", "d"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        said.contains("228x304 pixels") && said.contains("48x64"),
+        "{said}"
+    );
+    assert!(!at.join("d").exists());
+}

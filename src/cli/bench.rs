@@ -135,7 +135,7 @@ fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
         seed: config.seed,
     };
     let frames = Arc::new(rooms(Split::Train, size)?);
-    let samples = Sampler::new(frames, (0..config.batch).collect(), sampler)?.batch(0)?;
+    let samples = Sampler::new(frames, (0..config.batch).collect::<Vec<_>>(), sampler)?.batch(0)?;
     let colours = weights.normalisation;
     let batch = Batch::new(&samples, colours.mean, colours.deviation, &device)?;
     // Random basis functions may depend on each other.

@@ -3,11 +3,11 @@
 use super::args::Eval;
 use super::names::Names;
 use super::{Exit, settings, ui};
-use crate::config::FitSettings;
 use crate::data::{DataConfig, GuideSource, write_atomically, write_npy};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
+use crate::fit_settings::FitSettings;
 use crate::predict::{Method, open_completer, weights_hash, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;

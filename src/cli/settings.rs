@@ -3,7 +3,7 @@
 use super::args::{Settings, Source};
 use super::ui;
 use crate::config::Config;
-use crate::data::{DataConfig, Dataset, Split};
+use crate::data::{DataConfig, Dataset, Mixture, Split};
 use crate::error::Result;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -47,4 +47,9 @@ fn fallback() -> Option<PathBuf> {
 /// Opens a dataset, looking below `LSDC_DATA` if the configuration names no folder.
 pub(super) fn open(data: &DataConfig, split: Split) -> Result<Arc<dyn Dataset>> {
     data.open(split, fallback().as_deref())
+}
+
+/// Opens the dataset and all further ones that are learned from, in the same way.
+pub(super) fn open_all(data: &DataConfig) -> Result<Mixture> {
+    data.open_all(Split::Train, fallback().as_deref())
 }

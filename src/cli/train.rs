@@ -3,10 +3,11 @@
 use super::args::Train;
 use super::dashboard::Dashboard;
 use super::{Exit, settings, ui};
-use crate::config::{Config, FitSettings};
-use crate::data::{Split, write_atomically};
+use crate::config::Config;
+use crate::data::{Shard, write_atomically};
 use crate::device::devices;
 use crate::error::{Error, Result};
+use crate::fit_settings::FitSettings;
 use crate::provenance::{self, differences};
 use crate::train::{Outcome, Trainer};
 use lsdc_core::fit::FitConfig;
@@ -26,8 +27,11 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
         ),
         None => start(args)?,
     };
-    let frames = settings::open(&config.data, Split::Train)?;
-    let data = provenance::frames(&*frames);
+    let frames = settings::open_all(&config.data)?;
+    let mut data = provenance::frames(&frames);
+    if let Some(teacher) = &config.train.teacher {
+        data["teacher"] = teacher.identity()?;
+    }
     if args.resume.is_some() {
         check_data(&folder.join(DATA), &data)?;
     }
@@ -39,8 +43,11 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
         frames,
         &devices,
     )?;
+    if args.prepare {
+        return prepare(&trainer, args.shard.unwrap_or(Shard::WHOLE));
+    }
     if args.resume.is_none() {
-        prepare(&folder, &config, &args.device)?;
+        create(&folder, &config, &args.device)?;
         write_json(&folder.join(DATA), &data)?;
     }
     ui::say(&format!("run folder {}", folder.display()));
@@ -66,6 +73,21 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
     }
 }
 
+/// Computes what the run keeps in files.
+fn prepare(trainer: &Trainer, shard: Shard) -> Result<Exit> {
+    let bar = ui::bar(0, "frames");
+    let done = trainer.prepare(shard, &ui::stop_flag(), |done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    if done {
+        return Ok(Exit::Done);
+    }
+    ui::say("hint: the same command goes on where this one stopped");
+    Ok(Exit::Interrupted)
+}
+
 /// The folder and settings of a new run.
 fn start(args: &Train) -> Result<(PathBuf, Config)> {
     let mut config = args.settings.load()?;
@@ -78,7 +100,7 @@ fn start(args: &Train) -> Result<(PathBuf, Config)> {
         .output
         .clone()
         .unwrap_or_else(|| Path::new("runs").join(name));
-    if folder.join(SETTINGS).exists() {
+    if !args.prepare && folder.join(SETTINGS).exists() {
         return Err(
             Error::config(format!("`{}` already holds a run", folder.display()))
                 .hint("go on with it by --resume DIR, or give another folder with -o DIR"),
@@ -118,7 +140,7 @@ fn write_json(path: &Path, value: &Value) -> Result<()> {
 }
 
 /// Writes the resolved settings and the environment of a new run.
-fn prepare(folder: &Path, config: &Config, device: &str) -> Result<()> {
+fn create(folder: &Path, config: &Config, device: &str) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
     let environment = json!({
         "lsdc": env!("CARGO_PKG_VERSION"),

@@ -36,6 +36,15 @@ pub enum Place {
     Outdoor,
 }
 
+/// What a network is to find in a frame, where that is not its depth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// Metres along the optical axis, as large as the frame.
+    pub depth: DepthMap,
+    /// How much an error at each pixel counts, from 0 to 1, row by row.
+    pub weights: Vec<f32>,
+}
+
 /// A colour image and the depth of the same pixels.
 #[derive(Clone, Debug)]
 pub struct Frame {
@@ -51,6 +60,8 @@ pub struct Frame {
     pub mask: Option<Vec<bool>>,
     /// Where the frame was taken.
     pub place: Place,
+    /// What is to be learned from the frame, if a teacher has seen it.
+    pub target: Option<Target>,
 }
 
 impl Frame {
@@ -66,6 +77,7 @@ impl Frame {
             sparse: None,
             mask: None,
             place: Place::default(),
+            target: None,
         };
         frame.check_size("depth map", frame.depth.width(), frame.depth.height())?;
         Ok(frame)

@@ -1,11 +1,12 @@
 //! Datasets: frames of files, and what makes a dataset of them.
 
 mod frame;
+mod mixture;
 mod sets;
 mod shard;
 mod source;
 
-pub use frame::{Frame, FrameId, Place, check_name};
+pub use frame::{Frame, FrameId, Place, Target, check_name};
 pub use lsdc_files::{
     Camera, Colmap, Colored, Contents, DepthMap, GUIDE_ENDINGS, GuideSource, Orientation, Point,
     Sparse, StoredMap, Unit, View, check_writable, images_below, is_image, png_unit, raised_in_png,
@@ -13,6 +14,7 @@ pub use lsdc_files::{
     stored_unit, write_atomically, write_depth_png, write_exr, write_folder_atomically, write_npy,
     write_npz, write_pfm, write_ply, write_rgb, write_tiff,
 };
+pub use mixture::Mixture;
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
 pub use shard::Shard;
 pub use source::{DataConfig, DatasetKind};
@@ -58,6 +60,11 @@ pub trait Dataset: Send + Sync {
     /// The name of the protocol by which it is measured by convention.
     fn protocol(&self) -> &'static str {
         "full"
+    }
+
+    /// Whether frames have depths. Images alone can be learned from with a teacher.
+    fn measured(&self) -> bool {
+        true
     }
 
     /// The number of frames.

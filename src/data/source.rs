@@ -1,7 +1,7 @@
 //! Which dataset, and where it lies.
 
 use super::sets::{self, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
-use super::{Dataset, Split, check_name};
+use super::{Dataset, Mixture, Split, check_name};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
@@ -67,6 +67,9 @@ pub struct DataConfig {
     pub dataset: DatasetKind,
     /// Its folder, or the file that holds it; `LSDC_DATA/<dataset>` or `LSDC_DATA` if absent.
     pub root: Option<PathBuf>,
+    /// Of one of `more`: its share of all frames that training sees. Absent: each of its frames is seen as often as
+    /// those of the first dataset.
+    pub share: Option<f64>,
     /// Settings of `dataset = "nyu"`.
     pub nyu: NyuConfig,
     /// Settings of `dataset = "diode"`.
@@ -75,10 +78,44 @@ pub struct DataConfig {
     pub folder: FolderConfig,
     /// Settings of `dataset = "rooms"`.
     pub rooms: RoomsConfig,
+    /// Further datasets that `lsdc train` learns from. It measures and calibrates on the first alone.
+    pub more: Vec<Self>,
 }
 
 impl DataConfig {
-    /// Opens the dataset; `fallback` is the folder that holds datasets by name.
+    /// Checks the shares.
+    ///
+    /// # Errors
+    /// A share that is not above 0, or shares that leave nothing to the first dataset.
+    pub fn check(&self) -> Result<()> {
+        let shares = || self.more.iter().filter_map(|more| more.share);
+        let sum: f64 = shares().sum();
+        if self.share.is_some() || self.more.iter().any(|more| !more.more.is_empty()) {
+            return Err(Error::config(
+                "`data.share` and `more` of `more` have no meaning: only those of `data.more` have shares",
+            ));
+        }
+        if sum < 1.0 && shares().all(|share| share > 0.0) {
+            return Ok(());
+        }
+        Err(
+            Error::config("the shares of `data.more` must be above 0 and add up to less than 1")
+                .hint("the first dataset has the rest"),
+        )
+    }
+
+    /// Opens the dataset and all further ones.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_all(&self, split: Split, fallback: Option<&Path>) -> Result<Mixture> {
+        let first = self.open(split, fallback)?;
+        let more = self.more.iter();
+        let more = more.map(|more| Ok((more.open(split, fallback)?, more.share)));
+        Ok(Mixture::new(first, more.collect::<Result<_>>()?))
+    }
+
+    /// Opens the dataset without further ones; `fallback` is the folder that holds datasets by name.
     ///
     /// # Errors
     /// An unknown or unreadable folder, no frame in it, or frames whose names are not their own or

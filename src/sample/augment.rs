@@ -1,9 +1,9 @@
 //! Augmentation as in sparse-to-dense (Ma and Karaman 2018): zoom with the depth divided by it,
-//! rotation, mirroring, colour jitter.
+//! rotation, mirroring, colour jitter; and if asked for, smaller images, grey ones, and flaws.
 
-use super::Protocol;
-use super::protocol::Size;
-use crate::data::{DepthMap, Frame};
+use super::flaws::{Flaw, blurred, compressed, noisy};
+use super::protocol::{Protocol, Size};
+use crate::data::{DepthMap, Frame, Target};
 use crate::error::{Error, Result};
 use image::{Rgb, RgbImage};
 use lsdc_rng::Rng;
@@ -13,14 +13,25 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AugmentConfig {
-    /// Largest zoom; drawn uniformly from 1 up, and depths are divided by it.
+    /// Largest zoom; drawn uniformly from `shrink` up, and depths are divided by it.
     pub zoom: f32,
+    /// Smallest zoom. Below 1, images are continued by their mirror images, depths included; else what lies outside
+    /// has no depth.
+    pub shrink: f32,
     /// Largest rotation about the image centre, in degrees either way.
     pub rotation: f32,
     /// Probability of mirroring left and right.
     pub mirror: f32,
     /// Brightness, contrast and saturation are multiplied by up to 1 +- this.
     pub jitter: f32,
+    /// Probability of losing the colours.
+    pub grey: f32,
+    /// Gaussian blur: probability, and largest standard deviation in pixels.
+    pub blur: Flaw,
+    /// Noise: probability, and largest standard deviation in levels of 255.
+    pub noise: Flaw,
+    /// JPEG: probability, and by how much quality is below 100 at most.
+    pub compression: Flaw,
 }
 
 impl Default for AugmentConfig {
@@ -30,6 +41,7 @@ impl Default for AugmentConfig {
             rotation: 5.0,
             mirror: 0.5,
             jitter: 0.4,
+            ..Self::none()
         }
     }
 }
@@ -39,9 +51,14 @@ impl AugmentConfig {
     pub fn none() -> Self {
         Self {
             zoom: 1.0,
+            shrink: 1.0,
             rotation: 0.0,
             mirror: 0.0,
             jitter: 0.0,
+            grey: 0.0,
+            blur: Flaw::default(),
+            noise: Flaw::default(),
+            compression: Flaw::default(),
         }
     }
 
@@ -52,14 +69,21 @@ impl AugmentConfig {
     pub fn check(&self) -> Result<()> {
         let fine = self.zoom >= 1.0
             && self.zoom.is_finite()
+            && self.shrink > 0.0
+            && self.shrink <= 1.0
             && (0.0..=180.0).contains(&self.rotation)
             && (0.0..=1.0).contains(&self.mirror)
-            && (0.0..1.0).contains(&self.jitter);
+            && (0.0..1.0).contains(&self.jitter)
+            && (0.0..=1.0).contains(&self.grey)
+            && self.blur.is_sound(MOST_BLUR)
+            && self.noise.is_sound(255.0)
+            && self.compression.is_sound(99.0);
         if fine {
             Ok(())
         } else {
             Err(Error::config(
-                "`augment`: zoom >= 1, rotation 0..180, mirror 0..1 and jitter 0..1 (exclusive)",
+                "`augment`: zoom >= 1, shrink 0 (exclusive)..1, rotation 0..180, mirror and grey 0..1, jitter 0..1 \
+                 (exclusive); chances 0..1, and at most 100 for blur, 255 for noise, 99 for compression",
             ))
         }
     }
@@ -72,26 +96,28 @@ impl AugmentConfig {
             height: frame.depth.height(),
             width: frame.depth.width(),
         });
-        let zoom = rng.range(1.0, self.zoom);
+        let zoom = rng.range(self.shrink, self.zoom);
         let angle = rng.range(-self.rotation, self.rotation).to_radians();
         let mirror = if rng.chance(self.mirror) { -1.0 } else { 1.0 };
         let (sin, cos) = (angle.sin() / zoom, angle.cos() / zoom);
         let (half_width, half_height) = (size.width as f32 / 2.0, size.height as f32 / 2.0);
         let mut colours = Vec::with_capacity(3 * size.width * size.height);
-        let mut depths = Vec::with_capacity(size.width * size.height);
+        // Where in the frame each pixel lies, if it does.
+        let mut sources = Vec::with_capacity(size.width * size.height);
         for y in 0..size.height {
             let v = y as f32 + 0.5 - half_height;
             for x in 0..size.width {
                 let u = (x as f32 + 0.5 - half_width) * mirror;
-                let column = cos * u - sin * v + half_width;
-                let row = sin * u + cos * v + half_height;
+                let mut column = cos * u - sin * v + half_width;
+                let mut row = sin * u + cos * v + half_height;
+                if self.shrink < 1.0 {
+                    column = reflected(column, size.width);
+                    row = reflected(row, size.height);
+                }
                 let inside = (0.0..size.width as f32).contains(&column)
                     && (0.0..size.height as f32).contains(&row);
-                depths.push(if inside {
-                    frame.depth.at(left + column as usize, top + row as usize) / zoom
-                } else {
-                    0.0
-                });
+                let place = (top + row as usize) * frame.depth.width() + left + column as usize;
+                sources.push(inside.then_some(place));
                 let colour = bilinear(&frame.rgb, left as f32 + column, top as f32 + row);
                 colours.extend(colour.map(|c| (c + 0.5) as u8));
             }
@@ -99,16 +125,31 @@ impl AugmentConfig {
         let mut rgb = RgbImage::from_raw(size.width as u32, size.height as u32, colours)
             .ok_or_else(|| Error::shape("augmented image has the wrong size"))?;
         self.recolour(&mut rgb, rng);
-        Frame::new(
-            frame.id.clone(),
-            rgb,
-            DepthMap::new(size.width, size.height, depths)?,
-        )
+        let rgb = noisy(blurred(rgb, self.blur, rng), self.noise, rng);
+        let rgb = compressed(rgb, self.compression, rng)?;
+        let moved = |values: &[f32], zoom: f32| -> Vec<f32> {
+            let found = sources.iter().map(|s| s.map_or(0.0, |s| values[s] / zoom));
+            found.collect()
+        };
+        let nearer =
+            |depth: &DepthMap| DepthMap::new(size.width, size.height, moved(depth.values(), zoom));
+        let mut changed = Frame::new(frame.id.clone(), rgb, nearer(&frame.depth)?)?;
+        if let Some(target) = &frame.target {
+            changed.target = Some(Target {
+                depth: nearer(&target.depth)?,
+                weights: moved(&target.weights, 1.0),
+            });
+        }
+        Ok(changed)
     }
 
     fn recolour(&self, rgb: &mut RgbImage, rng: &mut Rng) {
         let mut factor = || rng.range(1.0 - self.jitter, 1.0 + self.jitter);
         let (brightness, contrast, saturation) = (factor(), factor(), factor());
+        if self.grey > 0.0 && rng.chance(self.grey) {
+            rgb.pixels_mut()
+                .for_each(|p| p.0 = [grey(*p).round() as u8; 3]);
+        }
         if self.jitter == 0.0 {
             return;
         }
@@ -123,6 +164,22 @@ impl AugmentConfig {
             pixel.0 = pixel.0.map(|c| (own * f32::from(c) + level) as u8);
         }
     }
+}
+
+/// Larger ones blur for seconds.
+const MOST_BLUR: f32 = 100.0;
+
+/// A position within 0..`length` that mirrors at both ends lead to.
+fn reflected(position: f32, length: usize) -> f32 {
+    let length = length as f32;
+    let folded = position.rem_euclid(2.0 * length);
+    let folded = if folded < length {
+        folded
+    } else {
+        2.0 * length - folded
+    };
+    // Below `length`, whatever is rounded.
+    folded.min(length - 0.5 * f32::EPSILON * length)
 }
 
 /// Luma of BT.601.
@@ -173,6 +230,87 @@ mod tests {
             .unwrap();
         assert_eq!(same.rgb, frame.rgb);
         assert_eq!(same.depth, frame.depth);
+    }
+
+    #[test]
+    fn smaller_images_are_continued_by_their_mirror_images() {
+        let config = AugmentConfig {
+            shrink: 0.1,
+            ..AugmentConfig::none()
+        };
+        let mut rng = Rng::stream(3, &[]);
+        let zoom = rng.clone().range(0.1, 1.0);
+        let frame = frame();
+        let found = config
+            .apply(&frame, &Protocol::default(), &mut rng)
+            .unwrap();
+        assert_eq!(found.depth.count(), 32 * 24);
+        // The left border lies this far from the centre, and the same depths on both sides of it.
+        let border = 16.0 - 16.0 * zoom;
+        let whole = border.floor() as usize;
+        assert!(whole > 2, "{border}");
+        for step in 1..whole - 1 {
+            let (here, there) = (
+                found.depth.at(whole - step, 9),
+                found.depth.at(whole + step, 9),
+            );
+            // Neighbours differ by 0.1 m.
+            assert!((here - there).abs() * zoom < 0.25, "{step}: {here} {there}");
+        }
+        let ratio = found.depth.at(16, 12) / frame.depth.at(16, 12);
+        assert!((ratio * zoom - 1.0).abs() < 0.05, "{ratio} {zoom}");
+        for position in [-0.1_f32, 0.0, 31.9, 32.0, 40.0, 63.9, 64.0, 1e4] {
+            assert!((0.0..32.0).contains(&reflected(position, 32)), "{position}");
+        }
+    }
+
+    #[test]
+    fn grey_images_have_no_colours_and_all_that_is_random_comes_from_the_stream() {
+        let config = AugmentConfig {
+            grey: 0.5,
+            blur: Flaw {
+                chance: 0.5,
+                most: 1.5,
+            },
+            noise: Flaw {
+                chance: 0.5,
+                most: 8.0,
+            },
+            compression: Flaw {
+                chance: 0.5,
+                most: 70.0,
+            },
+            shrink: 0.5,
+            ..AugmentConfig::default()
+        };
+        let frame = frame();
+        let apply = |seed| {
+            let mut rng = Rng::stream(seed, &[]);
+            config
+                .apply(&frame, &Protocol::default(), &mut rng)
+                .unwrap()
+        };
+        let (a, b) = (apply(1), apply(1));
+        assert_eq!((&a.rgb, &a.depth), (&b.rgb, &b.depth));
+        assert_ne!(apply(2).rgb, a.rgb);
+        let grey = AugmentConfig {
+            grey: 1.0,
+            ..AugmentConfig::none()
+        };
+        let found = grey
+            .apply(&frame, &Protocol::default(), &mut Rng::stream(0, &[]))
+            .unwrap();
+        // 0.299 R + 0.587 G + 0.114 B of (70, 90, 30).
+        assert_eq!(found.rgb.get_pixel(10, 10), &Rgb([77; 3]));
+        assert!(
+            AugmentConfig {
+                shrink: 0.0,
+                ..config
+            }
+            .check()
+            .is_err()
+        );
+        assert!(config.check().is_ok());
     }
 
     #[test]

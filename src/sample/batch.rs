@@ -18,10 +18,14 @@ pub struct Batch {
     pub size: (usize, usize),
     /// Pixels at which basis functions are needed, for each image.
     pub pixels: Vec<Vec<u32>>,
-    /// Depths at those pixels `[batch, pixels]` in metres; 0 = none.
+    /// Depths of the candidate points `[batch, points]` in metres; 0 = none.
+    pub measured: Tensor<2>,
+    /// Depths to be found at all of those pixels `[batch, pixels]` in metres; 0 = none.
     pub depths: Tensor<2>,
-    /// Depths of the whole images `[batch, height, width]` in metres; 0 = none.
+    /// Depths to be found in the whole images `[batch, height, width]` in metres; 0 = none.
     pub maps: Tensor<3>,
+    /// How much errors count in the whole images `[batch, height, width]`; the same everywhere if there is nothing.
+    pub weights: Option<Tensor<3>>,
     /// The number of candidate points at the start of `pixels`.
     pub points: usize,
     /// Masks of the draws over the candidate points `[draws * batch, points]`, draw by draw.
@@ -55,23 +59,36 @@ impl Batch {
         }
         let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
         let encoded: Option<Vec<&Encoded>> = samples.iter().map(|s| s.encoded.as_ref()).collect();
-        let depths = samples
-            .iter()
-            .flat_map(|s| s.depths.iter().copied())
-            .collect();
+        let all = |of: fn(&Sample) -> &Vec<f32>| -> Vec<f32> {
+            samples.iter().flat_map(|s| of(s).iter().copied()).collect()
+        };
         let masks: Vec<f32> = (0..draws)
             .flat_map(|d| samples.iter().flat_map(move |s| s.draws[d].iter().copied()))
             .collect();
         let (height, width) = (first.rgb.height() as usize, first.rgb.width() as usize);
-        let maps: Vec<f32> = samples.iter().flat_map(|s| s.map.iter().copied()).collect();
-        let maps = TensorData::new(maps, [samples.len(), height, width]);
+        let whole = |values: Vec<f32>| {
+            Tensor::from_data(
+                TensorData::new(values, [samples.len(), height, width]),
+                device,
+            )
+        };
+        let taught = samples.iter().any(|s| s.weights.is_some());
+        let weights = taught.then(|| {
+            let weights = samples.iter().flat_map(|s| match &s.weights {
+                Some(weights) => weights.clone(),
+                None => vec![1.0; s.map.len()],
+            });
+            whole(weights.collect())
+        });
         Ok(Self {
-            maps: Tensor::from_data(maps, device),
+            measured: matrix(all(|s| &s.measured), [samples.len(), points], device),
+            maps: whole(all(|s| &s.map)),
+            weights,
             images: image_tensor(&images, mean, deviation, device)?,
             encoded: encoded.map(|encoded| encoded_tensor(&encoded, device)),
             size: (height, width),
             pixels: samples.iter().map(|s| s.pixels.clone()).collect(),
-            depths: matrix(depths, [samples.len(), pixels], device),
+            depths: matrix(all(|s| &s.depths), [samples.len(), pixels], device),
             points,
             draws: matrix(masks, [draws * samples.len(), points], device),
             patch: first.patch,

@@ -1,10 +1,8 @@
 //! What a pretrained encoder says of training images: computed once, then kept in files.
 
-use super::image_values;
-use crate::data::write_atomically;
-use crate::error::{Error, Result};
+use super::{Halves, image_values};
+use crate::error::Result;
 use crate::pretrained::ANYTHING;
-use half::f16;
 use image::RgbImage;
 use lsdc_core::network::{Encoded, Encoder};
 use lsdc_core::weights::Normalisation;
@@ -17,7 +15,7 @@ use std::sync::Arc;
 pub struct Encoding {
     encoder: Arc<Encoder>,
     normalisation: Normalisation,
-    folder: Option<PathBuf>,
+    kept: Halves,
 }
 
 impl Encoding {
@@ -30,7 +28,7 @@ impl Encoding {
         Self {
             encoder,
             normalisation,
-            folder,
+            kept: Halves::new(folder),
         }
     }
 
@@ -39,36 +37,21 @@ impl Encoding {
     /// # Errors
     /// A file that cannot be written, or an image without pixels.
     pub fn of(&self, rgb: &RgbImage) -> Result<Encoded> {
-        let Some(folder) = &self.folder else {
-            return Ok(from_halves(self.compute(rgb)?));
-        };
-        let path = folder.join(format!("{:016x}.f16", self.key(rgb)));
-        let (rows, columns) = Encoded::size((rgb.height() as usize, rgb.width() as usize));
-        let channels = self.encoder.config().channels();
-        if let Some(bytes) = std::fs::read(&path).ok().and_then(unsealed)
-            && bytes.len() == 2 * rows * columns * channels
-        {
-            return Ok(from_halves((bytes, rows, columns)));
-        }
-        let found = self.compute(rgb)?;
-        std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-        write_atomically(&path, |out| {
-            out.write_all(&found.0)?;
-            out.write_all(&hash(&[&found.0]).to_le_bytes())
-        })?;
-        Ok(from_halves(found))
-    }
-
-    /// Half-precision features, rows and columns.
-    fn compute(&self, rgb: &RgbImage) -> Result<Halves> {
-        let Normalisation {
-            mean, deviation, ..
-        } = self.normalisation;
-        let values = image_values(rgb, mean, deviation);
         let size = (rgb.height() as usize, rgb.width() as usize);
-        let found = self.encoder.encode(&values, size)?;
-        let halves = found.values.iter().map(|v| f16::from_f32(*v).to_le_bytes());
-        Ok((halves.flatten().collect(), found.rows, found.columns))
+        let (rows, columns) = Encoded::size(size);
+        let length = rows * columns * self.encoder.config().channels();
+        let values = self.kept.get(self.key(rgb), length, || {
+            let Normalisation {
+                mean, deviation, ..
+            } = self.normalisation;
+            let values = image_values(rgb, mean, deviation);
+            Ok(self.encoder.encode(&values, size)?.values)
+        })?;
+        Ok(Encoded {
+            rows,
+            columns,
+            values,
+        })
     }
 
     /// A number that changes with everything that the features depend on.
@@ -87,30 +70,11 @@ impl Encoding {
     }
 }
 
-type Halves = (Vec<u8>, usize, usize);
-
-fn from_halves((bytes, rows, columns): Halves) -> Encoded {
-    let (pairs, _) = bytes.as_chunks::<2>();
-    let values = pairs.iter().map(|pair| f16::from_le_bytes(*pair).to_f32());
-    Encoded {
-        rows,
-        columns,
-        values: values.collect(),
-    }
-}
-
-/// The contents of a file that ends with their hash; nothing if it is damaged.
-fn unsealed(mut bytes: Vec<u8>) -> Option<Vec<u8>> {
-    let (contents, seal) = bytes.split_last_chunk::<8>()?;
-    let sound = hash(&[contents]).to_le_bytes() == *seal;
-    bytes.truncate(bytes.len() - 8);
-    sound.then_some(bytes)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::model::random_encoder;
+    use half::f16;
     use image::Rgb;
 
     #[test]

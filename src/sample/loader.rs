@@ -1,8 +1,8 @@
 //! Batches of samples in a fixed order, prepared ahead by worker threads.
 
 use super::patches::Sample;
-use super::{AugmentConfig, Encoding, Protocol, SupervisionConfig};
-use crate::data::{Dataset, Frame};
+use super::{AugmentConfig, Encoding, Order, Protocol, SupervisionConfig};
+use crate::data::{Dataset, Frame, Shard};
 use crate::error::{Cause, Error, Result};
 use lsdc_rng::Rng;
 use std::collections::HashMap;
@@ -30,8 +30,8 @@ pub struct SamplerConfig {
 #[derive(Clone)]
 pub struct Sampler {
     frames: Arc<dyn Dataset>,
-    /// The frames of the dataset that take part.
-    indices: Arc<[usize]>,
+    /// The frames of the dataset that take part, and when.
+    order: Order,
     config: SamplerConfig,
     encoding: Option<Encoding>,
     kept: Arc<Kept>,
@@ -44,17 +44,18 @@ impl Sampler {
     /// No frame, or a batch size of 0.
     pub fn new(
         frames: Arc<dyn Dataset>,
-        indices: Vec<usize>,
+        order: impl Into<Order>,
         config: SamplerConfig,
     ) -> Result<Self> {
-        if indices.is_empty() || config.batch == 0 {
+        let order = order.into();
+        if order.epoch() == 0 || config.batch == 0 {
             return Err(Error::config(
                 "training needs at least one frame and a batch size above 0",
             ));
         }
         Ok(Self {
             frames,
-            indices: indices.into(),
+            order,
             config,
             encoding: None,
             kept: Arc::default(),
@@ -67,7 +68,7 @@ impl Sampler {
         Self { encoding, ..self }
     }
 
-    /// The samples of a step: every frame comes once before any comes again.
+    /// The samples of a step.
     ///
     /// # Errors
     /// A frame cannot be read.
@@ -75,18 +76,13 @@ impl Sampler {
         let first = step * self.config.batch;
         (first..first + self.config.batch)
             .map(|position| {
-                let pass = position / self.indices.len();
-                let index = self.order(pass)[position % self.indices.len()];
+                let (index, pass) = self.order.at(position, self.config.seed);
                 let frame = self.scaled(index)?;
                 let config = &self.config;
-                let stream = |what: &str, pass: usize| {
-                    Rng::stream(config.seed, &[what, &frame.id, &pass.to_string()])
-                };
-                let mut rng = stream("sample", pass);
-                let (augment, protocol) = (&config.augment, &config.protocol);
+                let mut rng = self.stream("sample", &frame, pass);
                 let frame = match config.views {
-                    0 => augment.apply(&frame, protocol, &mut rng)?,
-                    views => augment.apply(&frame, protocol, &mut stream("view", pass % views))?,
+                    0 => config.augment.apply(&frame, &config.protocol, &mut rng)?,
+                    views => self.view(&frame, pass % views)?,
                 };
                 let encoding = self.encoding.as_ref();
                 Ok(Sample {
@@ -97,24 +93,62 @@ impl Sampler {
             .collect()
     }
 
+    /// Whether images are encoded.
+    pub fn is_encoded(&self) -> bool {
+        self.encoding.is_some()
+    }
+
+    /// The frames of a shard among those that take part.
+    pub fn frames(&self, shard: Shard) -> Vec<usize> {
+        let all = self.order.frames();
+        all.filter(|&index| shard.holds(&self.frames.id(index)))
+            .collect()
+    }
+
+    /// Computes what is kept in files of the frame at `index` of the dataset: what a teacher says of it, what an
+    /// encoder says of its views.
+    ///
+    /// # Errors
+    /// The frame cannot be read, or a file cannot be written.
+    pub fn prepare(&self, index: usize) -> Result<()> {
+        let frame = self.config.protocol.scale(&self.frames.load(index)?)?;
+        let Some(encoding) = &self.encoding else {
+            return Ok(());
+        };
+        (0..self.config.views).try_for_each(|view| {
+            let view = self.view(&frame, view)?;
+            encoding.of(&view.rgb).map(drop)
+        })
+    }
+
+    /// One of the views of a frame, if their number is limited.
+    fn view(&self, frame: &Frame, view: usize) -> Result<Frame> {
+        let mut rng = self.stream("view", frame, view);
+        let SamplerConfig {
+            augment, protocol, ..
+        } = &self.config;
+        augment.apply(frame, protocol, &mut rng)
+    }
+
+    fn stream(&self, what: &str, frame: &Frame, pass: usize) -> Rng {
+        Rng::stream(self.config.seed, &[what, &frame.id, &pass.to_string()])
+    }
+
     /// A frame as the protocol scales it.
     fn scaled(&self, index: usize) -> Result<Arc<Frame>> {
         if let Some(frame) = self.kept.find(index) {
             return Ok(frame);
         }
         let frame = self.config.protocol.scale(&self.frames.load(index)?)?;
-        // Nothing else of a frame takes part in training.
-        let frame = Arc::new(Frame::new(frame.id, frame.rgb, frame.depth)?);
+        // These take no part in training.
+        let (sparse, mask) = (None, None);
+        let frame = Arc::new(Frame {
+            sparse,
+            mask,
+            ..frame
+        });
         self.kept.keep(index, &frame);
         Ok(frame)
-    }
-
-    /// The order of all frames in a pass.
-    fn order(&self, pass: usize) -> Vec<usize> {
-        let mut order = self.indices.to_vec();
-        let count = order.len();
-        Rng::stream(self.config.seed, &["order", &pass.to_string()]).choose(&mut order, count);
-        order
     }
 }
 
@@ -131,7 +165,8 @@ impl Kept {
     }
 
     fn keep(&self, index: usize, frame: &Arc<Frame>) {
-        let bytes = frame.rgb.as_raw().len() + size_of_val(frame.depth.values());
+        let maps = if frame.target.is_some() { 3 } else { 1 };
+        let bytes = frame.rgb.as_raw().len() + maps * size_of_val(frame.depth.values());
         // A poisoned lock costs time, nothing else.
         if let Ok(mut kept) = self.0.lock()
             && kept.1 + bytes <= Self::MOST

@@ -62,10 +62,14 @@ pub struct Sample {
     pub encoded: Option<Encoded>,
     /// Pixels `y * width + x`: first the candidate points, then the patches row by row.
     pub pixels: Vec<u32>,
-    /// The depth of each pixel in metres; 0 = none.
+    /// The depth of each candidate point in metres; 0 = none.
+    pub measured: Vec<f32>,
+    /// The depth that is to be found at each pixel in metres; 0 = none.
     pub depths: Vec<f32>,
-    /// The depths of the whole image, row by row.
+    /// The same of the whole image, row by row.
     pub map: Vec<f32>,
+    /// How much an error at each pixel of the whole image counts; the same everywhere if there is nothing.
+    pub weights: Option<Vec<f32>>,
     /// For each draw, 1 for every candidate point that the fit may read, else 0.
     pub draws: Vec<Vec<f32>>,
     /// Rows and columns of every patch.
@@ -104,13 +108,21 @@ impl Sample {
             }
             (side, side)
         };
-        let mut depths = values(depth, &pixels);
+        let target = frame.target.as_ref();
+        let map = target.map_or(depth, |target| &target.depth);
+        let [mut measured, mut depths] = [
+            values(depth, &pixels[..config.points]),
+            values(map, &pixels),
+        ];
+        measured[found..].fill(0.0);
         depths[found..config.points].fill(0.0);
         Self {
             rgb: frame.rgb.clone(),
             encoded: None,
-            map: depth.values().to_vec(),
+            map: map.values().to_vec(),
+            weights: target.map(|target| target.weights.clone()),
             pixels,
+            measured,
             depths,
             draws,
             patch,

@@ -100,7 +100,10 @@ impl Protocol {
     }
 
     /// All steps but the last crop.
-    pub(super) fn scale(&self, frame: &Frame) -> Result<Frame> {
+    ///
+    /// # Errors
+    /// A cut is larger than the frame.
+    pub fn scale(&self, frame: &Frame) -> Result<Frame> {
         let mut frame = Frame {
             depth: self.valid(frame)?,
             ..frame.clone()
@@ -118,6 +121,16 @@ impl Protocol {
             };
         }
         Ok(frame)
+    }
+
+    /// What remains to be done with frames that were scaled: the last crop.
+    #[must_use]
+    pub fn after_scaling(&self) -> Self {
+        Self {
+            crop: self.crop,
+            anchor: self.anchor,
+            ..Self::default()
+        }
     }
 
     /// The last crop's upper left pixel in a frame.
@@ -210,6 +223,8 @@ fn cut_out(frame: &Frame, (left, top): (usize, usize), size: Size) -> Result<Fra
         // Applied already.
         mask: None,
         place: frame.place,
+        // Teachers see what was cut out.
+        target: None,
     })
 }
 

@@ -1,6 +1,6 @@
 //! Settings of a training run.
 
-use super::{LossConfig, Schedule};
+use super::{LossConfig, Schedule, TeacherConfig};
 use crate::error::{Error, Result};
 use crate::ops::Reweighting;
 use crate::sample::{AugmentConfig, Protocol, SupervisionConfig};
@@ -72,6 +72,8 @@ pub struct TrainConfig {
     pub part: Part,
     /// Weights to start from: tensors that agree in name and shape are taken.
     pub start: Option<PathBuf>,
+    /// A network that says what depth is where none was measured; absent: only measured depths are learned.
+    pub teacher: Option<TeacherConfig>,
     /// The size at which to train.
     pub protocol: Protocol,
     /// Random changes of the frames.
@@ -110,6 +112,7 @@ impl Default for TrainConfig {
             calibrate: true,
             part: Part::All,
             start: None,
+            teacher: None,
             protocol: Protocol::nyu(),
             augment: AugmentConfig::default(),
             views: 0,
@@ -144,6 +147,15 @@ impl TrainConfig {
             .is_some_and(|decay| !(0.0..1.0).contains(&decay))
         {
             return Err(Error::config("`train.average` must be in [0, 1)"));
+        }
+        match &self.teacher {
+            Some(teacher) => teacher.check()?,
+            None if self.loss.imitates() => {
+                return Err(Error::config(
+                    "`train.loss.teacher_affinities` and `teacher_span` need `train.teacher`",
+                ));
+            }
+            None => {}
         }
         self.augment.check()?;
         self.supervision.check()?;

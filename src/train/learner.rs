@@ -2,6 +2,7 @@
 
 use super::average::follow;
 use super::config::{OptimiserKind, Part};
+use super::imitation::Shown;
 use super::loss::field_losses;
 use super::muon::Flattened;
 use super::parallel::gradients;
@@ -12,7 +13,7 @@ use crate::model::BasisNet;
 use crate::ops::Reweighting;
 use crate::sample::Batch;
 use burn::grad_clipping::GradientClippingConfig;
-use burn::module::ParamGroup;
+use burn::module::{Module as _, ParamGroup};
 use burn::optim::decay::WeightDecayConfig;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use lsdc_core::fit::FitConfig;
@@ -25,6 +26,8 @@ pub struct Learner {
     robust: Option<Reweighting>,
     loss: LossConfig,
     part: Part,
+    /// The network of a teacher, which is compared with.
+    teacher: Option<BasisNet>,
     /// The average over steps, and how much of it is kept in one.
     pub(super) average: Option<(BasisNet, f64)>,
 }
@@ -57,7 +60,15 @@ impl Learner {
             robust: config.robust,
             loss: config.loss,
             part: config.part,
+            teacher: None,
         }
+    }
+
+    /// Compares the network with that of a teacher, as far as losses ask for it: one for images of the same size and
+    /// normalisation, not on an autodiff device.
+    #[must_use]
+    pub fn taught_by(self, teacher: Option<BasisNet>) -> Self {
+        Self { teacher, ..self }
     }
 
     /// The network to be used: its average over steps, or as it is now.
@@ -95,9 +106,14 @@ impl Learner {
         batch: &Batch,
         part: f64,
     ) -> Result<(GradientsParams, Step)> {
+        let shown = self.teacher.as_ref().map(|teacher| {
+            let device = batch.images.device().inner();
+            Shown::new(&teacher.clone().to_device(&device), batch, &self.loss)
+        });
+        let (shown, fit, loss) = (shown.as_ref(), &self.fit, &self.loss);
         let losses = match self.part {
-            Part::All | Part::Bases => losses(net, batch, &self.fit, self.robust, &self.loss),
-            Part::Affinities => field_losses(net, batch, &self.fit, &self.loss),
+            Part::All | Part::Bases => losses(net, batch, shown, fit, self.robust, loss),
+            Part::Affinities => field_losses(net, batch, shown, fit, loss),
         };
         let step = Step::of(&losses);
         if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {
@@ -119,7 +135,6 @@ mod tests {
         ExtractorConfig, InitNetwork as _, NetworkConfig, Normalisation, weights_of,
     };
     use crate::sample::{AugmentConfig, Protocol, Sampler, SamplerConfig, SupervisionConfig};
-    use burn::module::Module as _;
     use burn::tensor::Device;
     use lsdc_core::fit::FitMethod;
     use std::sync::Arc;

@@ -1,5 +1,8 @@
 //! The three losses of the paper (section 3.4), on the pixels of a batch.
 
+use super::affinities::steps;
+use super::compare::{Counts, compared};
+use super::imitation::Shown;
 use crate::error::{Error, Result};
 use crate::model::BasisNet;
 use crate::ops::{Reweighting, joint, lstsq, reweighted};
@@ -30,6 +33,11 @@ pub struct LossConfig {
     /// for fits with a field.
     #[serde(alias = "edges")]
     pub affinities: f64,
+    /// Mean squared logarithm of the ratio of affinities to those of the teacher's network; for fits with a field.
+    pub teacher_affinities: f64,
+    /// The share of the basis functions of the teacher's network that the network's own cannot represent, in squares,
+    /// each function counting the same: from 0 to 1.
+    pub teacher_span: f64,
 }
 
 impl Default for LossConfig {
@@ -42,11 +50,18 @@ impl Default for LossConfig {
             regularisation: 1e-3,
             balance: 0.0,
             affinities: 0.0,
+            teacher_affinities: 0.0,
+            teacher_span: 0.0,
         }
     }
 }
 
 impl LossConfig {
+    /// Whether the network of a teacher is compared with.
+    pub(super) fn imitates(&self) -> bool {
+        self.teacher_affinities > 0.0 || self.teacher_span > 0.0
+    }
+
     pub(super) fn check(&self) -> Result<()> {
         let all = [
             self.l1,
@@ -55,16 +70,18 @@ impl LossConfig {
             self.gradient,
             self.regularisation,
             self.affinities,
+            self.teacher_affinities,
+            self.teacher_span,
         ];
         if all.iter().all(|w| *w >= 0.0 && w.is_finite())
             && (0.0..=1.0).contains(&self.balance)
-            && self.l1 + self.l2 + self.rmse + self.affinities > 0.0
+            && (self.l1 + self.l2 + self.rmse + self.affinities > 0.0 || self.imitates())
         {
             Ok(())
         } else {
             Err(Error::config(
-                "`loss`: weights must be at least 0, `balance` from 0 to 1, and `l1`, `l2`, `rmse` or \
-                 `affinities` above 0",
+                "`loss`: weights must be at least 0, `balance` from 0 to 1, and `l1`, `l2`, `rmse`, \
+                 `affinities` or those of a teacher above 0",
             ))
         }
     }
@@ -81,16 +98,18 @@ pub struct Losses {
     pub l2: Tensor<1>,
 }
 
-/// Runs the network once and one fit per draw, and compares with the depths of the batch.
+/// Runs the network once and one fit per draw, and compares with the depths of the batch, and with what the network
+/// of a teacher shows, if there is one.
 pub fn losses(
     net: &BasisNet,
     batch: &Batch,
+    shown: Option<&Shown>,
     fit: &FitConfig,
     robust: Option<Reweighting>,
     config: &LossConfig,
 ) -> Losses {
     if fit.method == FitMethod::Field {
-        return field_losses(net, batch, fit, config);
+        return field_losses(net, batch, shown, fit, config);
     }
     let [images, _] = batch.depths.dims();
     let points = batch.points;
@@ -98,13 +117,16 @@ pub fn losses(
     let bases = net.bases(batch.images.clone(), batch.encoded.clone());
     let bases = bases.at(batch.size, &batch.pixels);
     let functions = bases.dims()[2];
+    let spans = shown.and_then(|shown| shown.span_loss(&bases, &batch.depths, config));
 
     let at_points = bases
         .clone()
         .slice([0..images, 0..points])
         .repeat_dim(0, draws);
-    let depths = batch.depths.clone().slice([0..images, 0..points]);
-    let (depths, draw) = (depths.repeat_dim(0, draws), batch.draws.clone());
+    let (depths, draw) = (
+        batch.measured.clone().repeat_dim(0, draws),
+        batch.draws.clone(),
+    );
     let solver = fit.solver();
     let (weights, field) = match (fit.method, robust) {
         (FitMethod::Joint, _) => {
@@ -128,13 +150,21 @@ pub fn losses(
     if let Some((field, _)) = &field {
         fitted = fitted + field.clone();
     }
-    let shares = shares(batch, config);
-    let mut losses = compared(fitted, &batch.depths, shares, (points, batch.patch), config);
-    if config.affinities > 0.0
-        && let Some((_, edges)) = &field
-    {
-        losses.total = losses.total + steps(edges, &batch.maps) * config.affinities;
-    }
+    let flat = batch.weights.clone().map(|weights| weights.flatten(1, 2));
+    let counts = Counts {
+        fits: shares(batch, config),
+        pixels: flat.map(|weights| at_pixels(weights, &batch.pixels)),
+    };
+    let mut losses = compared(
+        fitted,
+        &batch.depths,
+        &counts,
+        (points, batch.patch),
+        config,
+    );
+    let affinities = field.map(|(_, edges)| of_affinities(&edges, batch, shown, config));
+    let more = affinities.into_iter().flatten().chain(spans);
+    losses.total = more.fold(losses.total, |sum, loss| sum + loss);
     if config.regularisation > 0.0 {
         losses.total = losses.total + weights.abs().mean() * config.regularisation;
     }
@@ -145,6 +175,7 @@ pub fn losses(
 pub(super) fn field_losses(
     net: &BasisNet,
     batch: &Batch,
+    shown: Option<&Shown>,
     fit: &FitConfig,
     config: &LossConfig,
 ) -> Losses {
@@ -154,10 +185,9 @@ pub(super) fn field_losses(
     let edges = net.affinities(batch.images.clone(), batch.encoded.clone());
     let device = edges.device();
     let mut losses = if config.l1 + config.l2 + config.rmse + config.gradient > 0.0 {
-        let depths = batch.depths.clone().slice([0..images, 0..points]);
         let found = joint(
             Tensor::zeros([draws * images, points, 1], &device),
-            depths.repeat_dim(0, draws),
+            batch.measured.clone().repeat_dim(0, draws),
             batch.draws.clone(),
             edges.clone(),
             candidates(batch),
@@ -168,13 +198,13 @@ pub(super) fn field_losses(
         );
         let field = found.field.reshape([draws, images, height * width]);
         let maps = batch.maps.clone().reshape([images, height * width]);
-        compared(
-            field.permute([1, 2, 0]),
-            &maps,
-            shares(batch, config),
-            (0, (height, width)),
-            config,
-        )
+        let weights = batch.weights.clone();
+        let counts = Counts {
+            fits: shares(batch, config),
+            pixels: weights.map(|weights| weights.reshape([images, height * width, 1])),
+        };
+        let field = field.permute([1, 2, 0]);
+        compared(field, &maps, &counts, (0, (height, width)), config)
     } else {
         let nothing = Tensor::zeros([1], &device);
         Losses {
@@ -183,10 +213,21 @@ pub(super) fn field_losses(
             l2: nothing,
         }
     };
-    if config.affinities > 0.0 {
-        losses.total = losses.total + steps(&edges, &batch.maps) * config.affinities;
-    }
+    let more = of_affinities(&edges, batch, shown, config).into_iter();
+    losses.total = more.fold(losses.total, |sum, loss| sum + loss);
     losses
+}
+
+/// The weighted losses of affinities themselves, as far as they are asked for.
+fn of_affinities(
+    edges: &Tensor<4>,
+    batch: &Batch,
+    shown: Option<&Shown>,
+    config: &LossConfig,
+) -> Vec<Tensor<1>> {
+    let truth = (config.affinities > 0.0).then(|| steps(edges, &batch.maps) * config.affinities);
+    let teacher = shown.and_then(|shown| shown.affinity_loss(edges, config));
+    truth.into_iter().chain(teacher).collect()
 }
 
 /// The pixels of the candidate points of each image.
@@ -208,44 +249,6 @@ fn shares(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
     Some(shares.permute([1, 2, 0]))
 }
 
-/// Compares `fitted [images, pixels, draws]` with `depths [images, pixels]`, 0 = none. After a
-/// number of pixels, the others are patches of a height and width.
-fn compared(
-    fitted: Tensor<3>,
-    depths: &Tensor<2>,
-    shares: Option<Tensor<3>>,
-    (points, patch): (usize, (usize, usize)),
-    config: &LossConfig,
-) -> Losses {
-    let [images, pixels, draws] = fitted.dims();
-    let depths = depths.clone().reshape([images, pixels, 1]);
-    let valid = depths.clone().greater_elem(0.0).float();
-    let error = (fitted - depths) * valid.clone();
-    let count = (valid.clone().sum() * draws as f64).clamp_min(1.0);
-    let l1 = error.clone().abs().sum() / count.clone();
-    let l2 = error.clone().square().sum() / count.clone();
-    let shared = |errors: Tensor<3>| match &shares {
-        None => errors,
-        Some(shares) => errors * shares.clone(),
-    };
-    let absolute = match &shares {
-        None => l1.clone(),
-        Some(_) => shared(error.clone().abs()).sum() / count.clone(),
-    };
-    let mut total = absolute * config.l1 + l2.clone() * config.l2;
-    if config.rmse > 0.0 {
-        // Smooth where an image is met exactly.
-        const LEAST: f64 = 1e-6;
-        let counts = valid.clone().sum_dim(1).clamp_min(1.0);
-        let means = error.clone().square().sum_dim(1) / counts;
-        total = total + shared((means + LEAST).sqrt()).mean() * config.rmse;
-    }
-    if config.gradient > 0.0 {
-        total = total + gradient(error, valid, points, patch) * config.gradient;
-    }
-    Losses { total, l1, l2 }
-}
-
 /// Fields `[draws * images, height * width]` at pixels of each image: `[images, pixels, draws]`.
 fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
     let [problems, _] = field.dims();
@@ -256,130 +259,4 @@ fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
     let places = Tensor::<2, Int>::from_data(places, &field.device()).repeat_dim(0, draws);
     let values = field.gather(1, places);
     values.reshape([draws, images, count]).permute([1, 2, 0])
-}
-
-/// The mean over pairs of neighbours of `c (D^2 + FLAT^2) / STEP^2 - ln c`: minus the logarithm of
-/// the likelihood, but for a constant and a factor 2, of a relative difference in depth D that is
-/// normal with variance `STEP^2 / c`. Differences are reduced by what quantisation of the depths may
-/// make of them. `edges [batch, height, width, 2]`, `depths [batch, height, width]`.
-fn steps(edges: &Tensor<4>, depths: &Tensor<3>) -> Tensor<1> {
-    const STEP: f64 = 0.01;
-    const FLAT: f64 = 0.003;
-    const QUANTUM: f64 = 0.04;
-    let mut sum = Tensor::zeros([1], &edges.device());
-    let mut pairs = Tensor::zeros([1], &edges.device());
-    for way in [0, 1] {
-        let axis = 2 - way;
-        let length = depths.dims()[axis];
-        if length == 1 {
-            continue;
-        }
-        let here = depths.clone().narrow(axis, 0, length - 1);
-        let next = depths.clone().narrow(axis, 1, length - 1);
-        let strength = edges.clone().narrow(3, way, 1).squeeze_dim::<3>(3);
-        let strength = strength.narrow(axis, 0, length - 1);
-        let both = (here.clone() * next.clone()).greater_elem(0.0).float();
-        let level = (here.clone() + next.clone()).clamp_min(1e-3) / 2.0;
-        let step = ((next - here).abs() - QUANTUM).clamp_min(0.0) / level;
-        let square = (step.square() + FLAT * FLAT) / (STEP * STEP);
-        let surprise = strength.clone() * square - strength.log();
-        sum = sum + (surprise * both.clone()).sum();
-        pairs = pairs + both.sum();
-    }
-    sum / pairs.clamp_min(1.0)
-}
-
-/// Differences of the error between horizontal and vertical neighbours inside the patches, where
-/// both have a depth.
-fn gradient(
-    error: Tensor<3>,
-    valid: Tensor<3>,
-    points: usize,
-    (height, width): (usize, usize),
-) -> Tensor<1> {
-    let [images, pixels, draws] = error.dims();
-    let patches = images * (pixels - points) / (height * width);
-    let cut = |t: Tensor<3>| {
-        let channels = t.dims()[2];
-        t.slice([0..images, points..pixels])
-            .reshape([patches, height, width, channels])
-    };
-    let (error, valid) = (cut(error), cut(valid));
-    let mut sum = Tensor::zeros([1], &error.device());
-    let mut count = Tensor::zeros([1], &error.device());
-    for axis in [1, 2] {
-        let length = [patches, height, width][axis];
-        let pair = |t: &Tensor<4>| {
-            (
-                t.clone().narrow(axis, 1, length - 1),
-                t.clone().narrow(axis, 0, length - 1),
-            )
-        };
-        let ((next, here), (v_next, v_here)) = (pair(&error), pair(&valid));
-        let both = v_next * v_here;
-        sum = sum + ((next - here) * both.clone()).abs().sum();
-        count = count + both.sum() * draws as f64;
-    }
-    sum / count.clamp_min(1.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use burn::tensor::Device;
-
-    #[test]
-    fn edges_as_likely_as_the_steps_cost_least() {
-        let device = Device::flex();
-        let tensor = |values: Vec<f32>, shape: [usize; 3]| {
-            Tensor::<3>::from_data(TensorData::new(values, shape), &device)
-        };
-        // A step of 0.54 m between 2 and 2.54, no depth at the last pixel.
-        let depths = tensor(vec![2.0, 2.0, 2.54, 2.54, 0.0], [1, 1, 5]);
-        let loss = |strengths: [f32; 5]| {
-            let edges = strengths.into_iter().flat_map(|c| [c, 1.0]).collect();
-            let edges = Tensor::from_data(TensorData::new::<f32, _>(edges, [1, 1, 5, 2]), &device);
-            f64::from(steps(&edges, &depths).into_scalar::<f32>())
-        };
-        // Variances of 0.003^2, and of that and (0.5 / 2.27)^2, in units of 0.01^2.
-        let flat = 1.0 / 0.09;
-        let jump = 1.0 / (0.09 + (0.5_f64 / 2.27).powi(2) * 1e4);
-        let least = [flat, jump, flat, 3.0, 3.0].map(|c| c as f32);
-        let expected = (3.0 - (2.0 * flat.ln() + jump.ln())) / 3.0;
-        assert!((loss(least) - expected).abs() < 1e-4);
-        for i in 0..3 {
-            for factor in [0.8, 1.25] {
-                let mut other = least;
-                other[i] *= factor;
-                assert!(loss(other) > loss(least) + 1e-3, "{i} {factor}");
-            }
-        }
-    }
-
-    #[test]
-    fn few_points_count_as_much_less_as_they_are_told_to() {
-        let device = Device::flex();
-        let tensor = |values: Vec<f32>, shape: [usize; 3]| {
-            Tensor::<3>::from_data(TensorData::new(values, shape), &device)
-        };
-        // Two pixels: off by 1 m in a fit to all points, by 3 m in one to a sixteenth of them.
-        let fitted = tensor(vec![3.0, 5.0, 3.0, 5.0], [1, 2, 2]);
-        let depths = Tensor::from_data(TensorData::new(vec![2.0_f32, 2.0], [1, 2]), &device);
-        let total = |shares: Option<Tensor<3>>, l1: f64, rmse: f64| {
-            let config = LossConfig {
-                l1,
-                l2: 0.0,
-                rmse,
-                gradient: 0.0,
-                ..LossConfig::default()
-            };
-            let found = compared(fitted.clone(), &depths, shares, (2, (0, 0)), &config);
-            f64::from(found.total.into_scalar::<f32>())
-        };
-        let shares = || Some(tensor(vec![1.0, (1.0_f32 / 16.0).powf(0.25)], [1, 1, 2]));
-        for (l1, rmse) in [(1.0, 0.0), (0.0, 1.0)] {
-            assert!((total(None, l1, rmse) - 2.0).abs() < 1e-5);
-            assert!((total(shares(), l1, rmse) - 1.25).abs() < 1e-5);
-        }
-    }
 }

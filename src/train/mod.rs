@@ -1,10 +1,13 @@
 //! Training: losses, steps, checkpoints, the run, and what is learned once it is over.
 
+mod affinities;
 mod average;
 mod calibrate;
 mod checkpoint;
+mod compare;
 mod config;
 mod foresight;
+mod imitation;
 mod learner;
 mod log;
 mod loss;
@@ -12,13 +15,17 @@ mod muon;
 mod parallel;
 mod run;
 mod schedule;
+mod setup;
 mod step;
+mod teacher;
 
 pub use calibrate::{Held, calibrate, divide, learn_errors};
 pub use config::{OptimiserKind, Part, TrainConfig};
 pub use foresight::{Foresight, NUMBERS};
+pub use imitation::Shown;
 pub use learner::Learner;
 pub use loss::{LossConfig, Losses, losses};
 pub use run::{Event, Outcome, SCORES_NOTE, TRAINING_NOTE, Trainer};
 pub use schedule::Schedule;
 pub use step::Step;
+pub use teacher::{Lesson, TeacherConfig};

@@ -90,8 +90,10 @@ mod tests {
             encoded: None,
             size: SIZE,
             pixels: vec![(0..PIXELS as u32).collect(); count],
+            measured: Tensor::from_data(TensorData::new(depths.clone(), [count, PIXELS]), device),
             depths: Tensor::from_data(TensorData::new(depths, [count, PIXELS]), device),
             maps: Tensor::from_data(maps, device),
+            weights: None,
             points: PIXELS,
             draws: Tensor::ones([count, PIXELS], device),
             patch: (0, 0),
@@ -143,7 +145,7 @@ mod tests {
             ..FitConfig::default()
         };
         let (found, step) = gradients(net, shares, |net, batch, part| {
-            let losses = losses(net, batch, &fit, None, &loss);
+            let losses = losses(net, batch, None, &fit, None, &loss);
             let step = Step::of(&losses);
             let gradients = (losses.total * part).backward();
             Ok((GradientsParams::from_grads(gradients, net), step))

@@ -2,16 +2,17 @@
 
 use super::checkpoint::Checkpoints;
 use super::log::Log;
+use super::setup::{imitated, normalisation, sampler};
 use super::{Learner, Part, TrainConfig, calibrate, divide};
-use crate::data::{Dataset, write_atomically};
+use crate::data::{Dataset, Mixture, Shard, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{
     AnyEncoder, BasisNet, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision,
-    to_bytes, transfer, weights_of,
+    load, to_bytes, transfer, weights_of,
 };
 use crate::predict::{complete, completer, encoder_of, open_weights};
-use crate::sample::{Batch, Encoding, Loader, Pattern, Protocol, Sample, Sampler, SamplerConfig};
+use crate::sample::{Batch, Encoding, Loader, Pattern, Sample, Sampler};
 use burn::module::Module as _;
 use burn::tensor::Device;
 use lsdc_core::fit::FitConfig;
@@ -74,8 +75,15 @@ pub struct Trainer {
     network: NetworkConfig,
     fit: FitConfig,
     config: TrainConfig,
+    /// What the network is measured and calibrated on.
     frames: Arc<dyn Dataset>,
+    /// The frames that are learned from, and what is drawn of them.
+    sampler: Sampler,
+    /// Frames that are kept out of training.
+    held_out: Vec<usize>,
     normalisation: Normalisation,
+    /// The weights of a teacher whose network is compared with.
+    imitated: Option<Weights>,
     /// What the network reads beside the image, if it was made for that.
     encoder: Option<Arc<Encoder>>,
     /// At least one.
@@ -94,9 +102,10 @@ impl Trainer {
         network: NetworkConfig,
         fit: FitConfig,
         config: TrainConfig,
-        frames: Arc<dyn Dataset>,
+        frames: impl Into<Mixture>,
         devices: &[Device],
     ) -> Result<Self> {
+        let mixture = frames.into();
         network.check()?;
         if config.part == Part::Affinities && network.affinities == 0 {
             return Err(Error::config(
@@ -113,16 +122,72 @@ impl Trainer {
             ))
             .hint("give one device at least, and at most `train.batch`"));
         }
+        let frames = mixture.first().clone();
+        if !mixture.measured() && config.teacher.is_none() {
+            return Err(
+                Error::config("images without depths teach nothing without a teacher")
+                    .hint("set `train.teacher`, or `data.folder.depth`"),
+            );
+        }
+        if !frames.measured() && (config.held_out > 0 || config.calibrate) {
+            return Err(Error::config(
+                "the first dataset has no depths to measure and calibrate on",
+            )
+            .hint("name one with depths first, and images alone in `data.more`"));
+        }
+        let encoder = encoder_of(&network)?;
+        let normalisation = normalisation(&config.protocol, frames.as_ref())?;
+        let (_, held_out) = divide(frames.as_ref(), config.held_out);
+        let imitated = imitated(&config, &normalisation)?;
+        let encoding = match (&encoder, &imitated) {
+            (None, Some(weights)) => encoder_of(&weights.network)?,
+            _ => encoder.clone(),
+        }
+        .map(|encoder| Encoding::new(encoder, normalisation, config.features.clone()));
         Ok(Self {
             folder: folder.to_owned(),
-            encoder: encoder_of(&network)?,
+            sampler: sampler(mixture, &config)?.encoded(encoding),
+            held_out,
+            imitated,
+            encoder,
             network,
             fit,
-            normalisation: normalisation(&config.protocol, frames.as_ref())?,
+            normalisation,
             config,
             frames,
             devices: devices.to_vec(),
         })
+    }
+
+    /// Computes what the run keeps in files of the frames of a shard: the answers of its teacher, and what its
+    /// encoder says of their views. Returns whether all was done before `stop` was set; calls `progress` with the
+    /// number of frames done and of all.
+    ///
+    /// # Errors
+    /// Settings by which nothing is kept, frames that cannot be read, or files that cannot be written.
+    pub fn prepare(
+        &self,
+        shard: Shard,
+        stop: &AtomicBool,
+        progress: impl Fn(usize, usize),
+    ) -> Result<bool> {
+        let config = &self.config;
+        let features = self.sampler.is_encoded() && config.features.is_some() && config.views > 0;
+        let teacher = config.teacher.as_ref();
+        if !features && teacher.is_none_or(|teacher| teacher.folder.is_none()) {
+            return Err(Error::config("by these settings, nothing is kept in files").hint(
+                "set `train.teacher.folder`, or for networks with an encoder `train.features` and `train.views`",
+            ));
+        }
+        let frames = self.sampler.frames(shard);
+        for (done, &index) in frames.iter().enumerate() {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(false);
+            }
+            self.sampler.prepare(index)?;
+            progress(done + 1, frames.len());
+        }
+        Ok(true)
     }
 
     /// Trains from the last checkpoint of the folder, or from the start, until all steps are made
@@ -133,7 +198,10 @@ impl Trainer {
     pub fn run(&self, stop: &AtomicBool, mut report: impl FnMut(&Event)) -> Result<Outcome> {
         let checkpoints = Checkpoints::new(&self.folder);
         let net = self.initial(&self.device().clone().autodiff())?;
-        let mut learner = Learner::new(net, &self.fit, &self.config);
+        let teacher = self.imitated.as_ref();
+        let teacher = teacher.map(|weights| load(weights, self.device()));
+        let learner = Learner::new(net, &self.fit, &self.config);
+        let mut learner = learner.taught_by(teacher.transpose()?);
         let mut step = 0;
         if let Some(&last) = checkpoints.steps().last() {
             learner = checkpoints.load(last, learner)?;
@@ -144,10 +212,8 @@ impl Trainer {
             report(&event);
             log.add(&event)
         };
-        let (training, held_out) = divide(self.frames.as_ref(), self.config.held_out);
-        let sampler = Sampler::new(self.frames.clone(), training, self.sampler_config())?;
-        let sampler = sampler.encoded(self.encoding());
-        let mut loader = Loader::start(&sampler, step, self.config.workers)?;
+        let held_out = &self.held_out;
+        let mut loader = Loader::start(&self.sampler, step, self.config.workers)?;
         while step < self.config.steps {
             let started = Instant::now();
             let samples = loader.next_batch()?;
@@ -169,7 +235,7 @@ impl Trainer {
             })?;
             let last = step == self.config.steps;
             if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
-                let held_out = self.measure(&self.completer(learner.net())?, &held_out)?;
+                let held_out = self.measure(&self.completer(learner.net())?)?;
                 tell(Event::Measured { step, held_out })?;
             }
             let stopping = stop.load(Ordering::Relaxed);
@@ -180,7 +246,7 @@ impl Trainer {
                 return Ok(Outcome::Stopped(step));
             }
         }
-        self.publish(learner.net(), &held_out)?;
+        self.publish(learner.net())?;
         Ok(Outcome::Finished)
     }
 
@@ -215,23 +281,6 @@ impl Trainer {
         Ok(net)
     }
 
-    fn sampler_config(&self) -> SamplerConfig {
-        SamplerConfig {
-            protocol: self.config.protocol,
-            augment: self.config.augment,
-            views: self.config.views,
-            supervision: self.config.supervision,
-            batch: self.config.batch,
-            seed: self.config.seed,
-        }
-    }
-
-    fn encoding(&self) -> Option<Encoding> {
-        let encoder = self.encoder.clone()?;
-        let folder = self.config.features.clone();
-        Some(Encoding::new(encoder, self.normalisation, folder))
-    }
-
     fn rate(&self, step: usize) -> f64 {
         let progress = (step + 1) as f64 / self.config.steps as f64;
         self.config.learning_rate * self.config.schedule.factor(progress)
@@ -248,9 +297,10 @@ impl Trainer {
         Ok(completer.fit(self.fit).build()?)
     }
 
-    fn measure(&self, completer: &Completer, frames: &[usize]) -> Result<Scores> {
+    /// The scores on the frames kept out of training.
+    fn measure(&self, completer: &Completer) -> Result<Scores> {
         let mut tally = Tally::default();
-        for &index in frames {
+        for &index in &self.held_out {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
             let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
             let depth = complete(completer, &frame.rgb, &sparse)?.depth()?;
@@ -260,7 +310,7 @@ impl Trainer {
     }
 
     /// Writes `weights.safetensors`.
-    fn publish(&self, net: &BasisNet, held_out: &[usize]) -> Result<()> {
+    fn publish(&self, net: &BasisNet) -> Result<()> {
         let training = serde_json::to_string(&self.config)
             .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))?;
         let mut weights = weights_of(&net.valid(), self.network.clone(), self.normalisation);
@@ -277,29 +327,13 @@ impl Trainer {
             let (frames, config) = (self.frames.as_ref(), &self.config);
             calibrate(&mut weights, frames, config, self.device(), |_, _| {})?;
         }
-        if !held_out.is_empty() {
+        if !self.held_out.is_empty() {
             let completer = completer(&weights, self.device())?;
-            let scores = serde_json::to_string(&self.measure(&completer, held_out)?)
+            let scores = serde_json::to_string(&self.measure(&completer)?)
                 .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))?;
             weights.notes.insert(SCORES_NOTE.to_owned(), scores);
         }
         write(&weights)?;
         Ok(())
     }
-}
-
-/// With the size at which the network learns: the protocol's, or that of the first frame.
-fn normalisation(protocol: &Protocol, frames: &dyn Dataset) -> Result<Normalisation> {
-    let input = match protocol.crop.or(protocol.resize) {
-        Some(size) => [size.height, size.width],
-        None if frames.is_empty() => return Err(Error::config("there is no frame to learn from")),
-        None => {
-            let depth = protocol.apply(&frames.load(0)?)?.depth;
-            [depth.height(), depth.width()]
-        }
-    };
-    Ok(Normalisation {
-        input,
-        ..Normalisation::default()
-    })
 }

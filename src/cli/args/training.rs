@@ -2,6 +2,7 @@
 
 use super::values::{NamedFit, typed};
 use super::{Model, Settings, Source};
+use crate::data::Shard;
 use crate::model::Precision;
 #[cfg(feature = "download")]
 use crate::pretrained::KNOWN;
@@ -30,6 +31,19 @@ pub(in crate::cli) struct Train {
     /// Resume the run in this folder, with its own settings.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "set", "dataset"], help_heading = "Output")]
     pub(in crate::cli) resume: Option<PathBuf>,
+    /// Do not train: only compute what the run keeps in files, the answers of its teacher and what its encoder says
+    /// of the views of frames.
+    #[arg(long, conflicts_with_all = ["resume", "output"], help_heading = "Settings", hide_short_help = true)]
+    pub(in crate::cli) prepare: bool,
+    /// With --prepare: only part I of N of the frames (I from 0), so that several processes can share the work.
+    #[arg(
+        long,
+        value_name = "I/N",
+        requires = "prepare",
+        help_heading = "Settings",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) shard: Option<Shard>,
     /// Random seed of initial weights, frame order, augmentation and points.
     #[arg(long, help_heading = "Settings", hide_short_help = true)]
     pub(in crate::cli) seed: Option<u64>,

@@ -2,7 +2,9 @@
 
 use super::listing::files_below;
 use super::template::{Captures, Template};
-use crate::data::{Dataset, Frame, FrameId, Place, Split, read_depth, read_mask, read_rgb};
+use crate::data::{
+    Dataset, DepthMap, Frame, FrameId, Place, Split, read_depth, read_mask, read_rgb,
+};
 use crate::error::{Error, Result};
 use lsdc_files::{has_ending, read_pair};
 use serde::{Deserialize, Serialize};
@@ -16,7 +18,8 @@ pub struct FolderConfig {
     /// Colour files below the root, with names in braces; `{split}` is `train`, or `val` or `test`.
     pub rgb: String,
     /// The depth file of a colour file, by the same names. The same `.h5` file for both means the
-    /// sparse-to-dense layout: arrays `rgb` and `depth`.
+    /// sparse-to-dense layout: arrays `rgb` and `depth`. Empty: there are only images, to be learned from with a
+    /// teacher.
     pub depth: String,
     /// The file of sparse depths, by the same names, if there is one.
     pub sparse: Option<String>,
@@ -57,10 +60,17 @@ impl FolderConfig {
 pub(super) struct Files {
     pub(super) id: FrameId,
     pub(super) rgb: PathBuf,
+    /// Empty if there is none.
     pub(super) depth: PathBuf,
     pub(super) sparse: Option<PathBuf>,
     pub(super) mask: Option<PathBuf>,
     pub(super) place: Place,
+}
+
+impl Files {
+    fn has_depth(&self) -> bool {
+        !self.depth.as_os_str().is_empty()
+    }
 }
 
 /// Frames of a folder, in the order of their names.
@@ -89,7 +99,11 @@ impl Folder {
             .hint("check --root and --split"));
         }
         let scale = config.scale();
-        let about = format!("folder `{}`, depths in units of {scale} m", config.rgb);
+        let about = if config.depth.is_empty() {
+            format!("folder `{}`, images alone", config.rgb)
+        } else {
+            format!("folder `{}`, depths in units of {scale} m", config.rgb)
+        };
         Ok(Self::of(about, "full", scale, frames))
     }
 
@@ -112,7 +126,8 @@ impl Folder {
 /// The frames of `split` below `root` that have the form of the templates; none is no error.
 pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<Vec<Files>> {
     let rgb = Template::new(&config.rgb)?;
-    let depth = Template::new(&config.depth)?;
+    let depth = (!config.depth.is_empty()).then(|| Template::new(&config.depth));
+    let depth = depth.transpose()?;
     let optional = |text: &Option<String>| text.as_deref().map(Template::new).transpose();
     let (sparse, mask) = (optional(&config.sparse)?, optional(&config.mask)?);
     let mut frames = Vec::new();
@@ -130,7 +145,7 @@ pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<V
         frames.push(Files {
             id: id(&captures),
             rgb: root.join(&path),
-            depth: root.join(depth.fill(&captures)?),
+            depth: other(&depth)?.unwrap_or_default(),
             sparse: other(&sparse)?,
             mask: other(&mask)?,
             place: config.place,
@@ -168,6 +183,10 @@ impl Dataset for Folder {
         self.protocol
     }
 
+    fn measured(&self) -> bool {
+        self.frames.iter().all(|files| files.has_depth())
+    }
+
     fn len(&self) -> usize {
         self.frames.len()
     }
@@ -178,12 +197,9 @@ impl Dataset for Folder {
 
     fn files(&self, index: usize) -> Vec<PathBuf> {
         let files = &self.frames[index];
-        let others = files.sparse.iter().chain(&files.mask);
-        [&files.rgb, &files.depth]
-            .into_iter()
-            .chain(others)
-            .cloned()
-            .collect()
+        let depth = Some(&files.depth).filter(|_| files.has_depth());
+        let others = depth.into_iter().chain(&files.sparse).chain(&files.mask);
+        std::iter::once(&files.rgb).chain(others).cloned().collect()
     }
 
     fn load(&self, index: usize) -> Result<Frame> {
@@ -191,10 +207,13 @@ impl Dataset for Folder {
         let (rgb, depth) = if files.rgb == files.depth && has_ending(&files.rgb, "h5") {
             read_pair(&files.rgb)?
         } else {
-            (
-                read_rgb(&files.rgb)?,
-                read_depth(&files.depth, self.depth_scale)?,
-            )
+            let rgb = read_rgb(&files.rgb)?;
+            let depth = if files.has_depth() {
+                read_depth(&files.depth, self.depth_scale)?
+            } else {
+                DepthMap::from_points(rgb.width() as usize, rgb.height() as usize, &[])
+            };
+            (rgb, depth)
         };
         let mut frame = Frame::new(files.id.clone(), rgb, depth)?;
         frame.place = files.place;

@@ -1,0 +1,78 @@
+//! What a run makes of its settings before the first step.
+
+use super::teacher::Taught;
+use super::{TrainConfig, divide};
+use crate::data::{Dataset, Mixture};
+use crate::error::{Error, Result};
+use crate::model::Normalisation;
+use crate::predict::open_weights;
+use crate::sample::{Order, Protocol, Sampler, SamplerConfig};
+use lsdc_core::Weights;
+use std::sync::Arc;
+
+/// The weights of the teacher, if its network is compared with.
+pub(super) fn imitated(
+    config: &TrainConfig,
+    normalisation: &Normalisation,
+) -> Result<Option<Weights>> {
+    let Some(teacher) = config.teacher.as_ref().filter(|_| config.loss.imitates()) else {
+        return Ok(None);
+    };
+    let weights = open_weights(Some(&teacher.weights))?;
+    let Normalisation { input, .. } = weights.normalisation;
+    if weights.normalisation == *normalisation {
+        return Ok(Some(weights));
+    }
+    Err(Error::config(format!(
+        "the network of the teacher sees {}x{} pixels, that which is trained {}x{}, or other colours",
+        input[0], input[1], normalisation.input[0], normalisation.input[1]
+    ))
+    .hint("set `train.protocol` to the size of the teacher, or the losses of a teacher's network to 0"))
+}
+
+/// Samples of the frames that are learned from: all but those held out of the first dataset.
+pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler> {
+    let (training, _) = divide(mixture.first().as_ref(), config.held_out);
+    let parts = mixture.parts().enumerate().map(|(number, (range, share))| {
+        let frames = if number == 0 {
+            training.clone()
+        } else {
+            range.collect()
+        };
+        (frames, share)
+    });
+    let order = Order::new(parts.collect())?;
+    let mixture: Arc<dyn Dataset> = Arc::new(mixture);
+    let (frames, protocol): (Arc<dyn Dataset>, _) = match &config.teacher {
+        None => (mixture, config.protocol),
+        Some(teacher) => (
+            Arc::new(Taught::new(mixture, config.protocol, teacher)?),
+            config.protocol.after_scaling(),
+        ),
+    };
+    let config = SamplerConfig {
+        protocol,
+        augment: config.augment,
+        views: config.views,
+        supervision: config.supervision,
+        batch: config.batch,
+        seed: config.seed,
+    };
+    Sampler::new(frames, order, config)
+}
+
+/// With the size at which the network learns: the protocol's, or that of the first frame.
+pub(super) fn normalisation(protocol: &Protocol, frames: &dyn Dataset) -> Result<Normalisation> {
+    let input = match protocol.crop.or(protocol.resize) {
+        Some(size) => [size.height, size.width],
+        None if frames.is_empty() => return Err(Error::config("there is no frame to learn from")),
+        None => {
+            let depth = protocol.apply(&frames.load(0)?)?.depth;
+            [depth.height(), depth.width()]
+        }
+    };
+    Ok(Normalisation {
+        input,
+        ..Normalisation::default()
+    })
+}
