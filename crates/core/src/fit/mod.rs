@@ -22,7 +22,7 @@ mod tests;
 mod window;
 
 pub use affinities::{Affinities, Scene, Smooth};
-pub use config::{FitConfig, FitMethod, PriorKind};
+pub use config::{Changes, FitConfig, FitMethod, PriorKind};
 pub use cosines::CosineBasis;
 pub use errors::{CLUES, Clues, ErrorModel, KNOTS, Knot, Sample};
 pub use joint::{Adjoint, Gradients, JointConfig, Variances};

@@ -1,0 +1,54 @@
+//! What fuzzers call: the readers of whatever comes in, without a connection.
+
+use crate::body::Incoming;
+use crate::config::Limits;
+use crate::encode::Form;
+use crate::frame::{Frame, check_points};
+use crate::options::Options;
+use crate::points::Points;
+use crate::upload::Upload;
+use axum::body::Body;
+
+/// Small limits: what is refused is as good as what is read.
+fn limits() -> Limits {
+    Limits {
+        body: 1 << 20,
+        pixels: 1 << 16,
+        points: 1000,
+        unfolded: 8 << 20,
+        ..Limits::default()
+    }
+}
+
+/// Reads a form as `/v1/complete` does, up to the computation.
+pub fn form(content_type: &str, bytes: &[u8]) {
+    let limits = limits();
+    let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
+        .enable_time()
+        .build()
+    else {
+        return;
+    };
+    let mut body = Incoming::new(Body::from(bytes.to_vec()), &limits);
+    let known = ["image", "points", "camera", "options"];
+    let Ok(upload) = runtime.block_on(Upload::read(content_type, &mut body, &known)) else {
+        return;
+    };
+    let options = upload
+        .get("options")
+        .and_then(|path| std::fs::read(path).ok());
+    let options = options.map_or_else(|| Ok(Options::default()), |json| Options::parse(&json));
+    let (Ok(options), Ok(frame)) = (options, Frame::read(&upload, &limits)) else {
+        return;
+    };
+    if check_points(&upload).is_ok() {
+        let _ = frame.points(&upload, &options, &limits);
+    }
+}
+
+/// Reads points, options and a header as JSON and text.
+pub fn text(bytes: &[u8]) {
+    let _ = Points::parse(bytes, 1000);
+    let _ = Options::parse(bytes);
+    let _ = Form::accepted(std::str::from_utf8(bytes).ok());
+}
