@@ -1,4 +1,4 @@
-//! What fuzzers call: the readers of whatever comes in, without a connection.
+//! What fuzzers and tests call: the readers of whatever comes in, without a connection.
 
 use crate::body::Incoming;
 use crate::config::Limits;
@@ -20,30 +20,28 @@ fn limits() -> Limits {
     }
 }
 
-/// Reads a form as `/v1/complete` does, up to the computation.
-pub fn form(content_type: &str, bytes: &[u8]) {
+/// Reads a form as `/v1/complete` does, up to the computation. Says whether all of it could be read.
+pub fn form(content_type: &str, bytes: &[u8]) -> bool {
     let limits = limits();
-    let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
+    let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()
-        .build()
-    else {
-        return;
+        .build();
+    let Ok(runtime) = runtime else {
+        return false;
     };
     let mut body = Incoming::new(Body::from(bytes.to_vec()), &limits);
     let known = ["image", "points", "camera", "options"];
-    let Ok(upload) = runtime.block_on(Upload::read(content_type, &mut body, &known)) else {
-        return;
+    let read = || {
+        let upload = runtime.block_on(Upload::read(content_type, &mut body, &known))?;
+        let options = upload
+            .get("options")
+            .and_then(|path| std::fs::read(path).ok());
+        let options =
+            options.map_or_else(|| Ok(Options::default()), |json| Options::parse(&json))?;
+        check_points(&upload)?;
+        Frame::read(&upload, &limits)?.points(&upload, &options, &limits)
     };
-    let options = upload
-        .get("options")
-        .and_then(|path| std::fs::read(path).ok());
-    let options = options.map_or_else(|| Ok(Options::default()), |json| Options::parse(&json));
-    let (Ok(options), Ok(frame)) = (options, Frame::read(&upload, &limits)) else {
-        return;
-    };
-    if check_points(&upload).is_ok() {
-        let _ = frame.points(&upload, &options, &limits);
-    }
+    read().is_ok()
 }
 
 /// Reads points, options and a header as JSON and text.
@@ -51,4 +49,9 @@ pub fn text(bytes: &[u8]) {
     let _ = Points::parse(bytes, 1000);
     let _ = Options::parse(bytes);
     let _ = Form::accepted(std::str::from_utf8(bytes).ok());
+}
+
+/// The bytes that are counted for a scene of an image of this size.
+pub fn scene_bytes(width: usize, height: usize) -> u64 {
+    crate::scenes::bytes(width, height)
 }

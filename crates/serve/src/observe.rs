@@ -52,7 +52,11 @@ pub(crate) async fn observe(
             })
         }
     };
-    let fault = response.extensions_mut().remove::<Fault>();
+    let mut fault = response.extensions_mut().remove::<Fault>();
+    // Addresses that cannot be read are refused before they come to us.
+    if fault.is_none() && response.status() == StatusCode::BAD_REQUEST {
+        fault = Some(Fault::malformed("the address cannot be read"));
+    }
     let kind = fault.as_ref().map(|fault| fault.kind);
     if let Some(fault) = fault {
         explain(&mut response, &fault, &name);

@@ -111,3 +111,55 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Paced<S> {
         Pin::new(&mut self.stream).poll_shutdown(cx)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, duplex};
+
+    /// Of a clock that runs only while all wait.
+    const PACE: Duration = Duration::from_secs(10);
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_takes_nothing_is_dropped() {
+        let (own, _client) = duplex(64);
+        let mut paced = Paced::new(own, 1000, PACE);
+        let error = paced.write_all(&[0; 1000]).await.unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::TimedOut);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_takes_a_little_now_and_then_is_dropped() {
+        let (own, mut client) = duplex(64);
+        let mut paced = Paced::new(own, 1_000_000, PACE);
+        let take = async {
+            let mut byte = [0];
+            while client.read_exact(&mut byte).await.is_ok() {
+                tokio::time::sleep(PACE / 10).await;
+            }
+        };
+        let send = async {
+            let error = paced.write_all(&[0; 10_000]).await.unwrap_err();
+            assert_eq!(error.kind(), ErrorKind::TimedOut);
+            drop(paced);
+        };
+        tokio::join!(send, take);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_keeps_up_gets_all() {
+        let (own, mut client) = duplex(64);
+        let mut paced = Paced::new(own, 1000, PACE);
+        let take = async {
+            let mut all = Vec::new();
+            client.read_to_end(&mut all).await.unwrap();
+            all
+        };
+        let send = async {
+            paced.write_all(&[7; 100_000]).await.unwrap();
+            drop(paced);
+        };
+        let ((), all) = tokio::join!(send, take);
+        assert_eq!(all, [7; 100_000]);
+    }
+}

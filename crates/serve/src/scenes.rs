@@ -20,12 +20,9 @@ const BESIDE: u64 = 160 << 20;
 /// Bytes of a pixel: its colours, and where depth is read for it.
 const PIXEL: u64 = 3 + 20;
 
-impl Kept {
-    /// About how much memory it takes.
-    fn bytes(&self) -> u64 {
-        let (width, height) = self.frame.size();
-        BESIDE + PIXEL * width as u64 * height as u64
-    }
+/// About how much memory the scene of an image of this size takes.
+pub(crate) fn bytes(width: usize, height: usize) -> u64 {
+    BESIDE + PIXEL * width as u64 * height as u64
 }
 
 /// The scenes by their names, which cannot be guessed.
@@ -72,7 +69,8 @@ impl Scenes {
     /// # Errors
     /// A scene that is larger than all that may be kept.
     pub(crate) fn keep(&self, kept: Kept) -> Result<String, Fault> {
-        let bytes = kept.bytes();
+        let (width, height) = kept.frame.size();
+        let bytes = bytes(width, height);
         if bytes > self.most {
             let what = "the scene takes more memory than all that are kept together may";
             return Err(Fault::too_large(what).hint("send a smaller image, or use /v1/complete"));

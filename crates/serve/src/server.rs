@@ -176,6 +176,7 @@ impl Connection {
             .header_read_timeout(self.app.config.limits.head)
             .max_buf_size(BUFFER)
             .max_headers(LINES)
+            .max_header_size(BUFFER)
             .serve_connection(TokioIo::new(stream), service);
         let mut connection = std::pin::pin!(connection);
         let ended = tokio::select! {
