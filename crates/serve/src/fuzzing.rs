@@ -31,7 +31,7 @@ pub fn form(content_type: &str, bytes: &[u8]) -> bool {
     };
     let mut body = Incoming::new(Body::from(bytes.to_vec()), &limits);
     let known = ["image", "points", "camera", "options"];
-    let read = || {
+    let mut read = || {
         let upload = runtime.block_on(Upload::read(content_type, &mut body, &known))?;
         let options = upload
             .get("options")

@@ -148,8 +148,8 @@ impl Report {
 
     /// On one line.
     pub(crate) fn line(&self) -> String {
-        // Numbers and names always have a form.
-        serde_json::to_string(self).unwrap_or_default()
+        // Numbers and names always have a form; as a value, single precision is written out as double.
+        serde_json::to_value(self).unwrap_or_default().to_string()
     }
 
     /// On one line of the characters that a header may have.

@@ -16,9 +16,9 @@ pub(crate) struct Kept {
 
 /// Bytes of a scene beside its image, once a fit has been made: features, affinities and the factor of its field, on
 /// the grid that the network sees.
-const BESIDE: u64 = 160 << 20;
-/// Bytes of a pixel: its colours, and where depth is read for it.
-const PIXEL: u64 = 3 + 20;
+const BESIDE: u64 = 16 << 20;
+/// Bytes of a pixel: its colours, here and in the scene, and some to spare.
+const PIXEL: u64 = 8;
 
 /// About how much memory the scene of an image of this size takes.
 pub(crate) fn bytes(width: usize, height: usize) -> u64 {
