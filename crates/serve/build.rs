@@ -9,15 +9,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut files = Vec::new();
     collect(&root, &mut files)?;
     files.sort();
-    let mut code = "static FILES: &[(&str, &[u8])] = &[\n".to_owned();
+    let mut code = "static FILES: &[(&str, &[u8])] = &[
+"
+    .to_owned();
     for file in files {
         let name = file
             .strip_prefix(&root)?
             .to_string_lossy()
             .replace('\\', "/");
+        let file = file.to_string_lossy();
         writeln!(code, "    ({name:?}, include_bytes!({file:?})),")?;
     }
-    code.push_str("];\n");
+    code.push_str(
+        "];
+",
+    );
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
     std::fs::write(out.join("page.rs"), code)?;
     Ok(())

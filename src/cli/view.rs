@@ -27,8 +27,8 @@ const ROOM: Demo = Demo {
 
 pub(super) fn run(args: &View) -> Result<Exit> {
     let named = [&args.image, &args.points, &args.camera];
-    let files = named.into_iter().flatten();
-    if let Some(missing) = files.filter(|path| !path.is_file()).next() {
+    let mut files = named.into_iter().flatten();
+    if let Some(missing) = files.find(|path| !path.is_file()) {
         let source = std::io::ErrorKind::NotFound.into();
         return Err(Error::read(missing, source));
     }

@@ -80,10 +80,7 @@ fn the_lines_for_curl_work() {
     let lines = lines();
     assert!(lines.len() >= 12, "{}", lines.len());
     // One after the other in one shell: the name of the scene is kept in a variable.
-    let script = format!(
-        "set -ex\nset -o pipefail 2>/dev/null || true\n{}",
-        lines.join("\n")
-    );
+    let script = format!("set -ex\n{}", lines.join("\n"));
     let run = Command::new("sh")
         .args(["-c", &script])
         .current_dir(folder.path())

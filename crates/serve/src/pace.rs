@@ -103,7 +103,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Paced<S> {
                 let flushed = self.note(cx, Poll::Pending);
                 flushed.map(|result| result.map(|_| ()))
             }
-            flushed => flushed,
+            flushed @ Poll::Ready(_) => flushed,
         }
     }
 
@@ -156,10 +156,10 @@ mod tests {
             all
         };
         let send = async {
-            paced.write_all(&[7; 100_000]).await.unwrap();
+            paced.write_all(&vec![7; 100_000]).await.unwrap();
             drop(paced);
         };
         let ((), all) = tokio::join!(send, take);
-        assert_eq!(all, [7; 100_000]);
+        assert_eq!(all, vec![7; 100_000]);
     }
 }

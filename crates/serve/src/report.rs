@@ -3,6 +3,7 @@
 use crate::complete::Completed;
 use crate::encode::Forms;
 use serde::Serialize;
+use std::fmt::Write as _;
 use std::time::Duration;
 
 /// A completion in numbers: metres, seconds.
@@ -160,7 +161,8 @@ impl Report {
                 text.push(c);
             } else {
                 for unit in c.encode_utf16(&mut [0; 2]) {
-                    text.push_str(&format!("\\u{unit:04x}"));
+                    // Writing to a string does not fail.
+                    let _ = write!(text, "\\u{unit:04x}");
                 }
             }
         }

@@ -13,7 +13,7 @@ use axum::routing::{MethodRouter, get, post};
 use serde_json::json;
 use std::sync::Arc;
 
-/// The description of the service, OpenAPI 3.1.
+/// The description of the service, `OpenAPI` 3.1.
 const DESCRIPTION: &str = include_str!("../openapi.json");
 
 /// An address, its methods, and what answers them.

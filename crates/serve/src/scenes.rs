@@ -15,8 +15,8 @@ pub(crate) struct Kept {
 }
 
 /// Bytes of a scene beside its image, once a fit has been made: features, affinities and the factor of its field, on
-/// the grid that the network sees.
-const BESIDE: u64 = 16 << 20;
+/// the grid that the network sees, and working memory that comes with it.
+const BESIDE: u64 = 48 << 20;
 /// Bytes of a pixel: its colours, here and in the scene, and some to spare.
 const PIXEL: u64 = 8;
 

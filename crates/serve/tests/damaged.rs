@@ -13,7 +13,7 @@ fn next(state: &mut u64) -> usize {
 /// The bytes with a few of them changed, cut out or doubled.
 fn damaged(bytes: &[u8], state: &mut u64) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
-    for _ in 0..1 + next(state) % 4 {
+    for _ in 0..=next(state) % 4 {
         if bytes.is_empty() {
             break;
         }

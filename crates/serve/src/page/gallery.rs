@@ -14,6 +14,7 @@ use image::imageops::thumbnail;
 use lsdc_core::DepthMap;
 use lsdc_files::{Contents, encode_npy};
 use serde_json::{Value, json};
+use std::fmt::Write as _;
 use std::io::Cursor;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -137,7 +138,8 @@ fn escaped(name: &str) -> String {
         if byte.is_ascii_alphanumeric() || b"-_.~/".contains(&byte) {
             text.push(byte.into());
         } else {
-            text.push_str(&format!("%{byte:02X}"));
+            // Writing to a string does not fail.
+            let _ = write!(text, "%{byte:02X}");
         }
     }
     text

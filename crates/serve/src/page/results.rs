@@ -60,11 +60,8 @@ fn name(path: &Path) -> String {
 fn completed(folder: &Path) -> Run {
     let mut frames: BTreeMap<String, Frame> = BTreeMap::new();
     for (id, path) in files(folder) {
-        let kinds = DEPTHS.iter().chain([&COLOURS, &DEVIATION]);
-        let Some((stem, end)) = kinds
-            .filter_map(|end| Some((id.strip_suffix(end)?, *end)))
-            .next()
-        else {
+        let mut kinds = DEPTHS.iter().chain([&COLOURS, &DEVIATION]);
+        let Some((stem, end)) = kinds.find_map(|end| Some((id.strip_suffix(end)?, *end))) else {
             continue;
         };
         let frame = frames.entry(stem.to_owned()).or_default();

@@ -4,6 +4,7 @@ use crate::client::{Running, asset, file, request, text};
 use crate::requests::{Expected, hostile};
 use crate::{ALONE, counted};
 use lsdc_serve::{Config, Limits};
+use std::fmt::Write as _;
 use std::sync::PoisonError;
 use std::time::Duration;
 
@@ -68,7 +69,7 @@ fn forty_hostile_requests_do_no_harm() {
         );
         let kib = taken.next_multiple_of(1024) >> 10;
         let status = case.expected.shown();
-        table += &format!("| {} | {status} | {kib} KiB |\n", case.sent);
+        writeln!(table, "| {} | {status} | {kib} KiB |", case.sent).unwrap();
     }
     println!("{table}");
     assert_eq!(service.metric("lsdc_panics_total"), Some(0.0));

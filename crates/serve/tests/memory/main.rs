@@ -1,6 +1,6 @@
 //! What requests cost in memory: hostile ones, and scenes that are kept.
 
-#![allow(clippy::unwrap_used, unsafe_code)]
+#![allow(clippy::unwrap_used, clippy::print_stdout, unsafe_code)]
 
 #[path = "../service/client.rs"]
 #[allow(dead_code)]

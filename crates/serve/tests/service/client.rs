@@ -2,6 +2,7 @@
 
 use lsdc_core::{Completer, Weights};
 use lsdc_serve::{Config, Handle, Server};
+use std::fmt::Write as _;
 use std::io::Write as _;
 use std::net::{SocketAddr, TcpStream};
 use std::path::PathBuf;
@@ -110,14 +111,14 @@ pub(crate) fn request(
 ) -> Vec<u8> {
     let mut head = format!("{method} {path} HTTP/1.1\r\nconnection: close\r\n");
     if !headers.iter().any(|(name, _)| *name == "host") {
-        head += &format!("host: {address}\r\n");
+        write!(head, "host: {address}\r\n").unwrap();
     }
     let lengths = ["content-length", "transfer-encoding"];
     if method == "POST" && !headers.iter().any(|(name, _)| lengths.contains(name)) {
-        head += &format!("content-length: {}\r\n", body.len());
+        write!(head, "content-length: {}\r\n", body.len()).unwrap();
     }
     for (name, value) in headers {
-        head += &format!("{name}: {value}\r\n");
+        write!(head, "{name}: {value}\r\n").unwrap();
     }
     [head.as_bytes(), b"\r\n", body].concat()
 }

@@ -12,8 +12,11 @@ struct Held {
     service: Running,
     arrived: Receiver<String>,
     on: Sender<()>,
-    entries: Arc<Mutex<Vec<(u16, Option<&'static str>)>>>,
+    entries: Arc<Mutex<Vec<Logged>>>,
 }
+
+/// The status of a request, and what was wrong.
+type Logged = (u16, Option<&'static str>);
 
 impl Held {
     fn before(part: &'static str, queue: usize) -> Self {
