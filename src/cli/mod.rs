@@ -13,10 +13,14 @@ mod install;
 mod manual;
 mod names;
 mod report;
+#[cfg(feature = "serve")]
+mod serve;
 mod settings;
 mod signals;
 mod train;
 mod ui;
+#[cfg(feature = "serve")]
+mod view;
 mod weights;
 
 use crate::error::{Cause, Error, Result};
@@ -71,6 +75,10 @@ fn run(args: Args) -> Result<Exit> {
     match args.command {
         Command::Complete(args) => complete::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        #[cfg(feature = "serve")]
+        Command::Serve(args) => serve::run(&args),
+        #[cfg(feature = "serve")]
+        Command::View(args) => view::run(&args),
         Command::Completions(args) => Ok(manual::completions(&args)),
         Command::Man(args) => manual::man(&args),
         Command::Eval(args) => eval::run(&args),

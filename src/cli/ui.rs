@@ -153,23 +153,30 @@ pub(super) fn millis(duration: Duration) -> String {
     format!("{:.0} ms", duration.as_secs_f64() * 1e3)
 }
 
-/// A flag that Ctrl-C sets; pressed again, it ends the program at once. A signal that the program was
-/// started to ignore, as by `nohup`, stays ignored.
+/// A flag that Ctrl-C sets, as for [`on_stop`].
 pub(super) fn stop_flag() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let handler = flag.clone();
+    on_stop(move || handler.store(true, Ordering::Relaxed));
+    flag
+}
+
+/// Does this on Ctrl-C; pressed again, it ends the program at once. A signal that the program was started to ignore,
+/// as by `nohup`, stays ignored.
+pub(super) fn on_stop(stop: impl Fn() + Send + 'static) {
+    let pressed = AtomicBool::new(false);
     let ignored = signals::ignored();
     let installed = ctrlc::set_handler(move || {
-        if handler.swap(true, Ordering::Relaxed) {
+        if pressed.swap(true, Ordering::Relaxed) {
             std::process::exit(super::Exit::Interrupted as i32);
         }
+        stop();
         say("stopping; press Ctrl-C again to end at once");
     });
     signals::ignore(&ignored);
     if installed.is_err() {
         say("Ctrl-C cannot be caught here; it will end the program at once");
     }
-    flag
 }
 
 /// On with the work, unless Ctrl-C was pressed.

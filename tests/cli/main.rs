@@ -16,6 +16,8 @@ mod loopback;
 mod many;
 mod outputs;
 mod reuse;
+#[cfg(feature = "serve")]
+mod serve;
 mod weights;
 
 use assert_cmd::Command;

@@ -202,3 +202,36 @@ fn fits_with_other_settings_share_a_scene() {
     };
     assert!(scene.with_robust(Some(wrong)).is_err());
 }
+
+/// The reference is a scene that was made with the settings.
+#[test]
+fn other_fits_to_an_image_do_not_run_the_network_again() {
+    // More pixels than the network sees, so that maps are read along the edges of the image.
+    let (width, height) = (480, 360);
+    let completer = Completer::new(&Weights::builtin_small()).unwrap();
+    let rgb: Vec<u8> = (0..3 * width * height)
+        .map(|i| (i / 700 % 251) as u8)
+        .collect();
+    let image = Image::new(width, height, Channels::Rgb, &rgb).unwrap();
+    let mut points = Observations::new();
+    for i in 0..40 {
+        let (u, v) = (37 * i % width, 29 * i % height);
+        points.add(u as f64, v as f64, 2.0 + u as f32 / 300.0);
+    }
+    let depth = |scene: &Scene| scene.complete(&points).unwrap().depth().unwrap();
+    let scene = completer.scene(&image).unwrap();
+    for method in FitMethod::ALL {
+        let fit = FitConfig {
+            method,
+            ..*completer.fit_config()
+        };
+        let own = completer.with_fit(fit).scene(&image).unwrap();
+        assert_eq!(depth(&scene.with_fit(fit).unwrap()), depth(&own));
+    }
+    let alone = FitConfig {
+        method: FitMethod::Lse,
+        ..*completer.fit_config()
+    };
+    let alone = scene.with_fit(alone).unwrap();
+    assert!(alone.with_fit(*completer.fit_config()).is_err());
+}

@@ -14,6 +14,8 @@ pub enum Cause {
     Network,
     /// A file is damaged or is not of the expected format.
     Format,
+    /// A file holds more than is read.
+    TooLarge,
     /// Sizes or shapes do not go together.
     Shape,
     /// A setting is unknown or out of range.

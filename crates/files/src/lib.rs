@@ -15,6 +15,7 @@
 //! ```
 
 mod camera;
+mod cloud;
 mod colmap;
 mod columns;
 mod contents;
@@ -28,13 +29,16 @@ mod stored;
 mod unit;
 
 pub use camera::Camera;
+pub use cloud::Cloud;
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
 pub use files::{
-    Colored, Hdf5, check_writable, from_planes, has_ending, images_below, is_image, png_unit,
+    Colored, Hdf5, check_writable, encode_depth_png, encode_exr, encode_npy, encode_npz,
+    encode_ply, from_planes, has_ending, image_size, images_below, is_image, png_unit,
     raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_pair, read_rgb,
-    read_upright, remove_leftovers, stored_unit, write_atomically, write_depth_png, write_exr,
-    write_folder_atomically, write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
+    read_upright, reading_at_most, remove_leftovers, stored_unit, write_atomically,
+    write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz, write_pfm,
+    write_ply, write_rgb, write_tiff,
 };
 pub use guide::{GUIDE_ENDINGS, GuideSource};
 pub use lsdc_core::{DepthMap, Point};

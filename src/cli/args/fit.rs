@@ -2,7 +2,7 @@
 
 use super::values::{NamedFit, Robustness, prior_kind, space, typed};
 use clap::Args as ClapArgs;
-use lsdc_core::fit::{FitConfig, FitMethod, Lambda, PriorKind, Space};
+use lsdc_core::fit::{Changes, FitConfig, PriorKind, Space};
 
 /// Settings of the fit, which override those stored with the weights.
 #[derive(Clone, Debug, ClapArgs)]
@@ -46,21 +46,13 @@ impl FitFlags {
         given.map(|(name, _)| name)
     }
 
-    /// Overrides settings with the flags. The field and the learned prior exist for depth only: in another
-    /// space, basis functions alone and the flat prior replace them. A lambda chosen for basis functions
-    /// with a field does not apply to basis functions alone, and vice versa.
+    /// Overrides settings with the flags.
     pub(in crate::cli) fn apply(&self, fit: &mut FitConfig) {
-        fit.robust = self.robust.map_or(fit.robust, Robustness::settings);
-        fit.space = self.space.unwrap_or(fit.space);
-        let alone = (fit.space != Space::Depth).then_some(FitMethod::Lse);
-        let chosen = self.fit_method.map(|named| named.method);
-        if let Some(method) = chosen.or(alone).filter(|&m| m != fit.method) {
-            fit.method = method;
-            fit.lambda = Lambda::Evidence;
-        }
-        if fit.space != Space::Depth && fit.prior == PriorKind::Learned {
-            fit.prior = PriorKind::Flat;
-        }
-        fit.prior = self.prior.unwrap_or(fit.prior);
+        *fit = fit.changed(&Changes {
+            method: self.fit_method.map(|named| named.method),
+            robust: self.robust.map(Robustness::settings),
+            prior: self.prior,
+            space: self.space,
+        });
     }
 }

@@ -6,6 +6,8 @@ mod experiment;
 mod fit;
 mod looking;
 mod reports;
+#[cfg(feature = "serve")]
+mod serve;
 mod training;
 mod values;
 
@@ -15,6 +17,8 @@ pub(super) use experiment::Experiments;
 use fit::FitFlags;
 pub(super) use looking::{Completions, Inspect, Manual};
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
+#[cfg(feature = "serve")]
+pub(super) use serve::{Serve, View};
 #[cfg(feature = "download")]
 pub(super) use training::Get;
 pub(super) use training::{Add, Calibrate, Convert, Train, WeightsCommand};
@@ -52,6 +56,12 @@ pub(super) enum Command {
     Complete(Box<Complete>),
     /// Show what is in a file: type, size, units, coverage, range.
     Inspect(Inspect),
+    /// Complete depth over HTTP, for other programs.
+    #[cfg(feature = "serve")]
+    Serve(Box<Serve>),
+    /// Look at images, points and depth in a page on this machine.
+    #[cfg(feature = "serve")]
+    View(Box<View>),
     /// Evaluate methods on a dataset.
     Eval(Box<Eval>),
     /// Repeat the paper's experiments: tables, figures, and one page with all results.

@@ -1,6 +1,5 @@
 //! `lsdc complete`: images and their points to dense depth.
 
-mod cloud;
 mod failures;
 mod frame;
 mod inputs;

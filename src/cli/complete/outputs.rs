@@ -1,11 +1,10 @@
 //! The files of a result.
 
-use super::cloud::Cloud;
 use super::frame::{Completed, Diagnostics};
 use super::inputs::{Job, Loaded};
 use super::summary::Summary;
 use crate::cli::args::{Complete, Format};
-use crate::data::{self, DepthMap, Unit};
+use crate::data::{self, Cloud, DepthMap, Unit};
 use crate::error::{Error, Result};
 use crate::report::coloured;
 use image::RgbImage;
@@ -165,7 +164,13 @@ impl<'a> Outputs<'a> {
             let raised = data::raised_in_png(&found.depth, unit.metres());
             Ok(Png { unit, raised })
         };
-        let cloud = || Cloud::of(frame, found, self.args.max_sigma);
+        let cloud = || -> Result<Cloud> {
+            let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
+            let diagnostics = found.diagnostics.as_ref();
+            let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
+            let (depth, most) = (&found.depth, self.args.max_sigma);
+            Ok(Cloud::new(depth, deviations, &frame.rgb, camera, most))
+        };
         Ok(Forms {
             png: self.has(Format::Png).then(png).transpose()?,
             cloud: self.has(Format::Ply).then(cloud).transpose()?,
@@ -333,6 +338,11 @@ pub(super) fn check_folder(path: &Path) -> Result<()> {
     Err(Error::config(format!("`{text}` names no folder and no known format")).hint(format!(
         "for one image: .npy, .npz, .png, .tiff, .exr, .pfm, .ply or .json; for a folder: `{text}/`"
     )))
+}
+
+fn no_camera() -> Error {
+    Error::config("a cloud needs a camera")
+        .hint("give --camera FILE, --camera FX,FY,CX,CY, or points of a model of COLMAP")
 }
 
 /// Weights that were written.

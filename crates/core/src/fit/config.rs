@@ -103,7 +103,42 @@ impl Default for FitConfig {
     }
 }
 
+/// Settings that take the place of those stored with the weights, as far as they are given.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Changes {
+    /// The model of depth.
+    pub method: Option<FitMethod>,
+    /// Robustness, or `Some(None)` for a plain fit.
+    pub robust: Option<Option<Robust>>,
+    /// The prior over the weights.
+    pub prior: Option<PriorKind>,
+    /// What the basis functions represent.
+    pub space: Option<Space>,
+}
+
 impl FitConfig {
+    /// These settings with changes. The field and the learned prior exist for depth only: in another space, basis
+    /// functions alone and the flat prior replace them. A lambda chosen for basis functions with a field does not
+    /// apply to basis functions alone, and vice versa.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn changed(self, changes: &Changes) -> Self {
+        let mut fit = self;
+        fit.robust = changes.robust.unwrap_or(fit.robust);
+        fit.space = changes.space.unwrap_or(fit.space);
+        let alone = (fit.space != Space::Depth).then_some(FitMethod::Lse);
+        if let Some(method) = changes.method.or(alone).filter(|&m| m != fit.method) {
+            fit.method = method;
+            fit.lambda = Lambda::Evidence;
+        }
+        if fit.space != Space::Depth && fit.prior == PriorKind::Learned {
+            fit.prior = PriorKind::Flat;
+        }
+        fit.prior = changes.prior.unwrap_or(fit.prior);
+        fit
+    }
+
     /// The solver of one linear problem without a prior.
     #[doc(hidden)]
     pub fn solver(&self) -> Solver {

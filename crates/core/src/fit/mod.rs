@@ -24,7 +24,7 @@ mod window;
 
 pub use affinities::{Affinities, Scene, Smooth};
 pub(crate) use blocks::Blocks;
-pub use config::{FitConfig, FitMethod, PriorKind};
+pub use config::{Changes, FitConfig, FitMethod, PriorKind};
 pub use cosines::CosineBasis;
 pub use errors::{CLUES, Clues, ErrorModel, KNOTS, Knot, Sample};
 pub use joint::{Adjoint, Gradients, JointConfig, Variances};

@@ -3,8 +3,8 @@
 use super::{Inner, Scene};
 use crate::completer::Completer;
 use crate::depth_guide::DepthGuide;
-use crate::error::Result;
-use crate::fit::{Affinities, FitConfig, Robust};
+use crate::error::{Result, SettingsError};
+use crate::fit::{Affinities, CosineBasis, FitConfig, FitMethod, Robust};
 use std::sync::{Arc, Mutex, OnceLock};
 
 impl Scene {
@@ -36,14 +36,55 @@ impl Scene {
     /// # fn main() {}
     /// ```
     pub fn with_robust(&self, robust: Option<Robust>) -> Result<Self> {
-        let completer = &self.0.completer;
-        let fit = FitConfig {
+        self.with_fit(FitConfig {
             robust,
-            ..*completer.fit_config()
-        };
+            ..*self.0.completer.fit_config()
+        })
+    }
+
+    /// The same scene with other settings of the fit: the network does not run again, and completions are those of a
+    /// scene that was made with these settings, to the bit.
+    ///
+    /// # Errors
+    /// Settings that are out of range; a field in a scene that was made for basis functions alone.
+    ///
+    /// ```
+    /// # #[cfg(feature = "weights")]
+    /// # fn main() -> lsdc_core::Result<()> {
+    /// # use lsdc_core::settings::{FitConfig, FitMethod};
+    /// # use lsdc_core::{Channels, Completer, Image, Observations, Weights};
+    /// # let completer = Completer::new(&Weights::builtin_small())?;
+    /// # let grey = vec![128_u8; 3 * 64 * 48];
+    /// let scene = completer.scene(&Image::new(64, 48, Channels::Rgb, &grey)?)?;
+    /// let plain = FitConfig { method: FitMethod::Lse, ..*completer.fit_config() };
+    /// # let mut points = Observations::new();
+    /// # points.add(10.0, 20.0, 2.0);
+    /// let alone = scene.with_fit(plain)?.complete(&points)?;
+    /// assert_eq!(alone.report().method, FitMethod::Lse);
+    /// # Ok(())
+    /// # }
+    /// # #[cfg(not(feature = "weights"))]
+    /// # fn main() {}
+    /// ```
+    pub fn with_fit(&self, fit: FitConfig) -> Result<Self> {
         fit.check()?;
-        let (guide, tied) = (self.0.depth_guide.clone(), self.0.tied.clone());
-        Ok(self.share(completer.with_fit(fit), guide, tied))
+        let inner = &*self.0;
+        let before = inner.completer.fit_config().method;
+        // Only a fit with a field keeps how depth is read in a larger image.
+        if before == FitMethod::Lse && fit.method != FitMethod::Lse {
+            let what = "this scene was made for basis functions alone, without a field";
+            return Err(SettingsError::new(what)
+                .with_hint("make the scene with the settings of the joint fit")
+                .into());
+        }
+        let same = fit.method == before;
+        let tied = if same {
+            inner.tied.clone()
+        } else {
+            OnceLock::new()
+        };
+        let (completer, depth_guide) = (inner.completer.with_fit(fit), inner.depth_guide.clone());
+        Ok(self.share(completer, depth_guide, tied))
     }
 
     /// The same scene with another prediction of its depth by other means, or none (see
@@ -63,21 +104,23 @@ impl Scene {
         let Inner {
             basis,
             affinities,
-            cosines,
             size,
             guide,
             network,
             ..
         } = &*self.0;
+        let fit = completer.fit_config();
+        let cosines = CosineBasis::up_to(fit.cosines());
+        let guide = guide.clone().filter(|_| fit.method != FitMethod::Lse);
         Self(Arc::new(Inner {
             completer,
             basis: basis.clone(),
             affinities: affinities.clone(),
             tied,
             depth_guide,
-            cosines: cosines.clone(),
+            cosines,
             size: *size,
-            guide: guide.clone(),
+            guide,
             combined: Mutex::default(),
             network: *network,
         }))

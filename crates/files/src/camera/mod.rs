@@ -150,6 +150,19 @@ impl Camera {
         (center[0] - middle[0]).hypot(center[1] - middle[1])
     }
 
+    /// Focal lengths in pixels and the principal point, `[fx, fy, cx, cy]`, of the image as it is shown, without what
+    /// the lens bends.
+    pub fn intrinsics(&self) -> [f64; 4] {
+        let ([fx, fy], [cx, cy]) = (self.optics.focal(), self.optics.center());
+        let shown = |place| self.turned.map_or(place, |turned| turned.turned(place));
+        let center = shown([cx, cy]);
+        let (across, down) = (shown([cx + fx, cy]), shown([cx, cy + fy]));
+        // One of the two lies along each axis of the image.
+        let along =
+            |axis: usize| (across[axis] - center[axis]).abs() + (down[axis] - center[axis]).abs();
+        [along(0), along(1), center[0], center[1]]
+    }
+
     /// Pixel (column, row) and depth of a point of the world; `None` behind the camera and where the
     /// lens does not look.
     pub fn project(&self, point: [f64; 3]) -> Option<([f64; 2], f64)> {

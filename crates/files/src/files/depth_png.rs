@@ -1,11 +1,11 @@
 //! Depths as 16-bit PNG, and the unit that such a file holds.
 
 use super::write_atomically;
-use crate::error::{Error, Result};
+use crate::error::{Cause, Error, Result};
 use crate::{DepthMap, Unit};
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Write};
 use std::path::Path;
 
 /// The text chunk that says how many stored units make a metre.
@@ -56,15 +56,35 @@ pub fn raised_in_png(depth: &DepthMap, scale: f64) -> usize {
 /// # Errors
 /// A depth that does not fit, or a file that cannot be written.
 pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> {
+    let values = stored(depth, scale)
+        .map_err(|e| Error::shape(format!("`{}`: {e}", path.display())).hint(COARSER))?;
+    write_atomically(path, |out| encode(out, depth, &values, scale))
+}
+
+/// The bytes of the file that [`write_depth_png`] writes.
+///
+/// # Errors
+/// A depth that does not fit.
+pub fn encode_depth_png(depth: &DepthMap, scale: f64) -> Result<Vec<u8>> {
+    let values = stored(depth, scale).map_err(|e| Error::shape(e).hint(COARSER))?;
+    let mut bytes = Vec::new();
+    encode(&mut bytes, depth, &values, scale)
+        .map_err(|e| Error::new(Cause::Write, "cannot make a PNG").because(e))?;
+    Ok(bytes)
+}
+
+/// What to do where a depth does not fit.
+const COARSER: &str = "choose a coarser unit, or write npy, TIFF, EXR or PFM";
+
+/// The values that stand for depths, as they are stored.
+fn stored(depth: &DepthMap, scale: f64) -> std::result::Result<Vec<u8>, String> {
     let farthest = depth
         .range()
         .map_or(0.0, |(_, farthest)| f64::from(farthest));
     if (farthest / scale).round() > MOST {
-        return Err(Error::shape(format!(
-            "a depth of {farthest} m does not fit into 16 bits of {scale} m for `{}`",
-            path.display()
-        ))
-        .hint("choose a coarser unit, or write npy, TIFF, EXR or PFM"));
+        return Err(format!(
+            "a depth of {farthest} m does not fit into 16 bits of {scale} m"
+        ));
     }
     let stored = |&depth: &f32| {
         if is_raised(depth, scale) {
@@ -74,19 +94,20 @@ pub fn write_depth_png(path: &Path, depth: &DepthMap, scale: f64) -> Result<()> 
         }
     };
     let values = depth.values().iter().map(stored);
-    let bytes: Vec<u8> = values.flat_map(u16::to_be_bytes).collect();
-    write_atomically(path, |out| {
-        let mut encoder = Encoder::new(out, depth.width() as u32, depth.height() as u32);
-        encoder.set_color(ColorType::Grayscale);
-        encoder.set_depth(BitDepth::Sixteen);
-        // Trying every filter on each row takes longer than what it saves is worth.
-        encoder.set_compression(Compression::Fast);
-        encoder.set_filter(Filter::Up);
-        encoder.add_text_chunk(KEYWORD.into(), format!("{}", 1.0 / scale))?;
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(&bytes)?;
-        Ok(writer.finish()?)
-    })
+    Ok(values.flat_map(u16::to_be_bytes).collect())
+}
+
+fn encode(out: &mut dyn Write, depth: &DepthMap, values: &[u8], scale: f64) -> std::io::Result<()> {
+    let mut encoder = Encoder::new(out, depth.width() as u32, depth.height() as u32);
+    encoder.set_color(ColorType::Grayscale);
+    encoder.set_depth(BitDepth::Sixteen);
+    // Trying every filter on each row takes longer than what it saves is worth.
+    encoder.set_compression(Compression::Fast);
+    encoder.set_filter(Filter::Up);
+    encoder.add_text_chunk(KEYWORD.into(), format!("{}", 1.0 / scale))?;
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(values)?;
+    Ok(writer.finish()?)
 }
 
 /// The unit that a PNG says its depths are in, as [`write_depth_png`] leaves it there. Nothing for

@@ -65,6 +65,15 @@ pub(crate) fn read_exr(path: &Path, scale: f64) -> Result<(DepthMap, Option<Dept
 /// # Errors
 /// The file cannot be written.
 pub fn write_exr(path: &Path, depth: &DepthMap, sigma: Option<&DepthMap>) -> Result<()> {
+    let bytes = encode_exr(depth, sigma)?;
+    write_atomically(path, |out| out.write_all(&bytes))
+}
+
+/// The bytes of the file that [`write_exr`] writes.
+///
+/// # Errors
+/// Maps of different sizes.
+pub fn encode_exr(depth: &DepthMap, sigma: Option<&DepthMap>) -> Result<Vec<u8>> {
     let channel =
         |name: &str, map: &DepthMap| AnyChannel::new(name, FlatSamples::F32(map.values().to_vec()));
     let channels = std::iter::once(channel("Z", depth));
@@ -78,8 +87,6 @@ pub fn write_exr(path: &Path, depth: &DepthMap, sigma: Option<&DepthMap>) -> Res
         .write()
         .non_parallel()
         .to_buffered(&mut bytes)
-        .map_err(|e| {
-            Error::new(Cause::Write, format!("cannot encode `{}`", path.display())).because(e)
-        })?;
-    write_atomically(path, |out| out.write_all(bytes.get_ref()))
+        .map_err(|e| Error::new(Cause::Write, "cannot make an EXR image").because(e))?;
+    Ok(bytes.into_inner())
 }

@@ -1,6 +1,6 @@
 //! HDF5 arrays, read a few rows at a time. The only file that knows the library behind it.
 
-use super::plausible;
+use super::{LARGEST, check_unfolded, plausible};
 use crate::DepthMap;
 use crate::error::{Error, Result};
 use half::f16;
@@ -212,6 +212,12 @@ impl Hdf5 {
             )
             .hint("the file is cut off or damaged"));
         }
+        check_unfolded(
+            &self.path,
+            &format!("the values of `{name}`"),
+            bytes,
+            LARGEST,
+        )?;
         if let Some(chunk) = array.chunk_shape().map_err(|e| self.damaged(e))? {
             let bytes = chunk
                 .iter()

@@ -1,6 +1,6 @@
 //! Clouds of laser scanners in LAS, and compressed as LAZ.
 
-use super::{Visit, quiet};
+use super::{Visit, check_unfolded, quiet};
 use crate::error::{Error, Result};
 use las::raw::Header;
 use laz::LazItemType;
@@ -31,6 +31,8 @@ pub(super) fn read_las(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
         let mut reader = las::Reader::new(file).map_err(damaged)?;
         check_layers(path, &header, reader.header(), size)?;
         let record = u64::from(reader.header().point_format().len()).max(1);
+        let bytes = record.saturating_mul(reader.header().number_of_points());
+        check_unfolded(path, "its points", bytes, u64::MAX)?;
         loop {
             let points = reader
                 .read_points((CHUNK / record).max(1))

@@ -4,6 +4,7 @@ mod depth_png;
 mod exr;
 mod hdf5;
 mod las;
+mod limit;
 mod npy;
 mod npz;
 mod pcd;
@@ -16,20 +17,22 @@ mod table;
 mod tiff;
 mod velodyne;
 
-pub use depth_png::{png_unit, raised_in_png, stored_unit, write_depth_png};
+pub use depth_png::{encode_depth_png, png_unit, raised_in_png, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
-pub use exr::write_exr;
+pub use exr::{encode_exr, write_exr};
 pub(crate) use hdf5::read_h5;
 pub use hdf5::{Hdf5, from_planes, read_pair};
+pub use limit::reading_at_most;
+use limit::{LARGEST, check_pixels, check_unfolded, plausible};
 pub(super) use npy::{Array, read_array};
-pub use npy::{read_npy, write_npy};
+pub use npy::{encode_npy, read_npy, write_npy};
 pub(super) use npz::read_npz;
-pub use npz::write_npz;
+pub use npz::{encode_npz, write_npz};
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
 pub(super) use picture::{image_kind, read_grey};
-pub use picture::{read_depth_png, read_rgb, read_upright, write_rgb};
-pub use ply::{Colored, write_ply};
+pub use picture::{image_size, read_depth_png, read_rgb, read_upright, write_rgb};
+pub use ply::{Colored, encode_ply, write_ply};
 pub use save::{check_writable, remove_leftovers, write_atomically, write_folder_atomically};
 pub(super) use table::{Columns, Row, Table, read_table};
 pub use tiff::write_tiff;
@@ -48,32 +51,6 @@ pub(super) enum Numbers {
     /// Integers of more bits.
     Integers,
     Floats,
-}
-
-/// No image or scan at a time is so large.
-const LARGEST: u64 = 1 << 30;
-
-/// Whether a file of `size` bytes can hold `bytes` of values: deflate makes at most 1032 of one
-/// (zlib), and what is small may be asked for in any case. Damaged headers promise much more.
-fn plausible(bytes: u64, size: u64) -> bool {
-    bytes <= (1 << 20).max(size.saturating_mul(1100)).min(LARGEST)
-}
-
-/// Refuses an image that is too large, or larger than a file of `size` bytes can hold.
-fn check_pixels(path: &Path, (width, height): (u32, u32), bytes: u64, size: u64) -> Result<()> {
-    if plausible(bytes, size) {
-        return Ok(());
-    }
-    if bytes <= size.saturating_mul(1100) {
-        let what = format!(
-            "is too large: {width}x{height} pixels take {} MiB, at most {} are read",
-            bytes >> 20,
-            LARGEST >> 20
-        );
-        return Err(Error::format(path, what).hint("make the image smaller, or cut it"));
-    }
-    let what = format!("declares {width}x{height} pixels but is only {size} bytes long");
-    Err(Error::format(path, what).hint("the file is damaged; write it again"))
 }
 
 /// The endings of colour images.

@@ -2,7 +2,7 @@
 
 use super::{Numbers, write_atomically};
 use crate::DepthMap;
-use crate::error::{Error, Result};
+use crate::error::{Cause, Error, Result};
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
 use std::io::Write;
 use std::path::Path;
@@ -153,7 +153,18 @@ pub fn write_npy(path: &Path, depth: &DepthMap) -> Result<()> {
     write_atomically(path, |out| encode(out, depth))
 }
 
-/// The bytes of an `.npy` file, float32 of shape `(height, width)`.
+/// The bytes of the file that [`write_npy`] writes.
+///
+/// # Errors
+/// None.
+pub fn encode_npy(depth: &DepthMap) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    encode(&mut bytes, depth)
+        .map_err(|e| Error::new(Cause::Write, "cannot make an npy array").because(e))?;
+    Ok(bytes)
+}
+
+/// Writes what an `.npy` file holds, float32 of shape `(height, width)`.
 pub(super) fn encode(out: &mut dyn Write, depth: &DepthMap) -> std::io::Result<()> {
     let mut writer = npyz::WriteOptions::new()
         .default_dtype()

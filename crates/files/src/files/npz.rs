@@ -1,7 +1,7 @@
 //! NumPy `.npz` archives: ZIP files of `.npy` arrays.
 
 use super::npy::{encode, parse};
-use super::{Array, plausible, write_atomically};
+use super::{Array, LARGEST, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
 use crate::error::{Cause, Error, Result};
 use std::fs::File;
@@ -45,6 +45,7 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
                 format!("`{name}` declares {length} bytes, the file has {size}"),
             ));
         }
+        check_unfolded(path, &format!("the values of `{name}`"), length, LARGEST)?;
         let mut bytes = Vec::new();
         entry
             .take(length)
@@ -62,6 +63,15 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_npz(path: &Path, maps: &[(&str, &DepthMap)]) -> Result<()> {
+    let bytes = encode_npz(maps)?;
+    write_atomically(path, |out| out.write_all(&bytes))
+}
+
+/// The bytes of the file that [`write_npz`] writes.
+///
+/// # Errors
+/// Two maps of one name.
+pub fn encode_npz(maps: &[(&str, &DepthMap)]) -> Result<Vec<u8>> {
     let archive = || -> std::io::Result<Vec<u8>> {
         let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
         for (name, map) in maps {
@@ -72,8 +82,5 @@ pub fn write_npz(path: &Path, maps: &[(&str, &DepthMap)]) -> Result<()> {
         }
         Ok(archive.finish()?.into_inner())
     };
-    let bytes = archive().map_err(|e| {
-        Error::new(Cause::Write, format!("cannot encode `{}`", path.display())).because(e)
-    })?;
-    write_atomically(path, |out| out.write_all(&bytes))
+    archive().map_err(|e| Error::new(Cause::Write, "cannot make an npz archive").because(e))
 }

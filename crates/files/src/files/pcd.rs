@@ -1,6 +1,6 @@
 //! Clouds in PCD, the format of the Point Cloud Library: text, binary, and compressed.
 
-use super::{Visit, plausible};
+use super::{LARGEST, Visit, check_unfolded, plausible};
 use crate::error::{Error, Result};
 use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta};
 use std::fs::File;
@@ -61,6 +61,7 @@ fn check(path: &Path, meta: &PcdMeta, data: &mut impl BufRead, size: u64) -> Res
             if packed > size || !plausible(whole, size) {
                 return promised(packed.max(whole));
             }
+            check_unfolded(path, "its points", whole, LARGEST)?;
             if whole != bytes {
                 return wrong(format!(
                     "holds {whole} bytes of points, its header says {bytes}"

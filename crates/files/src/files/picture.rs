@@ -83,6 +83,14 @@ pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<()> {
     })
 }
 
+/// Width and height of an image as stored, from its head alone.
+///
+/// # Errors
+/// A missing or unknown file, and one whose head is damaged.
+pub fn image_size(path: &Path) -> Result<(usize, usize)> {
+    image_kind(path).map(|(size, _)| size)
+}
+
 /// Width, height and what a pixel is made of, as stored.
 pub(crate) fn image_kind(path: &Path) -> Result<((usize, usize), ColorType)> {
     let decoder = decoder(path)?;
@@ -164,19 +172,5 @@ mod tests {
         let (depth, numbers) = read_grey(&path, |_| 0.01).unwrap();
         assert_eq!(numbers, Numbers::Bytes);
         assert!((depth.at(3, 2) - 0.3).abs() < 1e-6);
-    }
-
-    #[test]
-    fn the_size_of_a_sound_image_is_no_damage() {
-        let path = Path::new("a.png");
-        let large = check_pixels(path, (40_000, 40_000), 4_800_000_000, 900_000_000);
-        assert!(
-            large
-                .unwrap_err()
-                .to_string()
-                .contains("is too large: 40000x40000")
-        );
-        let damaged = check_pixels(path, (40_000, 40_000), 4_800_000_000, 900);
-        assert!(damaged.unwrap_err().to_string().contains("only 900 bytes"));
     }
 }

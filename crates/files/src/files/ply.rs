@@ -1,13 +1,13 @@
 //! Clouds in Stanford's PLY, text and binary.
 
 use super::{Visit, write_atomically};
-use crate::error::{Error, Result};
+use crate::error::{Cause, Error, Result};
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{
     ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType,
 };
 use std::fs::File;
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Write};
 use std::path::Path;
 
 /// A vertex, as far as it matters here.
@@ -165,33 +165,46 @@ pub struct Colored {
 /// # Errors
 /// The file cannot be written.
 pub fn write_ply(path: &Path, points: &[Colored]) -> Result<()> {
+    write_atomically(path, |out| encode(out, points))
+}
+
+/// The bytes of the file that [`write_ply`] writes.
+///
+/// # Errors
+/// None.
+pub fn encode_ply(points: &[Colored]) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    encode(&mut bytes, points)
+        .map_err(|e| Error::new(Cause::Write, "cannot make a PLY cloud").because(e))?;
+    Ok(bytes)
+}
+
+fn encode(out: &mut dyn Write, points: &[Colored]) -> std::io::Result<()> {
     let sigma = points.first().is_some_and(|point| point.sigma.is_some());
     let properties = [
         ("double", "x y z"),
         ("uchar", "red green blue"),
         ("float", if sigma { "sigma" } else { "" }),
     ];
-    write_atomically(path, |out| {
-        writeln!(
-            out,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}",
-            points.len()
-        )?;
-        for (kind, names) in properties {
-            for name in names.split_whitespace() {
-                writeln!(out, "property {kind} {name}")?;
-            }
+    writeln!(
+        out,
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}",
+        points.len()
+    )?;
+    for (kind, names) in properties {
+        for name in names.split_whitespace() {
+            writeln!(out, "property {kind} {name}")?;
         }
-        writeln!(out, "end_header")?;
-        for point in points {
-            out.write_all(point.place.map(f64::to_le_bytes).as_flattened())?;
-            out.write_all(&point.color)?;
-            if sigma {
-                out.write_all(&point.sigma.unwrap_or(f32::NAN).to_le_bytes())?;
-            }
+    }
+    writeln!(out, "end_header")?;
+    for point in points {
+        out.write_all(point.place.map(f64::to_le_bytes).as_flattened())?;
+        out.write_all(&point.color)?;
+        if sigma {
+            out.write_all(&point.sigma.unwrap_or(f32::NAN).to_le_bytes())?;
         }
-        Ok(())
-    })
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,36 +1,39 @@
-//! A result in space.
+//! A depth map in space.
 
-use super::frame::Completed;
-use super::inputs::Loaded;
-use crate::data::Colored;
-use crate::error::{Error, Result};
+use crate::{Camera, Colored, DepthMap};
+use image::RgbImage;
 
-/// The pixels in space, with the colours of the image.
-pub(super) struct Cloud {
-    pub(super) points: Vec<Colored>,
+/// The pixels of a depth map in space, with the colours of the image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cloud {
+    /// One for each pixel with a depth that is not left out, row by row.
+    pub points: Vec<Colored>,
     /// Pixels that are left out, as their standard deviation is too large.
-    pub(super) uncertain: usize,
+    pub uncertain: usize,
     /// Pixels that are left out, as the lens does not look there.
-    pub(super) unseen: usize,
+    pub unseen: usize,
 }
 
 impl Cloud {
-    /// Of a frame; `max_sigma` is the largest standard deviation.
-    pub(super) fn of(frame: &Loaded, found: &Completed, max_sigma: Option<f32>) -> Result<Self> {
-        let depth = &found.depth;
+    /// Of a depth map of any size, seen by the camera of the upright image `rgb`. `deviations` are the standard
+    /// deviations of the depths in metres, in a map of the same size, and `max_sigma` the largest that is kept.
+    pub fn new(
+        depth: &DepthMap,
+        deviations: Option<&DepthMap>,
+        rgb: &RgbImage,
+        camera: &Camera,
+        max_sigma: Option<f32>,
+    ) -> Self {
         let (width, height) = (depth.width(), depth.height());
-        let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
         let camera = camera.stretched((width, height));
-        let shown = (frame.rgb.width() as usize, frame.rgb.height() as usize);
-        let diagnostics = found.diagnostics.as_ref();
-        let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
+        let shown = (rgb.width() as usize, rgb.height() as usize);
         let mut cloud = Self {
             points: Vec::new(),
             uncertain: 0,
             unseen: 0,
         };
         for point in depth.points() {
-            let sigma = deviations.map(|map| map.at(point.x, point.y));
+            let sigma = deviations.and_then(|map| map.get(point.x, point.y));
             let known = sigma.zip(max_sigma);
             if known.is_some_and(|(sigma, most)| sigma > most) {
                 cloud.uncertain += 1;
@@ -41,7 +44,7 @@ impl Cloud {
                 cloud.unseen += 1;
                 continue;
             };
-            let color = frame.rgb.get_pixel(
+            let color = rgb.get_pixel(
                 (point.x * shown.0 / width) as u32,
                 (point.y * shown.1 / height) as u32,
             );
@@ -51,11 +54,6 @@ impl Cloud {
                 sigma,
             });
         }
-        Ok(cloud)
+        cloud
     }
-}
-
-fn no_camera() -> Error {
-    Error::config("a cloud needs a camera")
-        .hint("give --camera FILE, --camera FX,FY,CX,CY, or points of a model of COLMAP")
 }

@@ -1,0 +1,83 @@
+//! Answers on their way out.
+
+use crate::crew::Place;
+use crate::encode::Encoded;
+use axum::body::Body;
+use axum::http::{HeaderName, HeaderValue, Response, StatusCode, header};
+use bytes::Bytes;
+use hyper::body::{Frame, SizeHint};
+use std::convert::Infallible;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+/// Bytes that are handed to the connection at a time.
+const PIECE: usize = 64 << 10;
+
+/// The header that holds the report, as one line of JSON, beside answers that have no room for it.
+pub(crate) const REPORT: HeaderName = HeaderName::from_static("lsdc-report");
+
+/// The answer of a completion, which holds its place until it has been fetched.
+pub(crate) fn of(encoded: Encoded, place: Place) -> Response<Body> {
+    let form = encoded.form;
+    let mut response = Response::new(Body::new(Held {
+        left: encoded.bytes.into(),
+        _place: place,
+    }));
+    let headers = response.headers_mut();
+    let media = HeaderValue::from_static(form.media());
+    headers.insert(header::CONTENT_TYPE, media);
+    if let Some(name) = form.file() {
+        let report = HeaderValue::try_from(encoded.report.header());
+        headers.extend(report.ok().map(|report| (REPORT, report)));
+        let named = HeaderValue::try_from(format!("attachment; filename=\"{name}\""));
+        headers.extend(named.ok().map(|named| (header::CONTENT_DISPOSITION, named)));
+    }
+    response
+}
+
+/// JSON with a status.
+pub(crate) fn json(status: StatusCode, value: &serde_json::Value) -> Response<Body> {
+    let mut response = Response::new(Body::from(format!("{value}\n")));
+    *response.status_mut() = status;
+    let media = HeaderValue::from_static("application/json");
+    response.headers_mut().insert(header::CONTENT_TYPE, media);
+    response
+}
+
+/// Text of a type that does not change.
+pub(crate) fn text(media: &'static str, text: impl Into<Body>) -> Response<Body> {
+    let mut response = Response::new(text.into());
+    let media = HeaderValue::from_static(media);
+    response.headers_mut().insert(header::CONTENT_TYPE, media);
+    response
+}
+
+/// Bytes that go out piece by piece, as the client takes them, and a place that is held until the last.
+struct Held {
+    left: Bytes,
+    _place: Place,
+}
+
+impl hyper::body::Body for Held {
+    type Data = Bytes;
+    type Error = Infallible;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
+        if self.left.is_empty() {
+            return Poll::Ready(None);
+        }
+        let length = self.left.len().min(PIECE);
+        Poll::Ready(Some(Ok(Frame::data(self.left.split_to(length)))))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.left.is_empty()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        SizeHint::with_exact(self.left.len() as u64)
+    }
+}

@@ -1,0 +1,57 @@
+//! What fuzzers and tests call: the readers of whatever comes in, without a connection.
+
+use crate::body::Incoming;
+use crate::config::Limits;
+use crate::encode::Form;
+use crate::frame::{Frame, check_points};
+use crate::options::Options;
+use crate::points::Points;
+use crate::upload::Upload;
+use axum::body::Body;
+
+/// Small limits: what is refused is as good as what is read.
+fn limits() -> Limits {
+    Limits {
+        body: 1 << 20,
+        pixels: 1 << 16,
+        points: 1000,
+        unfolded: 8 << 20,
+        ..Limits::default()
+    }
+}
+
+/// Reads a form as `/v1/complete` does, up to the computation. Says whether all of it could be read.
+pub fn form(content_type: &str, bytes: &[u8]) -> bool {
+    let limits = limits();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_time()
+        .build();
+    let Ok(runtime) = runtime else {
+        return false;
+    };
+    let mut body = Incoming::new(Body::from(bytes.to_vec()), &limits);
+    let known = ["image", "points", "camera", "options"];
+    let mut read = || {
+        let upload = runtime.block_on(Upload::read(content_type, &mut body, &known))?;
+        let options = upload
+            .get("options")
+            .and_then(|path| std::fs::read(path).ok());
+        let options =
+            options.map_or_else(|| Ok(Options::default()), |json| Options::parse(&json))?;
+        check_points(&upload)?;
+        Frame::read(&upload, &limits)?.points(&upload, &options, &limits)
+    };
+    read().is_ok()
+}
+
+/// Reads points, options and a header as JSON and text.
+pub fn text(bytes: &[u8]) {
+    let _ = Points::parse(bytes, 1000);
+    let _ = Options::parse(bytes);
+    let _ = Form::accepted(std::str::from_utf8(bytes).ok());
+}
+
+/// The bytes that are counted for a scene of an image of this size.
+pub fn scene_bytes(width: usize, height: usize) -> u64 {
+    crate::scenes::bytes(width, height)
+}

@@ -1,0 +1,68 @@
+//! Depth completion as a service over HTTP, and the page that shows it.
+//!
+//! Images and points come as forms, answers as JSON, PNG, EXR, npz or PLY; an image that is posted once as a scene is
+//! completed again and again while the network does not run. Everything that a request can cost is [bounded](Limits),
+//! computations run on threads of their own, and a request that panics is answered like any other failure. The
+//! description of all addresses is at `/openapi.json`.
+//!
+//! ```no_run
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use lsdc_core::{Completer, Weights};
+//! use lsdc_serve::{Config, Server};
+//!
+//! let completer = Completer::new(&Weights::builtin())?;
+//! let server = Server::bind(completer, "127.0.0.1:8080".parse()?, Config::default())?;
+//! let handle = server.handle(); // ends it, from any thread
+//! server.run()?;
+//! # Ok(())
+//! # }
+//! ```
+
+mod answer;
+mod api;
+mod app;
+mod body;
+mod complete;
+mod config;
+mod crew;
+mod encode;
+mod error;
+mod fault;
+mod frame;
+#[doc(hidden)]
+pub mod fuzzing;
+mod guard;
+mod layers;
+mod metrics;
+mod observe;
+mod options;
+mod pace;
+mod page;
+mod points;
+mod report;
+mod routes;
+mod scenes;
+mod server;
+mod task;
+mod tls;
+mod upload;
+
+pub use config::{Access, Config, Entry, Limits, Log, Tls, Trace};
+pub use error::Error;
+pub use page::{Asset, Demo, Page, Start};
+pub use server::{Handle, Server};
+
+/// A name that cannot be guessed: 128 random bits in hexadecimal; none if the system has no random numbers.
+fn random_name() -> Option<String> {
+    let mut bytes = [0_u8; 16];
+    getrandom::fill(&mut bytes).ok()?;
+    Some(format!("{:032x}", u128::from_be_bytes(bytes)))
+}
+
+/// A token that cannot be guessed.
+///
+/// # Errors
+/// The system gives no random numbers.
+pub fn random_token() -> Result<String, Error> {
+    random_name().ok_or(Error::Random)
+}

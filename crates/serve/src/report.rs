@@ -1,0 +1,171 @@
+//! What is said of a completion, by the names of `lsdc complete --json`.
+
+use crate::complete::Completed;
+use crate::encode::Forms;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::time::Duration;
+
+/// A completion in numbers: metres, seconds.
+#[derive(Debug, Serialize)]
+pub(crate) struct Report {
+    points: Points,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    depth: Option<Depth>,
+    /// How many stored units of the PNG make a metre, if it is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    png_units_per_metre: Option<f64>,
+    /// Pixels that hold one unit there, as they are nearer than half of it.
+    #[serde(skip_serializing_if = "is_zero")]
+    png_raised: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cloud: Option<Cloud>,
+    fit: Fit,
+    seconds: Seconds,
+    /// What was assumed or left out and should be checked.
+    remarks: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Points {
+    used: usize,
+    /// NaN, infinite or not positive.
+    ignored: usize,
+    outside: usize,
+    hidden: usize,
+    unit: String,
+    unit_guessed: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Depth {
+    width: usize,
+    height: usize,
+    lowest: f32,
+    highest: f32,
+    /// Pixels whose depth was limited to ten times the range of the points.
+    #[serde(skip_serializing_if = "is_zero")]
+    clamped: usize,
+}
+
+/// Counts of pixels.
+#[derive(Debug, Serialize)]
+struct Cloud {
+    points: usize,
+    /// Left out, as they are too uncertain.
+    uncertain: usize,
+    /// Left out, as the lens does not look there.
+    unseen: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Fit {
+    method: &'static str,
+    /// Root mean square at the points.
+    residual: f64,
+    /// Root mean square of the leave-one-out errors (PRESS).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    leave_one_out: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    outliers: Option<usize>,
+    /// The number of standard deviations that hold 95 % of errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    deviations_of_95: Option<f64>,
+    rank: usize,
+    functions: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Seconds {
+    reading: f64,
+    network: f64,
+    fit: f64,
+    /// Part of the fit: the field of the image before any point.
+    field: f64,
+    dense: f64,
+    deviation: f64,
+    judging: f64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
+impl Report {
+    pub(crate) fn new(found: &Completed, forms: &Forms) -> Self {
+        let report = found.completion.report();
+        let points = &found.points;
+        let seconds = |time: Duration| time.as_secs_f64();
+        let range = found.depth.as_ref().and_then(lsdc_core::DepthMap::range);
+        let size = found.completion.scene();
+        Self {
+            points: Points {
+                used: report.used,
+                ignored: points.ignored + report.invalid,
+                outside: points.outside + report.outside,
+                hidden: points.hidden,
+                unit: points.unit.to_string(),
+                unit_guessed: points.guessed,
+            },
+            depth: range.map(|(lowest, highest)| Depth {
+                width: size.width(),
+                height: size.height(),
+                lowest,
+                highest,
+                clamped: found.clamped,
+            }),
+            png_units_per_metre: forms.png.map(|png| 1.0 / png.unit.metres()),
+            png_raised: forms.png.map_or(0, |png| png.raised),
+            cloud: forms.cloud.as_ref().map(|cloud| Cloud {
+                points: cloud.points.len(),
+                uncertain: cloud.uncertain,
+                unseen: cloud.unseen,
+            }),
+            fit: Fit {
+                method: report.method.name(),
+                residual: report.residual,
+                leave_one_out: found.leave_one_out,
+                outliers: found.outliers.as_ref().map(Vec::len),
+                deviations_of_95: found
+                    .deviations
+                    .as_ref()
+                    .and_then(|_| found.completion.interval(0.95).ok()),
+                rank: report.rank,
+                functions: report.functions,
+            },
+            seconds: Seconds {
+                reading: seconds(found.times.reading),
+                network: seconds(report.network),
+                fit: seconds(report.fit),
+                field: seconds(report.field),
+                dense: seconds(found.times.dense),
+                deviation: seconds(found.times.deviation),
+                judging: seconds(found.times.judging),
+            },
+            remarks: found.remarks(),
+        }
+    }
+
+    /// On one line.
+    pub(crate) fn line(&self) -> String {
+        // Numbers and names always have a form; as a value, single precision is written out as double.
+        serde_json::to_value(self).unwrap_or_default().to_string()
+    }
+
+    /// On one line of the characters that a header may have.
+    pub(crate) fn header(&self) -> String {
+        let mut text = String::new();
+        for c in self.line().chars() {
+            if c.is_ascii() {
+                text.push(c);
+            } else {
+                for unit in c.encode_utf16(&mut [0; 2]) {
+                    // Writing to a string does not fail.
+                    let _ = write!(text, "\\u{unit:04x}");
+                }
+            }
+        }
+        text
+    }
+}

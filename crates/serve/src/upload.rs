@@ -1,0 +1,150 @@
+//! Multipart forms, whose files go to a folder of their own, where the readers of files find them.
+
+use crate::body::Incoming;
+use crate::fault::{Fault, Kind};
+use multer::{Field, Multipart};
+use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// The parts of a form, in files.
+pub(crate) struct Upload {
+    folder: TempDir,
+    parts: BTreeMap<&'static str, PathBuf>,
+}
+
+/// Bytes of a part that is no image and no points.
+const SMALL: u64 = 1 << 20;
+
+/// Endings that a name may pass on to the reader of its file, which goes by them.
+const LONGEST_ENDING: usize = 5;
+
+impl Upload {
+    /// Reads a form with these parts, each of which may be missing.
+    ///
+    /// # Errors
+    /// No sound form, parts that are unknown or come twice, and those of the body.
+    pub(crate) async fn read(
+        content_type: &str,
+        body: &mut Incoming,
+        known: &[&'static str],
+    ) -> Result<Self, Fault> {
+        let boundary = multer::parse_boundary(content_type).map_err(|_| {
+            let what = "the request is no multipart/form-data";
+            Fault::new(Kind::Unsupported, what)
+                .hint("send a form, as `curl -F image=@rgb.png` does")
+        })?;
+        let folder = tempfile::Builder::new().prefix("lsdc-").tempdir();
+        let mut upload = Self {
+            folder: folder.map_err(|_| Fault::failed())?,
+            parts: BTreeMap::new(),
+        };
+        let mut form = Multipart::new(body.stream(), boundary);
+        while let Some(field) = form.next_field().await.map_err(broken)? {
+            let name = known.iter().find(|name| field.name() == Some(**name));
+            let Some(name) = name else {
+                let name = shown(field.name().unwrap_or_default());
+                return Err(Fault::malformed(format!("the part `{name}` is unknown"))
+                    .hint(format!("parts are called {}", known.join(", "))));
+            };
+            if upload.parts.contains_key(name) {
+                return Err(Fault::malformed(format!("the part `{name}` comes twice")));
+            }
+            let path = upload.keep(name, field).await?;
+            upload.parts.insert(name, path);
+        }
+        Ok(upload)
+    }
+
+    async fn keep(&self, name: &str, mut field: Field<'_>) -> Result<PathBuf, Fault> {
+        let path = match ending(&field) {
+            Some(ending) => self.folder.path().join(format!("{name}.{ending}")),
+            None => self.folder.path().join(name),
+        };
+        let failed = |_| Fault::failed();
+        // A few pages of memory at a time: not worth another thread.
+        let mut file = std::fs::File::create(&path).map_err(failed)?;
+        let most = match name {
+            "image" | "points" => u64::MAX,
+            _ => SMALL,
+        };
+        let mut length = 0;
+        while let Some(chunk) = field.chunk().await.map_err(broken)? {
+            length += chunk.len() as u64;
+            if length > most {
+                let what = format!("the part `{name}` has at most {most} bytes");
+                return Err(Fault::too_large(what));
+            }
+            file.write_all(&chunk).map_err(failed)?;
+        }
+        Ok(path)
+    }
+
+    /// The file of a part.
+    pub(crate) fn get(&self, name: &str) -> Option<&Path> {
+        self.parts.get(name).map(PathBuf::as_path)
+    }
+
+    /// The file of a part that must be there.
+    ///
+    /// # Errors
+    /// It is missing.
+    pub(crate) fn need(&self, name: &str) -> Result<&Path, Fault> {
+        self.get(name).ok_or_else(|| {
+            Fault::malformed(format!("the part `{name}` is missing"))
+                .hint(format!("send it, as `curl -F {name}=@FILE` does"))
+        })
+    }
+
+    /// A fault in the words of the client, who knows nothing of the folder.
+    pub(crate) fn named(&self, fault: Fault) -> Fault {
+        let mut here = self.folder.path().display().to_string();
+        here.push(std::path::MAIN_SEPARATOR);
+        Fault {
+            message: fault.message.replace(&here, ""),
+            ..fault
+        }
+    }
+}
+
+/// The ending that tells what a part is: that of its file's name, or else of its type.
+fn ending(field: &Field<'_>) -> Option<String> {
+    if let Some(name) = field.file_name() {
+        let ending = Path::new(name).extension()?.to_str()?;
+        let sound = ending.len() <= LONGEST_ENDING
+            && ending.bytes().all(|byte| byte.is_ascii_alphanumeric());
+        return sound.then(|| ending.to_ascii_lowercase());
+    }
+    let kind = field.content_type()?;
+    let ending = match kind.essence_str() {
+        "application/json" => "json",
+        "text/csv" => "csv",
+        "image/png" => "png",
+        "image/x-exr" => "exr",
+        "image/tiff" => "tiff",
+        "application/x-npz" => "npz",
+        "application/x-npy" => "npy",
+        "application/x-ply" => "ply",
+        "application/toml" => "toml",
+        _ => return None,
+    };
+    Some(ending.to_owned())
+}
+
+/// A name from outside, as far as it can be shown.
+fn shown(name: &str) -> String {
+    let plain = |c: &char| c.is_ascii_graphic() && *c != '`';
+    name.chars().filter(plain).take(32).collect()
+}
+
+/// What is wrong with a form: the fault of its body, or its own.
+fn broken(error: multer::Error) -> Fault {
+    match error {
+        multer::Error::StreamReadFailed(cause) => match cause.downcast::<Fault>() {
+            Ok(fault) => *fault,
+            Err(_) => Fault::malformed("the form cannot be read"),
+        },
+        _ => Fault::malformed("the form is not sound, or ended early"),
+    }
+}

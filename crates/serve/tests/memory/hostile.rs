@@ -1,0 +1,108 @@
+//! Forty requests that nobody should send, one after the other to one service.
+
+use crate::client::{Running, asset, file, request, text};
+use crate::requests::{Expected, hostile};
+use crate::{ALONE, counted};
+use lsdc_serve::{Config, Limits};
+use std::fmt::Write as _;
+use std::sync::PoisonError;
+use std::time::Duration;
+
+/// Small bounds, so that everything is beyond one of them.
+pub(crate) fn limits() -> Limits {
+    Limits {
+        body: 1 << 20,
+        pixels: 200_000,
+        points: 500,
+        unfolded: 4 << 20,
+        head: Duration::from_millis(200),
+        pace: Duration::from_millis(200),
+        workers: 1,
+        ..Limits::default()
+    }
+}
+
+/// Bytes that a refused request may take: its body, and what a file may unfold to.
+const MOST: usize = 16 << 20;
+
+#[test]
+fn forty_hostile_requests_do_no_harm() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let service = Running::new(Config {
+        limits: limits(),
+        ..Config::default()
+    });
+    let rgb = asset("rgb.png");
+    let parts = [
+        file("image", "rgb.png", &rgb),
+        text("points", "[[10, 20, 2], [200, 100, 3]]"),
+    ];
+    let depth = || {
+        let reply = service.post("/v1/complete", "image/png", &parts);
+        assert_eq!(
+            reply.status,
+            200,
+            "{}",
+            String::from_utf8_lossy(&reply.body)
+        );
+        reply.body
+    };
+    let before = depth();
+    let mut table = String::new();
+    let all = hostile(service.address);
+    assert!(all.len() >= 40, "{}", all.len());
+    for case in all {
+        let mut answer = None;
+        let taken = counted::most(|| answer = service.send(&case.bytes));
+        let status = answer.as_ref().map(|reply| reply.status);
+        let said = answer.map(|reply| String::from_utf8_lossy(&reply.body).into_owned());
+        let as_expected = match case.expected {
+            Expected::Status(expected) => status == Some(expected),
+            Expected::Dropped => status.is_none() || status == Some(408),
+        };
+        assert!(as_expected, "{}: {status:?} {said:?}", case.sent);
+        assert!(taken < MOST, "{}: {taken} bytes", case.sent);
+        let said = said.unwrap_or_default();
+        assert!(
+            !said.contains("/tmp") && !said.contains("panicked"),
+            "{said}"
+        );
+        let kib = taken.next_multiple_of(1024) >> 10;
+        let status = case.expected.shown();
+        writeln!(table, "| {} | {status} | {kib} KiB |", case.sent).unwrap();
+    }
+    println!("{table}");
+    assert_eq!(service.metric("lsdc_panics_total"), Some(0.0));
+    assert!(depth() == before);
+    check_documents();
+}
+
+/// The guide lists them all, with their statuses.
+fn check_documents() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let guide = std::fs::read_to_string(root.join("../../docs/serve.md")).unwrap();
+    for case in hostile(([127, 0, 0, 1], 1).into()) {
+        let row = format!("| {} | {} |", case.sent, case.expected.shown());
+        assert!(guide.contains(&row), "docs/serve.md lacks: {row}");
+    }
+}
+
+/// A good request, for comparison.
+#[test]
+fn a_good_request_takes_more_than_a_hostile_one() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let service = Running::new(Config::default());
+    let rgb = asset("rgb.png");
+    let parts = [
+        file("image", "rgb.png", &rgb),
+        text("points", "[[10, 20, 2], [200, 100, 3]]"),
+    ];
+    let taken = counted::most(|| {
+        let reply = service.post("/v1/complete", "application/x-npz", &parts);
+        assert_eq!(reply.status, 200);
+    });
+    println!("a completion at 304x228: {} MiB", taken >> 20);
+    assert!(taken > MOST);
+    let ask = request(service.address, "GET", "/healthz", &[], &[]);
+    assert!(counted::most(|| assert!(service.send(&ask).is_some())) < 1 << 20);
+}

@@ -1,0 +1,102 @@
+//! `lsdc serve`: completion over HTTP.
+
+use super::args::{Model, Serve};
+use super::{Exit, ui};
+use crate::device::device;
+use crate::error::{Cause, Error, Result};
+use crate::predict::{open_completer, weights_name};
+use lsdc_serve::{Access, Config, Entry, Server, Tls};
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+/// Where the token may be, if not in a file: a command line is seen by everybody.
+const TOKEN: &str = "LSDC_TOKEN";
+
+pub(super) fn run(args: &Serve) -> Result<Exit> {
+    let tls = args.tls_cert.clone().zip(args.tls_key.clone());
+    let tls = tls.map(|(certificate, key)| Tls { certificate, key });
+    let config = Config {
+        limits: args.limits.apply(),
+        access: Access {
+            token: token(args)?,
+            open: args.without_token,
+        },
+        log: Some(Arc::new(log)),
+        tls,
+        ..Config::default()
+    };
+    let scheme = if config.tls.is_some() {
+        "https"
+    } else {
+        "http"
+    };
+    let in_clear = config.access.token.is_some() && config.tls.is_none();
+    let server = bind(&args.model, args.listen, config)?;
+    let address = server.address();
+    if in_clear && !address.ip().is_loopback() {
+        ui::say("the token goes over the network as it is; give --tls-cert and --tls-key");
+    }
+    ui::print(&format!("listening {scheme}://{address}"));
+    serve(server)
+}
+
+/// A service with the weights and the device of the command line.
+pub(super) fn bind(model: &Model, address: SocketAddr, config: Config) -> Result<Server> {
+    let weights = model.weights.as_deref();
+    let completer = open_completer(weights, &device(&model.device)?)?;
+    let config = Config {
+        weights: weights_name(weights)?,
+        ..config
+    };
+    Server::bind(completer, address, config).map_err(failed)
+}
+
+/// Serves until Ctrl-C or a signal to end.
+pub(super) fn serve(server: Server) -> Result<Exit> {
+    let handle = server.handle();
+    ui::on_stop(move || handle.end());
+    server.run().map_err(failed)?;
+    Ok(Exit::Done)
+}
+
+/// An error of the service as one of the program.
+pub(super) fn failed(error: lsdc_serve::Error) -> Error {
+    use lsdc_serve::Error as Serving;
+    let cause = match error {
+        Serving::Listen { .. } | Serving::Threads(_) | Serving::Random => Cause::Network,
+        Serving::Certificate { .. } => Cause::Read,
+        _ => Cause::Config,
+    };
+    let (message, hint) = (error.to_string(), error.hint());
+    let found = Error::new(cause, message);
+    let found = match std::error::Error::source(&error) {
+        Some(source) => found.because(source.to_string()),
+        None => found,
+    };
+    match hint {
+        Some(hint) => found.hint(hint),
+        None => found,
+    }
+}
+
+fn token(args: &Serve) -> Result<Option<String>> {
+    let text = match &args.token_file {
+        Some(path) => std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?,
+        None => match std::env::var(TOKEN) {
+            Ok(_) if args.without_token => {
+                let what = format!("`--without-token` and {TOKEN} contradict each other");
+                return Err(Error::config(what));
+            }
+            Ok(token) => token,
+            Err(_) => return Ok(None),
+        },
+    };
+    Ok(Some(text.trim().to_owned()))
+}
+
+/// One line of JSON for each request.
+fn log(entry: &Entry) {
+    if let Ok(line) = serde_json::to_string(entry) {
+        ui::say(&line);
+    }
+}
