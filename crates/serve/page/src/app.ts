@@ -23,7 +23,7 @@ interface Opening {
 export class App {
   readonly store = new Store({
     scene: null, draft: DRAFT, used: [], answer: null, view: VIEW, selected: null, cursor: null,
-    waiting: null, notice: null, canUndo: false, canRedo: false,
+    fitting: false, waiting: null, notice: null, canUndo: false, canRedo: false,
   });
   private history = new History<Draft>(DRAFT);
   private readonly fitter = new Fitter(this.store, (scene) => this.renew(scene), (error) => this.fail(error));

@@ -86,7 +86,7 @@ interface Slide {
 /** A slider over whole steps from 0. */
 export function slider({ label, hidden, steps, text, change, done }: Slide): Control<number> & { limit(steps: number): void } {
   const input = h("input", { type: "range", min: "0", max: String(steps), step: "1", "aria-label": label });
-  const output = h("output", {});
+  const output = h("span", { class: "amount", "aria-hidden": "true" });
   const show = () => {
     const words = text(Number(input.value));
     output.textContent = words;
@@ -98,7 +98,7 @@ export function slider({ label, hidden, steps, text, change, done }: Slide): Con
     change(Number(input.value));
   });
   input.addEventListener("change", () => done?.());
-  const element = h("label", { class: hidden ? "slider bare" : "slider" }, hidden ? null : h("span", {}, label), output, input);
+  const element = h("label", { class: hidden ? "slider bare" : "slider" }, hidden ? null : h("span", { class: "name" }, label), output, input);
   return {
     element,
     set: (step) => {

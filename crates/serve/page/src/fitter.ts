@@ -23,7 +23,11 @@ export class Fitter {
   private readonly latest = new Latest<Job, Answer>(
     (job) => this.run(job),
     (answer, job, waiting) => this.show(answer, job, waiting),
-    (error, job) => job.scene.id === this.store.state.scene?.id && this.failed(error),
+    (error, job) => {
+      if (job.scene.file !== this.store.state.scene?.file) return;
+      this.store.set({ fitting: false });
+      this.failed(error);
+    },
   );
 
   constructor(
@@ -40,8 +44,9 @@ export class Fitter {
     if (!scene) return this.latest.clear();
     if (draft.points.length === 0) {
       this.latest.clear();
-      return this.store.set({ answer: null });
+      return this.store.set({ answer: null, fitting: false });
     }
+    this.store.set({ fitting: true });
     const deviation = view.layer === "deviation" || view.cloud === "deviation" || view.cut !== null;
     this.latest.request({ scene, draft, asked: deviation ? ["depth", "standard_deviation"] : QUICK });
   }
@@ -73,7 +78,7 @@ export class Fitter {
   private show(answer: Answer, job: Job, waiting: boolean): void {
     const { scene, draft } = this.store.state;
     if (scene?.file !== job.scene.file || draft.points.length === 0) return;
-    this.store.set({ answer });
+    this.store.set({ answer, fitting: waiting || job.asked !== ALL });
     if (waiting || job.asked === ALL) return;
     clearTimeout(this.timer);
     this.timer = window.setTimeout(() => {

@@ -70,6 +70,7 @@ let gallery: Gallery | null = null;
 
 app.store.watch((state) => {
   const { scene, view, canUndo, canRedo } = state;
+  document.body.dataset.fitting = String(state.fitting);
   document.body.dataset.showing = scene ? "work" : gallery ? "gallery" : "start";
   document.documentElement.dataset.theme = view.theme;
   name.textContent = scene ? `${scene.name}  ${scene.width}×${scene.height}` : "";

@@ -64,6 +64,8 @@ export interface State {
   readonly view: View;
   readonly selected: number | null;
   readonly cursor: Pixel | null;
+  /** Whether the answer is not yet that to the draft, with all that takes longer. */
+  readonly fitting: boolean;
   /** What is being waited for, in words. */
   readonly waiting: string | null;
   readonly notice: Notice | null;

@@ -6,7 +6,7 @@ export interface Fitted {
   readonly v: number;
   readonly depth: number;
   readonly sigma: number | null;
-  /** Map minus measurement, in metres. */
+  /** Measurement minus map, in metres: positive where the point lies farther away. */
   readonly residual: number | null;
   /** The same with the map that the other points give. */
   readonly leaveOneOut: number | null;

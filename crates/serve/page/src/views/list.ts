@@ -23,7 +23,7 @@ const COLUMNS: readonly Column[] = [
   { name: "u", title: "Column, pixels", falling: false, key: (i, _, { draft }) => draft.points[i]!.u, text: (i, _, { draft }) => short(draft.points[i]!.u) },
   { name: "v", title: "Row, pixels", falling: false, key: (i, _, { draft }) => draft.points[i]!.v, text: (i, _, { draft }) => short(draft.points[i]!.v) },
   { name: "depth", title: "Depth, metres", falling: false, key: (i, _, { draft }) => draft.points[i]!.depth, text: (i, _, { draft }) => plain(draft.points[i]!.depth) },
-  { name: "residual", title: "Map minus point, metres", falling: true, key: (_, point) => Math.abs(point?.residual ?? -1), text: (_, point) => withSign(point?.residual ?? null) },
+  { name: "residual", title: "Point minus map, metres: positive where the point lies farther away", falling: true, key: (_, point) => Math.abs(point?.residual ?? -1), text: (_, point) => withSign(point?.residual ?? null) },
   { name: "leave-one-out", title: "Error when predicted from the other points, metres", falling: true, key: (_, point) => Math.abs(point?.leaveOneOut ?? -1), text: (_, point) => withSign(point?.leaveOneOut ?? null) },
   { name: "deviation", title: "Standard deviation of the map there, metres", falling: true, key: (_, point) => point?.deviation ?? -1, text: (_, point) => (point?.deviation === null || !point ? "–" : plain(point.deviation)) },
   { name: "wrong", title: "Probability that the point is wrong, if more than half", falling: true, key: (_, point) => point?.outlier ?? -1, text: (_, point) => (isOutlier(point) ? `${Math.round(100 * point!.outlier!)} %` : "") },
