@@ -40,7 +40,7 @@ const opacity = slider({
 });
 const undo = iconButton("undo", "Undo", app.undo);
 const redo = iconButton("redo", "Redo", app.redo);
-const name = h("span", { class: "scene" });
+const name = h("h1", { class: "scene" });
 const theme = iconButton("theme", "Light or dark", () => {
   const dark = getComputedStyle(document.documentElement).colorScheme === "dark"
     || (app.store.state.view.theme === "auto" && matchMedia("(prefers-color-scheme: dark)").matches);
@@ -75,6 +75,7 @@ app.store.watch((state) => {
   document.documentElement.dataset.theme = view.theme;
   name.textContent = scene ? `${scene.name}  ${scene.width}×${scene.height}` : "";
   name.title = name.textContent;
+  name.hidden = !scene;
   document.title = scene ? `${scene.name} – lsdc` : "lsdc";
   undo.disabled = !canUndo;
   redo.disabled = !canRedo;

@@ -2,9 +2,9 @@
 // of one with a results folder. CHROMIUM is the browser, LSDC_SCREENSHOTS a folder for pictures.
 
 import assert from "node:assert/strict";
-import { mkdirSync } from "node:fs";
+import { mkdirSync, readFileSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { join } from "node:path";
+import { basename, join } from "node:path";
 import { chromium, type Browser, type BrowserContext, type BrowserContextOptions, type Locator, type Page } from "playwright-core";
 
 export const VIEW = process.env.LSDC_VIEW_URL ?? "";
@@ -60,9 +60,12 @@ export async function openDemo(page: Page): Promise<void> {
   await settled(page);
 }
 
-export async function openImage(page: Page, ...files: (string | { name: string; mimeType: string; buffer: Buffer })[]): Promise<void> {
-  const input = page.locator('input[type=file][aria-label="Open an image, and its points"]').locator("visible=true").first();
-  await (await input.count() ? input : page.locator('input[aria-label="Open an image, and its points"]').first()).setInputFiles(files as string[]);
+/** Opens files by their paths, or by names and contents. */
+export async function openImage(page: Page, ...files: (string | readonly [name: string, contents: string])[]): Promise<void> {
+  const payload = files.map((file) => typeof file === "string"
+    ? { name: basename(file), mimeType: "image/png", buffer: readFileSync(file) }
+    : { name: file[0], mimeType: "application/octet-stream", buffer: Buffer.from(file[1]) });
+  await page.locator('input[aria-label="Open an image, and its points"]').first().setInputFiles(payload);
 }
 
 /** Where a pixel of the image is on the screen, on a stage that is not magnified. */

@@ -68,6 +68,7 @@ export class Gallery {
     const only = segments("Frames", [["all", "All"], ["failures", "Failures"]], (which) => this.choose(() => (this.failures = which === "failures")));
     only.set("all");
     this.element = h("section", { class: "gallery", "aria-label": "Gallery" },
+      h("h1", { class: "hidden" }, "Results"),
       h("header", {}, first.element, runs.length > 1 ? second.element : null, order.element, only.element, this.summary),
       this.grid, this.wipe.element);
     this.fill();

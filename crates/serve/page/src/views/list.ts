@@ -44,9 +44,9 @@ export class List {
   constructor(private readonly app: App) {
     this.headers = COLUMNS.map(({ name, title }, i) =>
       h("th", { scope: "col", title }, h("button", { type: "button", onclick: () => this.sortBy(i) }, name)));
-    this.area = h("div", { class: "area", tabindex: "0", role: "region", "aria-label": "Table of points" },
+    this.area = h("div", { class: "area", tabindex: "0", role: "group", "aria-label": "Rows" },
       h("table", {}, h("thead", {}, h("tr", {}, ...this.headers)), this.body));
-    this.element = h("section", { class: "pane list", "aria-label": "Points" }, h("header", {}, h("h2", {}, "Points"), this.note), this.area);
+    this.element = h("section", { class: "pane list", "aria-label": "Table of points" }, h("header", {}, h("h2", {}, "Points"), this.note), this.area);
   }
 
   private sortBy(column: number): void {

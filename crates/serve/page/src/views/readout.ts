@@ -32,7 +32,7 @@ export class Readout {
     );
     const fitted = selected === null ? null : answer.fitted[selected];
     this.more.textContent = fitted
-      ? `point ${metres(fitted.depth)}  residual ${withSign(fitted.residual)}  leave-one-out ${withSign(fitted.leaveOneOut)}`
+      ? `residual ${withSign(fitted.residual)}  leave-one-out ${withSign(fitted.leaveOneOut)}`
       : selected !== null && used[selected] === false ? "a point that is not used" : "";
   }
 }

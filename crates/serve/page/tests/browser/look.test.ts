@@ -57,16 +57,16 @@ test("the cloud turns, moves, and comes back", async () => {
 test("errors say what is wrong and what to do", async () => {
   const { page, context } = await visit(browser);
   const notice = page.locator(".notice");
-  await openImage(page, { name: "holiday.jpg", mimeType: "image/jpeg", buffer: Buffer.from("no picture") });
+  await openImage(page, ["holiday.jpg", "no picture"]);
   await notice.waitFor();
   assert.match(await notice.innerText(), /holiday\.jpg|image/i);
   assert.ok((await notice.locator(".hint").innerText()).length > 5, "no hint");
   await picture(page, "error-1280-light");
   await page.click('.notice button[aria-label="Close"]');
   await notice.waitFor({ state: "hidden" });
-  await openImage(page, { name: "model.blend", mimeType: "application/octet-stream", buffer: Buffer.from("BLENDER") });
+  await openImage(page, ["model.blend", "BLENDER"]);
   await page.waitForFunction(() => document.querySelector(".notice")?.textContent?.includes("model.blend"));
-  await openImage(page, join(ROOM, "rgb.png"), { name: "points.csv", mimeType: "text/csv", buffer: Buffer.from("these,are,no\nnumbers,at,all\n") });
+  await openImage(page, join(ROOM, "rgb.png"), ["points.csv", "these,are,no\nnumbers,at,all\n"]);
   await page.waitForFunction(() => document.querySelector(".notice.error:not([hidden])"));
   assert.match(await notice.innerText(), /points\.csv|number|line/i);
   assert.equal(await page.getAttribute("body", "data-showing"), "work");
@@ -80,7 +80,7 @@ test("errors say what is wrong and what to do", async () => {
   await page.waitForFunction(() => document.querySelector(".notice")?.textContent?.includes("does not answer"));
   await page.keyboard.press("Enter");
   await page.unroute("**/complete");
-  await page.click("text=Try again");
+  await page.getByRole("button", { name: "Try again" }).click();
   await settled(page);
   close(await depthAt(page, 152, 114), 3, 0.01);
 
@@ -147,8 +147,8 @@ for (const width of [1280, 390]) {
       await accessible(page, "download");
       await page.keyboard.press("Escape");
       await page.click('button[aria-label="Light or dark"]');
-      const paper = await page.evaluate(() => getComputedStyle(document.querySelector(".top")!).backgroundColor);
-      assert.equal(paper, colorScheme === "dark" ? "rgb(255, 255, 255)" : "rgb(22, 25, 29)");
+      await page.waitForFunction((paper) => getComputedStyle(document.querySelector(".top")!).backgroundColor === paper,
+        colorScheme === "dark" ? "rgb(255, 255, 255)" : "rgb(22, 25, 29)");
       assert.deepEqual(faults, []);
       await context.close();
     });
