@@ -101,13 +101,15 @@ export function summary(layers: Layers, draft: Draft, indices: readonly number[]
   const same = before?.layers.depth.length === depth.length;
   const deviation = layers.deviation ?? (same ? before.deviation : null);
   const [low, high] = range(depth);
-  const [middle] = quantiles(depth, [0.5]);
+  const [near, middle, far] = quantiles(depth, [0.01, 0.5, 0.99]);
   const [middleDeviation, highDeviation] =
     layers.deviation || !same ? quantiles(deviation ?? [], [0.5, 0.98]) : [before.middleDeviation, before.highDeviation];
   return {
     draft, layers, fitted, deviation, seconds, low, high,
     stale: !layers.deviation,
+    near: near!,
     middle: middle!,
+    far: far!,
     middleDeviation: middleDeviation!,
     highDeviation: highDeviation!,
     heldOut: rootMeanSquare(errors),

@@ -34,7 +34,10 @@ export interface Answer {
   readonly stale: boolean;
   readonly low: number;
   readonly high: number;
+  /** The depths that 1, 50 and 99 % of pixels are below. */
+  readonly near: number;
   readonly middle: number;
+  readonly far: number;
   /** The deviation that 98 % of pixels are below, and the middle one. */
   readonly highDeviation: number;
   readonly middleDeviation: number;

@@ -44,7 +44,7 @@ export interface View {
   readonly marks: (typeof MARKS)[number];
   readonly marksOpacity: number;
   readonly colours: MapName;
-  /** Ends of the colours of depth in metres; null: those of the map. */
+  /** Ends of the colours of depth in metres; null: those of 98 % of the map. */
   readonly low: number | null;
   readonly high: number | null;
   readonly cloud: (typeof CLOUDS)[number];

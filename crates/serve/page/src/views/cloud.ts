@@ -13,6 +13,8 @@ import { Renderer } from "./renderer.ts";
 
 /** Steps of the cut, each a share of the largest deviations; the last cuts nothing. */
 const STEPS = 100;
+/** Milliseconds from drawing to the next frame. */
+const SLOW = 32;
 const MARK: [number, number, number] = [1, 0.42, 0.1];
 
 export class Cloud {
@@ -32,6 +34,8 @@ export class Cloud {
   private middle = 0;
   private middleOf: unknown = null;
   private eye: Eye | null = null;
+  /** Whether this machine needs longer than SLOW to draw all of the cloud; it is then thinned out while it moves. */
+  private slow = false;
   private readonly contacts = new Map<number, [number, number]>();
   private pulled: { index: number; gesture: string } | null = null;
 
@@ -67,12 +71,12 @@ export class Cloud {
   }
 
   show(state: State): void {
-    const { answer, view, draft, used, selected, cursor, scene } = state;
+    const { answer, view, draft, used, selected, cursor, scene, fitting } = state;
     this.source.set(view.cloud);
     const high = answer?.highDeviation ?? 1;
     this.cut.set(view.cut === null ? STEPS : Math.min(STEPS - 1, Math.round(STEPS * Math.sqrt(view.cut / high))));
     const { clientWidth: width, clientHeight: height } = this.area;
-    const wanted = [answer, view, draft, used, selected, cursor, scene, width, height];
+    const wanted = [answer, view, draft, used, selected, cursor, scene, fitting, width, height];
     if (!this.renderer || wanted.every((part, i) => part === this.drawn[i])) return;
     this.drawn = wanted;
     this.draw(state, this.renderer, width, height);
@@ -93,12 +97,16 @@ export class Cloud {
     const look = {
       eye: { ...this.eye, focal: this.eye.focal * density },
       camera, density,
+      thinning: this.slow && (state.fitting || this.contacts.size > 0) ? 3 : 1,
       source: CLOUDS.indexOf(view.cloud) as 0 | 1 | 2,
       colours: table(deviation ? "magma" : view.colours),
       range: deviation ? ([0, answer.highDeviation] as const) : depthRange(view, answer),
-      cut: view.cut ?? Infinity,
+      cut: view.cut ?? 3e38,
     };
-    renderer.draw({ ...look, cut: Number.isFinite(look.cut) ? look.cut : 3e38 }, this.marks(state), this.lines(state));
+    renderer.draw(look, this.marks(state), this.lines(state));
+    if (look.thinning > 1) return;
+    const started = performance.now();
+    requestAnimationFrame(() => (this.slow = performance.now() - started > SLOW));
   }
 
   /** Half the height of what the eye sees at a distance of one. */
@@ -162,6 +170,7 @@ export class Cloud {
         this.contacts.delete(event.pointerId);
         if (this.pulled) this.app.seal();
         this.pulled = null;
+        if (this.slow) this.redraw();
       });
     }
     area.addEventListener("wheel", (event) => {

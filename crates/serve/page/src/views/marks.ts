@@ -49,9 +49,9 @@ export function colour(scale: Scale | null, point: Fitted | null, plain: string)
   return value === null || !scale ? plain : css(scale.colours, value, scale.low, scale.high);
 }
 
-/** The ends of the colours of depth, in metres. */
+/** The ends of the colours of depth, in metres. A few pixels that are far away do not take all colours. */
 export function depthRange(view: View, answer: Answer): [number, number] {
-  return [view.low ?? answer.low, view.high ?? answer.high];
+  return [view.low ?? answer.near, view.high ?? answer.far];
 }
 
 export const isOutlier = (point: Fitted | null | undefined): boolean => (point?.outlier ?? 0) > 0.5;

@@ -65,8 +65,8 @@ export class Panel {
       }),
     };
     this.sigma = number("Point deviation", "m", "as estimated", (sigma) => app.setFit({ sigma }, "sigma"), app.seal);
-    this.low = number("Nearest", "m", "of map", (low) => look({ low }));
-    this.high = number("Farthest", "m", "of map", (high) => look({ high }));
+    this.low = number("Nearest", "m", "auto", (low) => look({ low }));
+    this.high = number("Farthest", "m", "auto", (high) => look({ high }));
     this.field = slider({
       label: "Assumed field of view", steps: 120, text: (step) => `${20 + step}°`, change: (step) => look({ field: 20 + step }),
     });

@@ -90,6 +90,8 @@ export interface Look {
   readonly range: readonly [number, number];
   readonly cut: number;
   readonly density: number;
+  /** Every n-th pixel in both directions. */
+  readonly thinning: number;
 }
 
 /** Eight numbers each: place, diameter on the screen, colour. */
@@ -166,7 +168,7 @@ export class Renderer {
       gl.bindTexture(gl.TEXTURE_2D, texture);
     });
     gl.activeTexture(gl.TEXTURE0);
-    const stride = Math.ceil(Math.sqrt((width * height) / MOST));
+    const stride = look.thinning * Math.ceil(Math.sqrt((width * height) / MOST));
     const columns = Math.ceil(width / stride);
     gl.useProgram(this.cloud);
     const at = (name: string) => gl.getUniformLocation(this.cloud, name);
