@@ -17,7 +17,9 @@ export const launch = (): Promise<Browser> =>
   chromium.launch({
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
     args: [
-      "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+      "--no-sandbox",
+      // Without a graphics card: WebGL in software, all else without it.
+      "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing", "--disable-accelerated-2d-canvas",
       "--disable-background-networking", "--disable-component-update", "--disable-sync",
     ],
   });

@@ -26,7 +26,7 @@ for (const width of [1280, 390]) {
 
     await cards.first().click();
     await page.waitForSelector("dialog.wipe[open]");
-    await page.waitForFunction(() => (document.querySelector(".wipe canvas") as HTMLCanvasElement).width > 20);
+    await page.waitForFunction(() => document.querySelector(".wipe .why")?.textContent?.includes("viridis"));
     const canvas = page.locator(".wipe canvas");
     const half = await canvas.screenshot();
     await page.locator(".wipe input[type=range]").focus();

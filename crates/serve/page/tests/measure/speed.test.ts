@@ -29,9 +29,10 @@ test("maps a second", async (report) => {
     });
     const buffer = Buffer.from(frame, "latin1");
     await page.locator('input[aria-label="Open an image, and its points"]').first().setInputFiles([
-      { name: "frame.png", mimeType: "image/png", buffer },
+      { name: `${many}${without}.png`, mimeType: "image/png", buffer },
       { name: "points.csv", mimeType: "text/csv", buffer: Buffer.from(["u,v,depth", ...lines, ""].join("\n")) },
     ]);
+    await page.waitForFunction((name) => document.querySelector(".scene")?.textContent?.startsWith(name), `${many}${without}.png`);
     await page.waitForFunction((many) => document.querySelectorAll(".list tbody tr").length === Math.min(200, many), many);
     await settled(page);
     const [u, v] = lines[0]!.split(",").map(Number);
@@ -41,10 +42,11 @@ test("maps a second", async (report) => {
     await page.evaluate(() => {
       performance.clearResourceTimings();
       performance.setResourceTimingBufferSize(5000);
-      const counter = window as unknown as { frames: number };
+      const counter = window as unknown as { frames: number; counting?: number };
+      cancelAnimationFrame(counter.counting ?? 0);
       counter.frames = 0;
-      const count = () => (counter.frames++, requestAnimationFrame(count));
-      requestAnimationFrame(count);
+      const count = () => (counter.frames++, counter.counting = requestAnimationFrame(count));
+      count();
     });
     await page.mouse.move(at.x, at.y);
     await page.mouse.down();
