@@ -5,8 +5,9 @@ import { test } from "node:test";
 import { GALLERY, launch, picture, settled, visit } from "../support.ts";
 
 for (const width of [1280, 390]) {
-  test(`frames are sorted, chosen and compared, ${width} pixels wide`, { skip: !GALLERY && "LSDC_GALLERY_URL is not set" }, async () => {
+  test(`frames are sorted, chosen and compared, ${width} pixels wide`, { skip: !GALLERY && "LSDC_GALLERY_URL is not set" }, async (t) => {
     const browser = await launch();
+    t.after(() => browser.close());
     const { page, faults } = await visit(browser, "", { viewport: { width, height: 800 } }, GALLERY);
     await page.waitForSelector(".card");
     const cards = page.locator(".card");
@@ -50,6 +51,5 @@ for (const width of [1280, 390]) {
       await page.waitForSelector('body[data-showing="gallery"]');
     }
     assert.deepEqual(faults, []);
-    await browser.close();
   });
 }

@@ -10,6 +10,7 @@ const SECONDS = 6;
 
 test("maps a second", async (report) => {
   const browser = await launch();
+  report.after(() => browser.close());
   const { page } = await visit(browser);
   const image = readFileSync(process.env.LSDC_FRAME ?? join(ROOM, "rgb.png")).toString("base64");
   const frame = await page.evaluate(async (image) => {
@@ -67,5 +68,4 @@ test("maps a second", async (report) => {
     await settled(page);
   }
   await picture(page, "speed-1280-light");
-  await browser.close();
 });
