@@ -14,7 +14,7 @@ export function read(buffer: ArrayBuffer): Map2 | null {
   const view = new DataView(buffer);
   const start = bytes[6] === 1 ? 10 + view.getUint16(8, true) : 12 + view.getUint32(8, true);
   const header = new TextDecoder().decode(bytes.slice(10, start));
-  const shape = /'shape':\s*\((\d+),\s*(\d+),?\)/.exec(header);
+  const shape = /'shape':\s*\((\d+),\s*(\d+),?\s*\)/.exec(header);
   const type = /'descr':\s*'<f([48])'/.exec(header);
   if (!shape || !type || header.includes("'fortran_order': True")) return null;
   const [height, width] = [Number(shape[1]), Number(shape[2])];

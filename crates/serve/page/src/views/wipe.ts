@@ -142,5 +142,8 @@ export class Wipe {
 async function side(address: string): Promise<Side> {
   const contents = await service.file(address);
   const values = npy.read(await contents.arrayBuffer());
-  return values ? { values } : { picture: await createImageBitmap(contents) };
+  if (values) return { values };
+  const picture = await createImageBitmap(contents).catch(() => null);
+  if (!picture) throw new Error(`${address} holds neither a map nor a picture`);
+  return { picture };
 }

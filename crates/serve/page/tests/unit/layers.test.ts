@@ -58,7 +58,7 @@ const npy = (type: string, shape: string, values: Buffer) => {
 test("maps of NumPy, in both precisions", () => {
   const single = Buffer.from(Float32Array.from([1, 2, 3, 4, 5, 6]).buffer);
   const double = Buffer.from(Float64Array.from([1, 2, 3, 4, 5, 6]).buffer);
-  for (const bytes of [npy("<f4", "(2, 3)", single), npy("<f8", "(2, 3)", double)]) {
+  for (const bytes of [npy("<f4", "(2, 3)", single), npy("<f8", "(2, 3, )", double)]) {
     const map = read(bytes);
     assert.deepEqual([map?.width, map?.height, [...(map?.values ?? [])]], [3, 2, [1, 2, 3, 4, 5, 6]]);
   }
