@@ -25,9 +25,11 @@ export const milliseconds = (seconds: number | undefined): string =>
 /** Values at shares of the sorted finite ones, from at most about 20,000 of them. */
 export function quantiles(values: ArrayLike<number>, shares: readonly number[]): number[] {
   const stride = Math.max(1, Math.floor(values.length / 20_000));
-  const sample: number[] = [];
-  for (let i = 0; i < values.length; i += stride) if (Number.isFinite(values[i])) sample.push(values[i]!);
-  sample.sort((a, b) => a - b);
+  const room = new Float64Array(Math.ceil(values.length / stride));
+  let many = 0;
+  for (let i = 0; i < values.length; i += stride) if (Number.isFinite(values[i])) room[many++] = values[i]!;
+  // Typed arrays are sorted as numbers, several times faster than by a comparison.
+  const sample = room.subarray(0, many).sort();
   return shares.map((share) => sample[Math.round(share * (sample.length - 1))] ?? NaN);
 }
 
