@@ -1,0 +1,49 @@
+// Builds `dist`, which is committed: the program takes it in as it is. `--check` builds into a temporary folder and
+// fails if a byte differs; the output depends on sources and lock file alone.
+import { build } from "esbuild";
+import { cp, mkdtemp, readFile, readdir, rm } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+const here = fileURLToPath(new URL(".", import.meta.url));
+const committed = join(here, "dist");
+const LARGEST = 1_000_000;
+
+async function into(folder) {
+  await build({
+    absWorkingDir: here,
+    entryPoints: { app: "src/main.ts" },
+    outdir: folder,
+    bundle: true,
+    minify: true,
+    format: "esm",
+    target: ["es2022", "chrome123", "firefox120", "safari17.5"],
+    charset: "utf8",
+    legalComments: "none",
+    logLevel: "warning",
+  });
+  for (const file of ["index.html", "icon.svg"]) await cp(join(here, "src", file), join(folder, file));
+}
+
+async function contents(folder) {
+  const names = (await readdir(folder)).sort();
+  return new Map(await Promise.all(names.map(async (name) => [name, await readFile(join(folder, name))])));
+}
+
+const check = process.argv.includes("--check");
+const folder = check ? await mkdtemp(join(tmpdir(), "lsdc-page-")) : committed;
+if (!check) await rm(folder, { recursive: true, force: true });
+await into(folder);
+const made = await contents(folder);
+const bytes = [...made.values()].reduce((sum, file) => sum + file.length, 0);
+console.log(`${made.size} files, ${(bytes / 1000).toFixed(1)} kB`);
+if (bytes > LARGEST) throw new Error(`the page has ${bytes} bytes, more than ${LARGEST}`);
+if (check) {
+  const there = await contents(committed);
+  const names = new Set([...made.keys(), ...there.keys()]);
+  const different = [...names].filter((name) => !made.get(name)?.equals(there.get(name) ?? Buffer.of()));
+  await rm(folder, { recursive: true });
+  if (different.length > 0) throw new Error(`dist is out of date (npm run build): ${different.join(", ")}`);
+  console.log("dist is up to date");
+}

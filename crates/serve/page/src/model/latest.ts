@@ -1,0 +1,45 @@
+// One request at a time; of those that wait, only the latest is made.
+
+export class Latest<Input, Output> {
+  private running = false;
+  private next: { input: Input } | null = null;
+
+  constructor(
+    private readonly run: (input: Input) => Promise<Output>,
+    private readonly done: (output: Output, input: Input, waiting: boolean) => void,
+    private readonly failed: (error: unknown, input: Input) => void,
+  ) {}
+
+  get busy(): boolean {
+    return this.running;
+  }
+
+  request(input: Input): void {
+    this.next = { input };
+    if (!this.running) void this.work();
+  }
+
+  /** Forgets what waits. */
+  clear(): void {
+    this.next = null;
+  }
+
+  private async work(): Promise<void> {
+    this.running = true;
+    for (let job = this.take(); job; job = this.take()) {
+      try {
+        const output = await this.run(job.input);
+        this.done(output, job.input, this.next !== null);
+      } catch (error) {
+        this.failed(error, job.input);
+      }
+    }
+    this.running = false;
+  }
+
+  private take(): { input: Input } | null {
+    const job = this.next;
+    this.next = null;
+    return job;
+  }
+}

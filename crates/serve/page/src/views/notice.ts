@@ -1,0 +1,46 @@
+// What the page says: errors with what to do about them, and what it is waiting for.
+
+import type { App } from "../app.ts";
+import { h, iconButton } from "../dom.ts";
+import type { Notice, State } from "../state.ts";
+
+/** Notes go by themselves; errors stay. */
+const STAY = 7000;
+
+export class Notices {
+  private readonly text = h("p", {});
+  private readonly hint = h("p", { class: "hint" });
+  private readonly action = h("button", { type: "button" });
+  private readonly box: HTMLElement;
+  private readonly waiting = h("div", { class: "waiting", role: "status" });
+  readonly element: HTMLElement;
+  private shown: Notice | null = null;
+  private timer = 0;
+
+  constructor(private readonly app: App) {
+    this.box = h("div", { class: "notice", hidden: true },
+      h("div", {}, this.text, this.hint), this.action, iconButton("close", "Close", app.dismiss));
+    // Regions that exist before they are filled are read aloud.
+    this.element = h("div", { class: "notices" }, h("div", { role: "alert" }, this.box), this.waiting);
+  }
+
+  show({ notice, waiting }: State): void {
+    this.waiting.textContent = waiting ? sentence(waiting) + "…" : "";
+    this.waiting.classList.toggle("active", waiting !== null);
+    if (notice === this.shown) return;
+    this.shown = notice;
+    clearTimeout(this.timer);
+    this.box.hidden = !notice;
+    if (!notice) return;
+    this.box.classList.toggle("error", notice.kind === "error");
+    this.text.textContent = sentence(notice.message);
+    this.hint.textContent = notice.hint ? sentence(notice.hint) : "";
+    this.action.hidden = !notice.action;
+    this.action.textContent = notice.action?.label ?? "";
+    this.action.onclick = notice.action?.run ?? null;
+    if (notice.kind === "note") this.timer = window.setTimeout(this.app.dismiss, STAY);
+  }
+}
+
+/** With a capital, unless it begins with the name of a file. */
+const sentence = (text: string): string => (/^[a-z]+ /.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text);
