@@ -86,7 +86,7 @@ fn unlike(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {
 ///
 /// > min over w of (|S w - T_j|^2 + r |w|^2) / |T_j|^2,
 ///
-/// r being [`RIDGE`] times the mean of |S_i|^2. From 0, if S spans T, to 1, whatever the scales of the functions of T.
+/// r being [`RIDGE`] times the mean of `|S_i|^2`. From 0, if S spans T, to 1, whatever the scales of the functions of T.
 /// Differentiable in S.
 fn unspanned(own: Tensor<3>, shown: Tensor<3>, valid: Tensor<2>) -> Tensor<1> {
     let [images, pixels, count] = own.dims();
@@ -132,7 +132,7 @@ mod tests {
     }
 
     /// A gradient against central differences.
-    fn check(values: &[f64], loss: &dyn Fn(&[f64]) -> (f64, Vec<f64>)) {
+    fn check(values: &[f64], loss: impl Fn(&[f64]) -> (f64, Vec<f64>)) {
         let (_, gradient) = loss(values);
         assert!(gradient.iter().any(|g| g.abs() > 1e-3));
         for i in 0..values.len() {
@@ -185,7 +185,7 @@ mod tests {
         let device = Device::flex().autodiff();
         let shown = random(2 * 9 * 5, "shown");
         let valid: Vec<f64> = (0..18).map(|i| f64::from(u8::from(i % 5 != 3))).collect();
-        check(&random(2 * 9 * 3, "own"), &|values| {
+        check(&random(2 * 9 * 3, "own"), |values: &[f64]| {
             let own = tensor(values, [2, 9, 3], &device).require_grad();
             let shown = tensor(&shown, [2, 9, 5], &device);
             let loss = unspanned(own.clone(), shown, tensor(&valid, [2, 9], &device));
@@ -210,7 +210,7 @@ mod tests {
             let gradient = own.grad(&loss.clone().backward()).unwrap().into_data();
             (scalar(loss), gradient.iter::<f64>().collect::<Vec<_>>())
         };
-        check(&positive("own"), &loss);
+        check(&positive("own"), loss);
         let tripled: Vec<f64> = shown.iter().map(|a| 3.0 * a).collect();
         assert!((loss(&tripled).0 - 3.0_f64.ln().powi(2)).abs() < 1e-9);
         // The right neighbours of the last column and the lower ones of the last row do not exist.

@@ -238,7 +238,9 @@ impl Teacher {
         if alone {
             let sum: f64 = depth.values().iter().map(|&d| f64::from(d)).sum();
             let mean = (sum / (width * height) as f64) as f32;
-            values.iter_mut().for_each(|v| *v /= mean);
+            for value in &mut values {
+                *value /= mean;
+            }
         }
         Ok(values)
     }

@@ -69,10 +69,11 @@ fn lines() -> Vec<String> {
 
 #[cfg(unix)]
 #[test]
+#[allow(clippy::print_stderr)]
 fn the_lines_for_curl_work() {
     let curl = std::process::Command::new("curl").arg("--version").output();
     if curl.is_err() {
-        println!("there is no curl here");
+        eprintln!("there is no curl here");
         return;
     }
     let folder = room();
@@ -129,7 +130,6 @@ fn the_report_is_that_of_the_program() {
         .current_dir(folder.path())
         .output()
     else {
-        println!("there is no curl here");
         return;
     };
     let mut found: serde_json::Value = serde_json::from_slice(&curl.stdout).unwrap();

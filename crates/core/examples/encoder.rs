@@ -6,6 +6,8 @@
 //! `[height, width, 3]`, and what the encoder makes of it, `[taps, patches, channels]`. Prints the mean milliseconds of
 //! RUNS runs after one.
 
+#![allow(clippy::print_stdout)]
+
 use lsdc_core::network::{Encoder, EncoderConfig};
 use lsdc_core::weights::Tensor;
 use lsdc_kernels::simd::Level;

@@ -184,7 +184,7 @@ impl Dataset for Folder {
     }
 
     fn measured(&self) -> bool {
-        self.frames.iter().all(|files| files.has_depth())
+        self.frames.iter().all(Files::has_depth)
     }
 
     fn len(&self) -> usize {

@@ -137,7 +137,7 @@ mod tests {
         let (height, width) = (8, 8);
         // Between the second and the third column.
         let value = |i: usize| {
-            if i % 2 == 0 && i / 2 % width == 2 {
+            if i.is_multiple_of(2) && i / 2 % width == 2 {
                 0.0
             } else {
                 1.0

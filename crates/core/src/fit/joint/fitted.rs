@@ -156,8 +156,8 @@ impl FieldFit {
         bases: impl FnOnce(&[[f64; 2]]) -> Vec<f32>,
     ) -> Vec<(f64, f64)> {
         let field = match &self.form {
-            Form::Few(field) => field,
-            Form::Many {
+            Form::Few(field)
+            | Form::Many {
                 start: Some(field), ..
             } => field,
             Form::Many { start: None, .. } => return vec![(0.0, 0.0); coarse.pixels().count()],

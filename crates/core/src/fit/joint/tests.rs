@@ -242,7 +242,7 @@ fn rough_variances_are_nearly_those_of_the_pixels() {
 
     let (height, width) = (180, 240);
     let cut = |i: usize| {
-        if i % 2 == 0 && i / 2 % width == 99 {
+        if i.is_multiple_of(2) && i / 2 % width == 99 {
             1e-3
         } else {
             1.0
