@@ -361,7 +361,8 @@ def main() -> None:
     enter_environment(args)
     if args.preset and args.task != "fit":
         args.weights = random_weights(args)
-    {"completion": completion, "fit": fit, "encoder": encoder, "training": training, "solve": solve}[args.task](args)
+    tasks = [completion, fit, encoder, training, solve]
+    {task.__name__: task for task in tasks}[args.task](args)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ use super::{Exit, ui};
 use crate::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::experiment::{Times, time};
+use crate::experiment::{Times, time, time_deviations};
 use crate::model::InitNetwork as _;
 use crate::predict::{open_completer, open_weights};
 use crate::sample::{AugmentConfig, Batch, Pattern, Protocol, Sampler, SamplerConfig, Size};
@@ -32,6 +32,9 @@ struct Setting {
 struct Completing {
     #[serde(flatten)]
     times: Times,
+    /// The standard deviation of every pixel, which the total does not contain.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    deviation_ms: Option<f64>,
     points: usize,
     /// The most memory that the process has held, where the system tells.
     peak_mb: Option<f64>,
@@ -76,6 +79,11 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
     ] {
         lines.push(format!("{name:<9} {value:8.2} ms"));
     }
+    if let Some(value) = outcome.deviation_ms {
+        lines.push(format!(
+            "deviation {value:8.2} ms (of every pixel, beside the total)"
+        ));
+    }
     report(args.json, &outcome, lines, outcome.peak_mb)
 }
 
@@ -115,8 +123,10 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
     let points = Pattern::Exactly(args.points);
     Ok(Completing {
         times: time(&completer, &frame, &points, args.runs)?,
-        points: args.points,
+        // Before standard deviations, which most completions do without.
         peak_mb: peak_memory(),
+        deviation_ms: time_deviations(&completer, &frame, &points, args.runs)?,
+        points: args.points,
         setting: setting(&args.model, size, args.runs),
     })
 }

@@ -10,7 +10,7 @@ use crate::provenance::{self, differences};
 use crate::report::{Column, Contest, Row, Section, Table};
 use crate::sample::{Pattern, Size};
 use burn::module::Module as _;
-use lsdc_core::Completer;
+use lsdc_core::{Completer, FitError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -75,6 +75,34 @@ pub fn time(completer: &Completer, frame: &Frame, points: &Pattern, runs: usize)
         dense_ms: median(4)?,
         total_ms: median(5)?,
     })
+}
+
+/// The median over `runs` of the milliseconds for the standard deviation of every pixel, after the depth; `None` if the
+/// points are too few for one.
+///
+/// # Errors
+/// No runs, or a frame that cannot be completed.
+pub fn time_deviations(
+    completer: &Completer,
+    frame: &Frame,
+    points: &Pattern,
+    runs: usize,
+) -> Result<Option<f64>> {
+    let sparse = points.draw(frame, 0)?;
+    let mut times = Vec::with_capacity(runs);
+    for run in 0..=runs {
+        let completion = complete(completer, &frame.rgb, &sparse)?;
+        completion.depth()?;
+        let started = Instant::now();
+        let _map = match completion.standard_deviation() {
+            Err(lsdc_core::Error::Fit(FitError::TooFewPoints(_))) => return Ok(None),
+            found => found?,
+        };
+        if run > 0 {
+            times.push(started.elapsed());
+        }
+    }
+    median(times.into_iter()).map(Some)
 }
 
 /// In milliseconds.

@@ -17,7 +17,7 @@ mod scale;
 mod tests;
 mod uncertainty;
 
-pub use cost::{Times, time};
+pub use cost::{Times, time, time_deviations};
 pub use kernels::contact_sheet;
 
 use crate::data::{Dataset, GuideSource};

@@ -145,15 +145,15 @@ fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
             let (rows, columns) = (frame.depth.height(), frame.depth.width());
             let (mut known, mut places) = (Vec::new(), Vec::new());
             for _ in 0..PIXELS {
-                let pixel = rng.below((height * width) as u32) as usize;
+                let block = rng.below((height * width) as u32) as usize;
                 let across = |at: usize, from: usize, to: usize| {
                     let place = (at as f64 + 0.5) * to as f64 / from as f64;
                     (place as usize).min(to - 1)
                 };
-                let x = across(pixel % width, width, columns);
-                let y = across(pixel / width, height, rows);
+                let x = across(block % width, width, columns);
+                let y = across(block / width, height, rows);
                 if frame.depth.at(x, y) > 0.0 {
-                    known.push((clues[pixel], frame.depth.at(x, y)));
+                    known.push((clues[block], frame.depth.at(x, y)));
                     places.push([x as f64, y as f64]);
                 }
             }

@@ -11,7 +11,8 @@ pub(in crate::cli) struct Serve {
     /// Address and port to listen on; port 0 is any that is free.
     #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR")]
     pub(in crate::cli) listen: SocketAddr,
-    /// File with the token that clients must show, as `Authorization: Bearer TOKEN`; or set the environment variable `LSDC_TOKEN`.
+    /// File with the token that clients must show, as `Authorization: Bearer TOKEN`; or set the environment variable
+    /// `LSDC_TOKEN`.
     #[arg(long, value_name = "FILE", help_heading = "Access")]
     pub(in crate::cli) token_file: Option<PathBuf>,
     /// Let everybody ask who reaches the address. Without this, only this machine is served without a token.

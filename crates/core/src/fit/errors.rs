@@ -19,11 +19,11 @@ pub const CLUES: usize = 9;
 /// - the constant 1;
 /// - the deviation of the field's steps, over the mean depth of the points;
 /// - the posterior deviation of the field alone, in units of those steps;
-/// - that of basis functions and cosines;
-/// - the noise around the pixel, over that of the image, by leave-one-out errors;
-/// - the relief of the completed depth around the pixel, over the mean depth;
+/// - that of the basis functions;
+/// - the noise around the block, over that of the image, by leave-one-out errors;
+/// - the range of the completed depth in the block and those around it, over the mean depth;
 /// - the completed depth, over the mean depth;
-/// - the affinities around the pixel;
+/// - the affinities around the block;
 /// - the distance to the nearest point, over the mean distance between points.
 pub type Clues = [f32; CLUES];
 

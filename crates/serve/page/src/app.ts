@@ -226,7 +226,7 @@ export class App {
     return { fx: focal, fy: focal, cx: (scene.width - 1) / 2, cy: (scene.height - 1) / 2 };
   }
 
-  // Taking away
+  // Downloads
 
   async download(format: service.Format): Promise<{ name: string; contents: Blob } | null> {
     const { scene, draft, used } = this.store.state;
