@@ -6,6 +6,7 @@ use crate::eval::EvalConfig;
 use crate::fit_settings::{FitSettings, merge};
 use crate::model::NetworkConfig;
 use crate::renamed::renamed;
+use crate::systems::SystemConfig;
 use crate::train::TrainConfig;
 use lsdc_core::fit::FitConfig;
 use serde::{Deserialize, Serialize};
@@ -36,6 +37,8 @@ pub struct Config {
     pub preset: Preset,
     /// The network in full; replaces `preset`.
     pub network: Option<NetworkConfig>,
+    /// A system that the paper compares itself with, which is trained in the place of the network.
+    pub system: Option<SystemConfig>,
     /// The least-squares fit: what differs from that of the weights, or from the paper's in training.
     pub fit: FitSettings,
     /// The dataset.
@@ -50,7 +53,7 @@ pub struct Config {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 8] = [
+const BUILT_IN: [(&str, &str); 12] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
@@ -67,6 +70,10 @@ const BUILT_IN: [(&str, &str); 8] = [
         "nyu-distill.toml",
         include_str!("../configs/nyu-distill.toml"),
     ),
+    ("s2d.toml", include_str!("../configs/s2d.toml")),
+    ("cspn.toml", include_str!("../configs/cspn.toml")),
+    ("lsk.toml", include_str!("../configs/lsk.toml")),
+    ("lsk-ours.toml", include_str!("../configs/lsk-ours.toml")),
     ("smoke.toml", include_str!("../configs/smoke.toml")),
 ];
 
@@ -134,6 +141,7 @@ impl Config {
 
     fn check(&self) -> Result<()> {
         self.network().check()?;
+        self.system.as_ref().map_or(Ok(()), SystemConfig::check)?;
         self.fit.over(&FitConfig::default())?;
         self.data.check()?;
         self.train.check()?;

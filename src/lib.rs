@@ -37,6 +37,7 @@ pub mod provenance;
 mod renamed;
 pub mod report;
 pub mod sample;
+pub mod systems;
 pub mod train;
 
 pub use lsdc_files::error;

@@ -85,6 +85,156 @@ fn nor_do_they_with_muon() {
     unchanged(&CONFIG.replace("held_out = 2", "held_out = 2\noptimiser = \"muon\""));
 }
 
+/// A system of the paper's comparison, small.
+fn system(settings: &str, optimiser: &str) -> String {
+    format!(
+        r#"
+[system]
+{settings}
+
+[data.rooms]
+train = 8
+width = 64
+height = 48
+
+[train]
+steps = 6
+batch = 2
+optimiser = "{optimiser}"
+learning_rate = 1e-3
+save_every = 3
+measure_every = 3
+held_out = 2
+average = 0.9
+calibrate = false
+protocol = {{}}
+loss = {{ l2 = 0.0, berhu = 1.0, gradient = 0.0, regularisation = 0.0 }}
+supervision = {{ points = 200, fewest = 100, draws = 2 }}
+"#
+    )
+}
+
+const SYSTEMS: [(&str, &str); 4] = [
+    ("s2d", "method = \"s2d\"\nencoder = \"resnet18\"\nwidth = 4"),
+    ("cspn", "method = \"cspn\"\nencoder = \"resnet18\"\nwidth = 4\nsteps = 4"),
+    ("lsk", "method = \"lsk\"\nwidth = 2\nneighbours = 8"),
+    (
+        "lsk",
+        "method = \"lsk\"\nkernels = \"ours\"\norder = 1\nbounded = false\nrefine = false\n\
+         network = { hidden = [16], extractor = { stem = 8, stages = [ \
+         { width = 8, blocks = 1 }, { width = 16, blocks = 1 }, \
+         { width = 16, blocks = 1 }, { width = 16, blocks = 1 } ], \
+         branch = 8, merge = 16, features = 16 } }",
+    ),
+];
+
+#[test]
+fn nor_do_they_for_systems() {
+    for (optimiser, (_, settings)) in ["sgd", "adam", "adam", "muon"].into_iter().zip(SYSTEMS) {
+        unchanged(&system(settings, optimiser));
+    }
+}
+
+#[test]
+fn trained_systems_complete() {
+    for (number, (name, settings)) in SYSTEMS.into_iter().enumerate() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        std::fs::write(at.join("c.toml"), system(settings, "adam")).unwrap();
+        let short = ["--config", "c.toml", "-o", "a", "--set", "train.steps=2"];
+        train(at, &[&["--method", name][..], &short].concat());
+        let run = |args: &[&str]| {
+            let program = env!("CARGO_BIN_EXE_lsdc");
+            let output = Command::new(program).current_dir(at).args(args).output();
+            let output = output.unwrap();
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            (
+                output.status.code(),
+                String::from_utf8(output.stdout).unwrap() + &said,
+            )
+        };
+        let weights = "a/weights.safetensors";
+        let (code, text) = run(&["weights", "info", weights]);
+        assert_eq!(code, Some(0), "{text}");
+        for words in [name, "start      all weights at random", "2 steps", "held out"] {
+            assert!(text.contains(words), "`{words}` is missing in: {text}");
+        }
+        let data = ["--dataset", "rooms", "--set", "data.rooms.width=64"];
+        let eval = |args: &[&str]| {
+            let whole = [&["eval", "--limit", "1", "--set", "data.rooms.height=48"], &data[..], args];
+            run(&whole.concat())
+        };
+        let method = ["--method", name, "--weights", weights];
+        let (code, text) = eval(&[&method[..], &["--save", "saved"]].concat());
+        assert_eq!(code, Some(0), "{text}");
+        let (code, text) = eval(&["--system", &format!("mine={weights}"), "--method", "linear"]);
+        assert_eq!(code, Some(0), "{text}");
+        assert!(text.contains("mine") && text.contains("linear"), "{text}");
+
+        // The same frame by hand, and one of another size.
+        let export = ["export", "-o", "frames", "--limit", "1"];
+        let (code, text) = run(&[&export[..], &data, &["--set", "data.rooms.height=48"]].concat());
+        assert_eq!(code, Some(0), "{text}");
+        let only = |folder: &str| {
+            let mut files = Vec::new();
+            let mut folders = vec![at.join(folder)];
+            while let Some(folder) = folders.pop() {
+                for entry in std::fs::read_dir(folder).unwrap() {
+                    let path = entry.unwrap().path();
+                    let list = if path.is_dir() { &mut folders } else { &mut files };
+                    list.push(path);
+                }
+            }
+            files.pop().unwrap()
+        };
+        let (rgb, sparse) = (only("frames/rgb"), only("frames/sparse"));
+        let (rgb, sparse) = (rgb.to_str().unwrap(), sparse.to_str().unwrap());
+        let complete = ["complete", rgb, sparse, "-o", "depth.npy"];
+        let (code, text) = run(&[&complete[..], &method].concat());
+        assert_eq!(code, Some(0), "{text}");
+        let depths = |path: &Path| {
+            let npy = npyz::NpyFile::new(std::fs::File::open(path).unwrap()).unwrap();
+            npy.into_vec::<f32>().unwrap()
+        };
+        let found = depths(&at.join("depth.npy"));
+        assert_eq!(found.len(), 64 * 48);
+        assert_eq!(found, depths(&only("saved")));
+
+        // What does not go together.
+        let (code, text) = run(&[&complete[..], &["--force", "--weights", weights]].concat());
+        assert_eq!(code, Some(2), "{text}");
+        assert!(text.contains("--method"), "{text}");
+        let (code, text) = eval(&["--method", name]);
+        assert_eq!(code, Some(2), "{text}");
+        assert!(text.contains("lsdc train --method"), "{text}");
+        let other = if number == 0 { "cspn" } else { "s2d" };
+        let (code, text) = eval(&["--method", other, "--weights", weights]);
+        assert_eq!(code, Some(2), "{text}");
+        assert!(text.contains(name), "{text}");
+    }
+}
+
+#[test]
+fn systems_have_no_settings_of_basis_functions() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let config = system(SYSTEMS[0].1, "adam");
+    for (wrong, words) in [
+        ("calibrate = true", "calibrate"),
+        ("part = \"bases\"\ncalibrate = false", "part"),
+    ] {
+        std::fs::write(at.join("c.toml"), config.replace("calibrate = false", wrong)).unwrap();
+        let run = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+            .current_dir(at)
+            .args(["train", "--config", "c.toml", "-o", "a"])
+            .output()
+            .unwrap();
+        let said = String::from_utf8(run.stderr).unwrap();
+        assert_eq!(run.status.code(), Some(2), "{said}");
+        assert!(said.contains(words) && said.contains("s2d"), "{said}");
+    }
+}
+
 fn unchanged(config: &str) {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

@@ -2,6 +2,7 @@
 
 use super::args::Eval;
 use super::names::Names;
+use super::systems::{open_system, systems};
 use super::{Exit, settings, ui};
 use crate::data::{DataConfig, GuideSource, write_atomically, write_npy};
 use crate::device::device;
@@ -11,6 +12,7 @@ use crate::fit_settings::FitSettings;
 use crate::predict::{Method, open_completer, weights_hash, weights_name};
 use crate::report::{Exhibit, Heading, Report};
 use crate::sample::Preset;
+use burn::tensor::Device;
 use lsdc_core::Completer;
 use lsdc_core::fit::FitMethod;
 use serde_json::{Value, json};
@@ -34,11 +36,12 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     if let Some(depth_resize) = args.depth_resize {
         protocol.depth_resize = depth_resize;
     }
-    let candidates = candidates(args, &eval.methods)?;
+    let device = device(&args.model.device)?;
+    let candidates = candidates(args, &eval.methods, &device)?;
     let network = candidates
         .iter()
         .any(|(_, c)| *c == Candidate::Method(Method::Lsdc))
-        .then(|| network(args, &config.fit))
+        .then(|| network(args, &config.fit, &device))
         .transpose()?;
     let evaluation = Evaluation {
         frames: &*frames,
@@ -79,9 +82,16 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         "weights": contents.transpose()?,
     });
     let heading = evaluation.heading(&name, &followed, weights, inputs)?;
+    let computes = |(_, candidate): &(String, Candidate)| {
+        matches!(
+            candidate,
+            Candidate::Method(Method::Lsdc) | Candidate::System { .. }
+        )
+    };
+    let on_device = evaluation.candidates.iter().any(computes);
     let place = json!({
         "folder": settings::folder(&config.data),
-        "device": network.as_ref().map(|_| &args.model.device),
+        "device": on_device.then_some(&args.model.device),
     });
     let journal = match &folder {
         None => Journal::none(),
@@ -128,9 +138,13 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
 }
 
 /// The network with its fit, and what names both in reports.
-fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
+fn network(
+    args: &Eval,
+    settings: &FitSettings,
+    device: &Device,
+) -> Result<(Completer, String)> {
     let weights = args.model.weights.as_deref();
-    let completer = open_completer(weights, &device(&args.model.device)?)?;
+    let completer = open_completer(weights, device)?;
     let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
     let completer = completer.with_fit(fit);
@@ -169,9 +183,13 @@ fn journal(folder: &Path, heading: &Heading, place: &Value, anew: bool) -> Resul
     Journal::open(&path, heading, place)
 }
 
-/// The methods that are asked for, and the predictions of others; with predictions alone, only
+/// The methods that are asked for, the systems, and the predictions of others; with systems or predictions alone, only
 /// those.
-fn candidates(args: &Eval, methods: &[Method]) -> Result<Vec<(String, Candidate)>> {
+fn candidates(
+    args: &Eval,
+    methods: &[Method],
+    device: &Device,
+) -> Result<Vec<(String, Candidate)>> {
     let others = args.predictions.iter().map(|(name, folder)| {
         if folder.is_dir() {
             Ok((name.clone(), Candidate::Files(folder.clone())))
@@ -182,16 +200,31 @@ fn candidates(args: &Eval, methods: &[Method]) -> Result<Vec<(String, Candidate)
             )))
         }
     });
+    let alone = args.predictions.is_empty() && args.system.is_empty();
     let ours = methods
         .iter()
-        .filter(|_| args.predictions.is_empty() || !args.method.is_empty())
-        .map(|m| Ok((m.name().to_owned(), Candidate::Method(*m))));
-    let all: Vec<(String, Candidate)> = ours.chain(others).collect::<Result<_>>()?;
+        .filter(|_| alone || !args.method.is_empty())
+        .map(|method| {
+            let candidate = match method {
+                Method::System(kind) => Candidate::System {
+                    predictor: open_system(*kind, args.model.weights.as_deref(), device)?,
+                    from: None,
+                },
+                method => Candidate::Method(*method),
+            };
+            Ok((method.name().to_owned(), candidate))
+        });
+    let systems = systems(&args.system, device)?.into_iter();
+    let systems = systems.map(|(name, predictor)| {
+        let from = None;
+        Ok((name, Candidate::System { predictor, from }))
+    });
+    let all: Vec<(String, Candidate)> = ours.chain(systems).chain(others).collect::<Result<_>>()?;
     let mut names: Vec<&str> = all.iter().map(|(name, _)| name.as_str()).collect();
     names.sort_unstable();
     if let Some([name, _]) = names.array_windows().find(|[a, b]| a == b) {
         return Err(Error::config(format!("`{name}` is there twice"))
-            .hint("give each a name of its own: --predictions NAME=DIR"));
+            .hint("give each a name of its own: --predictions NAME=DIR, --system NAME=FILE"));
     }
     if all.is_empty() {
         return Err(Error::config("there is nothing to measure").hint("give --method"));

@@ -17,6 +17,7 @@ mod report;
 mod serve;
 mod settings;
 mod signals;
+mod systems;
 mod train;
 mod ui;
 #[cfg(feature = "serve")]

@@ -1,6 +1,6 @@
 //! `lsdc train`: a run folder, a bar, and stopping cleanly.
 
-use super::args::Train;
+use super::args::{Settings, Train};
 use super::dashboard::Dashboard;
 use super::{Exit, settings, ui};
 use crate::config::Config;
@@ -8,7 +8,9 @@ use crate::data::{Shard, write_atomically};
 use crate::device::devices;
 use crate::error::{Error, Result};
 use crate::fit_settings::FitSettings;
+use crate::predict::Method;
 use crate::provenance::{self, differences};
+use crate::systems::SystemConfig;
 use crate::train::{Outcome, Trainer};
 use lsdc_core::fit::FitConfig;
 use serde_json::{Value, json};
@@ -35,14 +37,21 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
     if args.resume.is_some() {
         check_data(&folder.join(DATA), &data)?;
     }
-    let trainer = Trainer::new(
-        &folder,
-        config.network(),
-        config.fit.over(&FitConfig::default())?,
-        config.train.clone(),
-        frames,
-        &devices,
-    )?;
+    let train = config.train.clone();
+    let trainer = match config.system.clone() {
+        Some(system) => Trainer::of_system(&folder, system, train, frames, &devices)?,
+        None => Trainer::new(
+            &folder,
+            config.network(),
+            config.fit.over(&FitConfig::default())?,
+            train,
+            frames,
+            &devices,
+        )?,
+    };
+    if let (Some(system), None) = (&config.system, &args.resume) {
+        ui::say(&begins(system));
+    }
     if args.prepare {
         return prepare(&trainer, args.shard.unwrap_or(Shard::WHOLE));
     }
@@ -88,13 +97,46 @@ fn prepare(trainer: &Trainer, shard: Shard) -> Result<Exit> {
     Ok(Exit::Interrupted)
 }
 
+/// What a system starts from, in words.
+fn begins(system: &SystemConfig) -> String {
+    let source = system.kind().source();
+    match system.pretrained() {
+        Some(path) => format!("{source}; the encoder starts from `{}`", path.display()),
+        None => format!("{source}; all weights start at random"),
+    }
+}
+
+/// The settings, which must be of the method that is asked for.
+fn configured(args: &Train) -> Result<(Option<PathBuf>, Config)> {
+    let mut file = args.settings.config.clone();
+    if let (Some(Method::System(kind)), None) = (args.method, &file) {
+        file = Some(PathBuf::from(format!("{}.toml", kind.name())));
+    }
+    let config = Settings {
+        config: file.clone(),
+        set: args.settings.set.clone(),
+    }
+    .load()?;
+    let found = config.system.as_ref();
+    let found = found.map_or(Method::Lsdc, |system| Method::System(system.kind()));
+    match args.method.filter(|method| *method != found) {
+        None => Ok((file, config)),
+        Some(method) => Err(Error::config(format!(
+            "the configuration is of {}, not of {}",
+            found.name(),
+            method.name()
+        ))
+        .hint("leave `--method` or `--config` out")),
+    }
+}
+
 /// The folder and settings of a new run.
 fn start(args: &Train) -> Result<(PathBuf, Config)> {
-    let mut config = args.settings.load()?;
+    let (file, mut config) = configured(args)?;
     args.source.apply(&mut config.data);
     config.train.seed = args.seed.unwrap_or(config.train.seed);
     config.fit = FitSettings::all(&config.fit.over(&FitConfig::default())?)?;
-    let stem = args.settings.config.as_deref().and_then(Path::file_stem);
+    let stem = file.as_deref().and_then(Path::file_stem);
     let name = stem.map_or("default".into(), |s| s.to_string_lossy().into_owned());
     let folder = args
         .output

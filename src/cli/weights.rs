@@ -8,6 +8,7 @@ use crate::metrics::{Metric, Scores};
 use crate::model::to_bytes;
 use crate::predict::{embedded, open_weights, weights_name};
 use crate::pretrained::{KNOWN, Store, how_to_install};
+use crate::systems::{Trained, is_system};
 use crate::train::{SCORES_NOTE, TRAINING_NOTE, TrainConfig};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -72,6 +73,11 @@ fn list() -> Result<()> {
 }
 
 pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
+    if let Some(path) = file
+        && std::fs::read(path).is_ok_and(|bytes| is_system(&bytes))
+    {
+        return info_of_system(path, as_json);
+    }
     let weights = open_weights(file)?;
     let fit = weights.fit()?.unwrap_or_default();
     let calibration = weights.prior()?.map(|(_, calibration)| calibration);
@@ -106,6 +112,12 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     ));
     ui::print(&format!("input      {width}x{height}"));
     ui::print(&format!("fit        {fit}"));
+    trained(training, scores);
+    Ok(())
+}
+
+/// How weights were trained, and what they reached.
+fn trained(training: Option<TrainConfig>, scores: Option<Scores>) {
     if let Some(training) = training {
         let TrainConfig {
             steps, batch, seed, ..
@@ -122,6 +134,42 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
             scores[Metric::Rel]
         ));
     }
+}
+
+/// The same of a system that the paper compares itself with.
+fn info_of_system(path: &Path, as_json: bool) -> Result<()> {
+    let system = Trained::open(path)?;
+    let training: Option<TrainConfig> = parsed(system.notes.get(TRAINING_NOTE))?;
+    let scores: Option<Scores> = parsed(system.notes.get(SCORES_NOTE))?;
+    let parameters = system.parameters()?;
+    if as_json {
+        let value = json!({
+            "parameters": parameters,
+            "never_run": system.config.never_run(),
+            "system": system.config,
+            "normalisation": system.normalisation,
+            "training": training,
+            "held_out": scores,
+        });
+        ui::print(&pretty(&value)?);
+        return Ok(());
+    }
+    let [height, width] = system.normalisation.input;
+    let kind = system.config.kind();
+    ui::print(&format!("weights    `{}`, {}", path.display(), system.hash));
+    ui::print(&format!("system     {}: {}", kind.name(), kind.source()));
+    let more = match system.config.never_run() {
+        0 => String::new(),
+        more => format!("; the authors' program makes {more} more and never runs them"),
+    };
+    ui::print(&format!("network    {parameters} parameters{more}"));
+    ui::print(&format!("input      {width}x{height}"));
+    let start = match system.config.pretrained() {
+        Some(path) => format!("the encoder from `{}`", path.display()),
+        None => "all weights at random".to_owned(),
+    };
+    ui::print(&format!("start      {start}"));
+    trained(training, scores);
     Ok(())
 }
 

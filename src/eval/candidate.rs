@@ -7,6 +7,7 @@ use crate::metrics::Foretold;
 use crate::predict::{Method, complete_classic, guided_scene, scene};
 use crate::provenance;
 use crate::sample::{Interpolation, Size, move_points, resize_depth, resize_rgb};
+use crate::systems::Predictor;
 use lsdc_core::{Completer, DepthGuide, Observations, Scene};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -24,6 +25,14 @@ pub enum Candidate {
         from: Size,
         /// By what.
         by: Enlargement,
+    },
+    /// A system that the paper compares itself with, given image and points at a smaller size if that is named, and its
+    /// result enlarged bilinearly.
+    System {
+        /// The system with its weights.
+        predictor: Predictor,
+        /// The smaller size.
+        from: Option<Size>,
     },
     /// `FRAME.npy` (metres) or `FRAME.png` (millimetres, or the unit that the file says) in this
     /// folder, or in its `seedN`, which there must be for each of several draws.
@@ -59,6 +68,12 @@ impl Candidate {
             Self::Enlarged { method, from, by } => {
                 json!({ "method": method, "from": from, "by": format!("{by:?}") })
             }
+            Self::System { predictor, from } => json!({
+                "method": predictor.kind().name(),
+                "system": predictor.trained().config,
+                "weights": predictor.trained().hash,
+                "from": from,
+            }),
             Self::Files(folder) => json!({ "files": provenance::folder(folder, &["npy", "png"])? }),
         })
     }
@@ -130,6 +145,18 @@ impl<'a> Prepared<'a> {
                 let depth = enlarged(network, *method, *from, *by, frame, sparse)?;
                 Ok((depth, None))
             }
+            (Candidate::Method(Method::System(system)), _) => Err(without_weights(system.name())),
+            (Candidate::System { predictor, from }, _) => {
+                let depth = match from {
+                    None => predictor.complete(&frame.rgb, sparse)?,
+                    Some(from) => {
+                        let rgb = resize_rgb(&frame.rgb, *from, Interpolation::PilBilinear)?;
+                        let small = predictor.complete(&rgb, &move_points(sparse, *from)?)?;
+                        resize_depth(&small, size(frame), Interpolation::CvBilinear)?
+                    }
+                };
+                Ok((depth, None))
+            }
             (Candidate::Files(folder), _) => {
                 let prediction = read(folder, &frame.id, seed)?;
                 check(&prediction, frame, folder)?;
@@ -137,6 +164,19 @@ impl<'a> Prepared<'a> {
             }
         }
     }
+}
+
+fn size(frame: &Frame) -> Size {
+    Size {
+        height: frame.depth.height(),
+        width: frame.depth.width(),
+    }
+}
+
+/// Systems have no weights of the program.
+fn without_weights(name: &str) -> Error {
+    Error::weights(format!("method `{name}` needs weights of its own"))
+        .hint(format!("train them: `lsdc train --method {name}`"))
 }
 
 fn enlarged(
@@ -147,14 +187,12 @@ fn enlarged(
     frame: &Frame,
     sparse: &DepthMap,
 ) -> Result<DepthMap> {
-    let size = Size {
-        height: frame.depth.height(),
-        width: frame.depth.width(),
-    };
+    let size = size(frame);
     let rgb = resize_rgb(&frame.rgb, from, Interpolation::PilBilinear)?;
     let sparse = move_points(sparse, from)?;
     let small = match (method, completer) {
         (Method::Classic(method), _) => complete_classic(method, &rgb, &sparse)?,
+        (Method::System(system), _) => return Err(without_weights(system.name())),
         (Method::Lsdc, None) => return Err(Error::weights("method `lsdc` needs a network")),
         (Method::Lsdc, Some(completer)) => {
             let completion = scene(completer, &rgb)?.complete(&Observations::from_map(&sparse))?;

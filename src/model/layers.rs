@@ -12,16 +12,16 @@ use lsdc_rng::Rng;
 const MOMENTUM: f64 = 0.01;
 
 /// What every layer needs to be built.
-pub(super) struct Init {
+pub(crate) struct Init {
     /// Source of random weights; without it they are 0.
-    pub(super) rng: Option<Rng>,
-    pub(super) norm: NormKind,
-    pub(super) device: Device,
+    pub(crate) rng: Option<Rng>,
+    pub(crate) norm: NormKind,
+    pub(crate) device: Device,
 }
 
 impl Init {
     /// Normal values of the given standard deviation.
-    fn normal<const D: usize>(&mut self, shape: [usize; D], deviation: f32) -> Param<Tensor<D>> {
+    pub(crate) fn normal<const D: usize>(&mut self, shape: [usize; D], deviation: f32) -> Param<Tensor<D>> {
         let count = shape.iter().product();
         let values: Vec<f32> = match &mut self.rng {
             None => vec![0.0; count],
@@ -33,7 +33,7 @@ impl Init {
 
 /// Batch normalisation: with the batch's own statistics while `training`, running ones otherwise.
 #[derive(Module, Debug)]
-pub(super) struct BatchNorm {
+pub(crate) struct BatchNorm {
     gain: Param<Tensor<1>>,
     shift: Param<Tensor<1>>,
     training: Param<Flag>,
@@ -83,7 +83,7 @@ fn follow(running: &RunningState<Tensor<1>>, now: Tensor<1>) {
 }
 
 /// Switches batch normalisation from the statistics of each batch to the running ones.
-pub(super) struct FreezeStatistics;
+pub(crate) struct FreezeStatistics;
 
 impl ModuleMapper for FreezeStatistics {
     fn map_flag(&mut self, flag: Param<Flag>) -> Param<Flag> {
@@ -92,13 +92,13 @@ impl ModuleMapper for FreezeStatistics {
 }
 
 #[derive(Module, Debug)]
-pub(super) enum Norm {
+pub(crate) enum Norm {
     Batch(BatchNorm),
     Group(GroupNorm),
 }
 
 impl Norm {
-    fn init(channels: usize, init: &Init) -> Self {
+    pub(crate) fn init(channels: usize, init: &Init) -> Self {
         match init.norm {
             NormKind::Batch => Self::Batch(BatchNorm::init(channels, &init.device)),
             NormKind::Group => {
@@ -108,7 +108,7 @@ impl Norm {
         }
     }
 
-    fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
+    pub(crate) fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
         match self {
             Self::Batch(norm) => norm.forward(x, relu),
             Self::Group(norm) => {
@@ -126,14 +126,14 @@ impl Norm {
 
 /// Convolution without bias.
 #[derive(Module, Debug)]
-pub(super) struct Conv {
+pub(crate) struct Conv {
     weight: Param<Tensor<4>>,
     #[module(skip)]
     spec: ConvSpec,
 }
 
 impl Conv {
-    pub(super) fn init(
+    pub(crate) fn init(
         from: usize,
         to: usize,
         kernel: usize,
@@ -148,7 +148,7 @@ impl Conv {
     }
 
     /// Yields 0 before any training.
-    pub(super) fn zero(
+    pub(crate) fn zero(
         from: usize,
         to: usize,
         kernel: usize,
@@ -162,20 +162,20 @@ impl Conv {
     }
 
     /// `[batch, height, width, from]` to `[batch, height', width', to]`.
-    pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+    pub(crate) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         conv2d(x, self.weight.val(), self.spec)
     }
 }
 
 /// Convolution and normalisation, with or without ReLU.
 #[derive(Module, Debug)]
-pub(super) struct ConvNorm {
+pub(crate) struct ConvNorm {
     conv: Conv,
     norm: Norm,
 }
 
 impl ConvNorm {
-    pub(super) fn init(
+    pub(crate) fn init(
         from: usize,
         to: usize,
         kernel: usize,
@@ -188,23 +188,23 @@ impl ConvNorm {
         }
     }
 
-    pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+    pub(crate) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         self.norm.forward(self.conv.forward(x), false)
     }
 
-    pub(super) fn forward_relu(&self, x: Tensor<4>) -> Tensor<4> {
+    pub(crate) fn forward_relu(&self, x: Tensor<4>) -> Tensor<4> {
         self.norm.forward(self.conv.forward(x), true)
     }
 }
 
 /// Linear map of rows without bias.
 #[derive(Module, Debug)]
-pub(super) struct Linear {
+pub(crate) struct Linear {
     weight: Param<Tensor<2>>,
 }
 
 impl Linear {
-    pub(super) fn init(from: usize, to: usize, init: &mut Init) -> Self {
+    pub(crate) fn init(from: usize, to: usize, init: &mut Init) -> Self {
         let deviation = (2.0 / from as f32).sqrt();
         Self {
             weight: init.normal([from, to], deviation),
@@ -212,34 +212,34 @@ impl Linear {
     }
 
     /// Yields 0 before any training.
-    pub(super) fn zero(from: usize, to: usize, init: &mut Init) -> Self {
+    pub(crate) fn zero(from: usize, to: usize, init: &mut Init) -> Self {
         Self {
             weight: init.normal([from, to], 0.0),
         }
     }
 
     /// `[rows, from]` to `[rows, to]`.
-    pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+    pub(crate) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         linear(x, self.weight.val())
     }
 }
 
 /// Linear map, normalisation, ReLU.
 #[derive(Module, Debug)]
-pub(super) struct Hidden {
+pub(crate) struct Hidden {
     linear: Linear,
     norm: Norm,
 }
 
 impl Hidden {
-    pub(super) fn init(from: usize, to: usize, init: &mut Init) -> Self {
+    pub(crate) fn init(from: usize, to: usize, init: &mut Init) -> Self {
         Self {
             linear: Linear::init(from, to, init),
             norm: Norm::init(to, init),
         }
     }
 
-    pub(super) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+    pub(crate) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         self.norm.forward(self.linear.forward(x), true)
     }
 }

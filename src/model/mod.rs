@@ -9,7 +9,7 @@ mod cost;
 mod encoding;
 mod extractor;
 mod grid;
-mod layers;
+pub(crate) mod layers;
 mod on_device;
 #[cfg(test)]
 mod prepared_tests;
@@ -19,7 +19,7 @@ mod resample;
 #[cfg(test)]
 mod tests;
 mod vision;
-mod weights;
+pub(crate) mod weights;
 
 pub use bases::{Bases, BasisHead};
 pub use encoding::encode;
@@ -30,7 +30,7 @@ pub use on_device::{AnyEncoder, OnDevice, encoded_tensor};
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;
 pub use vision::VisionTransformer;
-pub use weights::{Precision, load, to_bytes, transfer, weights_of};
+pub use weights::{Precision, load, stored_bytes, to_bytes, transfer, weights_of};
 
 use crate::error::Result;
 use affinity_net::AffinityNet;
@@ -66,17 +66,12 @@ impl InitNetwork for NetworkConfig {
 }
 
 fn build(config: &NetworkConfig, rng: Option<Rng>, device: &Device) -> Result<BasisNet> {
-    config.check()?;
     let mut init = Init {
         rng,
         norm: config.norm,
         device: device.clone(),
     };
-    Ok(BasisNet {
-        extractor: extractor::build(&config.extractor, &mut init),
-        head: BasisHead::init(config, &mut init),
-        edges: (config.affinities > 0).then(|| AffinityNet::init(config, &mut init)),
-    })
+    BasisNet::init(config, &mut init)
 }
 
 /// The network with its weights.
@@ -89,6 +84,15 @@ pub struct BasisNet {
 }
 
 impl BasisNet {
+    pub(crate) fn init(config: &NetworkConfig, init: &mut Init) -> Result<Self> {
+        config.check()?;
+        Ok(Self {
+            extractor: extractor::build(&config.extractor, init),
+            head: BasisHead::init(config, init),
+            edges: (config.affinities > 0).then(|| AffinityNet::init(config, init)),
+        })
+    }
+
     /// Computes the basis functions of normalised images `[batch, height, width, 3]`. `encoded [batch, rows, columns,
     /// channels]` is what a pretrained encoder says of them, for networks trained on one.
     pub fn bases(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Bases {

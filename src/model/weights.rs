@@ -57,11 +57,25 @@ pub fn to_bytes(weights: &Weights, precision: Precision) -> Result<Vec<u8>> {
     metadata.insert(NETWORK.into(), network);
     metadata.insert(NORMALISATION.into(), normalisation);
     let tensors = weights.tensors.iter();
-    let tensors = tensors.map(|(name, tensor)| (name.clone(), stored(tensor, precision)));
+    let tensors = tensors.map(|(name, tensor)| (name.clone(), tensor, precision));
     let tables = weights.tables.iter();
     let tables =
-        tables.map(|(name, table)| (format!("{TABLE}{name}"), stored(table, Precision::Single)));
-    let all: BTreeMap<String, (Dtype, &[usize], Vec<u8>)> = tensors.chain(tables).collect();
+        tables.map(|(name, table)| (format!("{TABLE}{name}"), table, Precision::Single));
+    stored_bytes(tensors.chain(tables), metadata)
+}
+
+/// The bytes of a safetensors file of named tensors, each of its precision, with metadata.
+///
+/// # Errors
+/// More bytes than a file can hold.
+pub fn stored_bytes<'a>(
+    tensors: impl Iterator<Item = (String, &'a Table, Precision)>,
+    metadata: HashMap<String, String>,
+) -> Result<Vec<u8>> {
+    let broken =
+        |e: &dyn std::fmt::Display| Error::weights(format!("the weights cannot be written: {e}"));
+    let tensors = tensors.map(|(name, tensor, precision)| (name, stored(tensor, precision)));
+    let all: BTreeMap<String, (Dtype, &[usize], Vec<u8>)> = tensors.collect();
     let views = all
         .iter()
         .map(|(name, (dtype, shape, bytes))| {
@@ -91,14 +105,10 @@ fn stored(tensor: &Table, precision: Precision) -> (Dtype, &[usize], Vec<u8>) {
 /// A tensor that is missing, superfluous or of another shape.
 pub fn load(weights: &Weights, device: &Device) -> Result<BasisNet> {
     let net = weights.network.blank(device)?;
-    let mut filler = Filler::new(weights);
+    let mut filler = Filler::new(weights.tensors.clone());
     let net = net.map(&mut filler);
-    let superfluous = filler.tensors.keys().min();
-    let superfluous = superfluous.map(|name| (name.clone(), "is superfluous".to_owned()));
-    match filler.wrong.into_iter().next().or(superfluous) {
-        None => Ok(net),
-        Some((name, reason)) => Err(WeightsError::Tensor { name, reason }.into()),
-    }
+    filler.check()?;
+    Ok(net)
 }
 
 /// Gives a network, which may be another one, the tensors that agree in name and shape; the
@@ -107,7 +117,7 @@ pub fn load(weights: &Weights, device: &Device) -> Result<BasisNet> {
 /// # Errors
 /// Not a single tensor agrees.
 pub fn transfer(weights: &Weights, net: BasisNet) -> Result<(BasisNet, usize)> {
-    let mut filler = Filler::new(weights);
+    let mut filler = Filler::new(weights.tensors.clone());
     let net = net.map(&mut filler);
     if filler.filled == 0 {
         return Err(
@@ -119,20 +129,20 @@ pub fn transfer(weights: &Weights, net: BasisNet) -> Result<(BasisNet, usize)> {
 }
 
 /// A tensor of a module and its path, such as `extractor.stem.0.conv.weight`.
-pub(super) struct Named {
-    pub(super) name: String,
-    pub(super) data: TensorData,
+pub(crate) struct Named {
+    pub(crate) name: String,
+    pub(crate) data: TensorData,
 }
 
 impl Named {
     /// Whether this is a running statistic, not a trained parameter.
-    pub(super) fn is_statistic(&self) -> bool {
+    pub(crate) fn is_statistic(&self) -> bool {
         is_statistic(&self.name)
     }
 }
 
 /// All float tensors of a module.
-pub(super) fn named<M: Module>(module: &M) -> Vec<Named> {
+pub(crate) fn named<M: Module>(module: &M) -> Vec<Named> {
     let mut collector = Collector::default();
     module.visit(&mut collector);
     collector.found
@@ -161,7 +171,8 @@ impl ModuleVisitor for Collector {
     }
 }
 
-struct Filler {
+/// Gives a module the tensors that agree in name and shape.
+pub(crate) struct Filler {
     tensors: BTreeMap<String, Table>,
     path: Vec<String>,
     filled: usize,
@@ -169,12 +180,22 @@ struct Filler {
 }
 
 impl Filler {
-    fn new(weights: &Weights) -> Self {
+    pub(crate) fn new(tensors: BTreeMap<String, Table>) -> Self {
         Self {
-            tensors: weights.tensors.clone(),
+            tensors,
             path: Vec::new(),
             filled: 0,
             wrong: Vec::new(),
+        }
+    }
+
+    /// Checks that each tensor of the module was there, and no other.
+    pub(crate) fn check(self) -> Result<()> {
+        let superfluous = self.tensors.keys().min();
+        let superfluous = superfluous.map(|name| (name.clone(), "is superfluous".to_owned()));
+        match self.wrong.into_iter().next().or(superfluous) {
+            None => Ok(()),
+            Some((name, reason)) => Err(WeightsError::Tensor { name, reason }.into()),
         }
     }
 }

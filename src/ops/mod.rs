@@ -6,6 +6,7 @@ pub mod interpolate;
 mod joint;
 mod lstsq;
 pub mod norm;
+pub mod propagate;
 mod reweighted;
 
 pub use joint::{JointBackend, JointFit, Scenes, joint};

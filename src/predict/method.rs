@@ -3,6 +3,7 @@
 use super::check_sizes;
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
+use crate::systems::SystemKind;
 use image::RgbImage;
 use lsdc_classic::Classic;
 use serde::{Deserialize, Serialize};
@@ -15,12 +16,16 @@ pub enum Method {
     Lsdc,
     /// A method without training.
     Classic(Classic),
+    /// A system that the paper compares itself with, from weights of its own.
+    System(SystemKind),
 }
 
 impl Method {
     /// All methods.
     pub fn all() -> impl Iterator<Item = Self> {
-        std::iter::once(Self::Lsdc).chain(Classic::ALL.map(Self::Classic))
+        std::iter::once(Self::Lsdc)
+            .chain(Classic::ALL.map(Self::Classic))
+            .chain(SystemKind::ALL.map(Self::System))
     }
 
     /// The name on the command line and in reports.
@@ -28,6 +33,7 @@ impl Method {
         match self {
             Self::Lsdc => "lsdc",
             Self::Classic(classic) => classic.name(),
+            Self::System(system) => system.name(),
         }
     }
 }

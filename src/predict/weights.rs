@@ -1,6 +1,7 @@
 //! Weights by name or from a file.
 
 use crate::error::{Error, Result};
+use crate::systems::is_system;
 use lsdc_core::Weights;
 use lsdc_core::fit::FitConfig;
 use lsdc_core::weights;
@@ -111,6 +112,12 @@ pub fn open_weights(path: Option<&Path>) -> Result<Weights> {
 }
 
 fn read_bytes(bytes: &[u8], name: &str) -> Result<Weights> {
+    if is_system(bytes) {
+        return Err(Error::weights(format!(
+            "`{name}` holds no basis functions, but a system that is compared with"
+        ))
+        .hint("give --method s2d, cspn or lsk; `lsdc weights info` says which it is"));
+    }
     Weights::from_bytes(bytes).map_err(|e| Error::of_core(e, format!("`{name}`")))
 }
 

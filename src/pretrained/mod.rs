@@ -33,13 +33,21 @@ const MOST_BYTES: u64 = 1 << 31;
 /// # Errors
 /// A file that cannot be read, is damaged, or holds no encoder.
 pub fn read_encoder(path: &Path) -> Result<BTreeMap<String, Tensor>> {
+    names::dinov2(path, read_tensors(path)?)
+}
+
+/// Reads all tensors of numbers with fractions by the names of the file, a `PyTorch` file (`.pth`, `.pt`) or a
+/// safetensors file.
+///
+/// # Errors
+/// A file that cannot be read or is damaged.
+pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
     let bytes = bytes_of(path)?;
-    let all = if bytes.starts_with(b"PK") {
-        pytorch::read(path, &bytes)?
+    if bytes.starts_with(b"PK") {
+        pytorch::read(path, &bytes)
     } else {
-        from_safetensors(path, &bytes)?
-    };
-    names::dinov2(path, all)
+        from_safetensors(path, &bytes)
+    }
 }
 
 /// The bytes of a file that may hold an encoder.

@@ -1,14 +1,13 @@
 //! The running average of a network over its last steps, which predicts better than any of them
 //! (Polyak and Juditsky 1992; in this form Tarvainen and Valpola 2017).
 
-use crate::model::BasisNet;
-use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData};
 use std::collections::VecDeque;
 
 /// Moves `average` towards `net` after the step of this number, counted from 1: by `1 - decay`, and
 /// more in the first steps, of which an average would remember the random start.
-pub(super) fn follow(average: BasisNet, net: &BasisNet, decay: f64, step: usize) -> BasisNet {
+pub(super) fn follow<M: Module>(average: M, net: &M, decay: f64, step: usize) -> M {
     let step = step as f64;
     let kept = decay.min(step / (step + 10.0)) as f32;
     let mut values = Values::default();
@@ -52,7 +51,7 @@ impl ModuleMapper for Mix {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{InitNetwork as _, NetworkConfig};
+    use crate::model::{BasisNet, InitNetwork as _, NetworkConfig};
     use burn::tensor::Device;
 
     fn numbers(net: &BasisNet) -> Vec<f32> {

@@ -3,8 +3,7 @@
 use super::Learner;
 use crate::data::{write_atomically, write_folder_atomically};
 use crate::error::{Cause, Error, Result};
-use crate::model::BasisNet;
-use burn::module::Module as _;
+use burn::module::Module;
 use burn::store::ModuleRecord;
 use burn::tensor::Bytes;
 use std::path::{Path, PathBuf};
@@ -38,11 +37,11 @@ impl Checkpoints {
         steps
     }
 
-    pub(super) fn save(&self, step: usize, learner: &Learner) -> Result<()> {
+    pub(super) fn save<M: Module, O>(&self, step: usize, learner: &Learner<M, O>) -> Result<()> {
         let broken = |e: &dyn std::fmt::Display| {
             Error::new(Cause::Write, format!("cannot encode a checkpoint: {e}"))
         };
-        let bytes = |net: &BasisNet| {
+        let bytes = |net: &M| {
             let record = net.clone().into_record().into_bytes();
             record.map_err(|e| broken(&e))
         };
@@ -70,7 +69,11 @@ impl Checkpoints {
     }
 
     /// The learner as it was after `step`.
-    pub(super) fn load(&self, step: usize, mut learner: Learner) -> Result<Learner> {
+    pub(super) fn load<M: Module, O>(
+        &self,
+        step: usize,
+        mut learner: Learner<M, O>,
+    ) -> Result<Learner<M, O>> {
         let read = |name: &str| {
             let path = self.path(step).join(name);
             std::fs::read(&path)
@@ -84,7 +87,7 @@ impl Checkpoints {
             ))
             .hint("resume with the `config.toml` of the run folder")
         };
-        let filled = |net: BasisNet, name: &str| {
+        let filled = |net: M, name: &str| {
             let record = ModuleRecord::from_bytes(read(name)?).map_err(|e| foreign(&e))?;
             net.try_load_record(record).map_err(|e| foreign(&e))
         };

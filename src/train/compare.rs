@@ -59,11 +59,27 @@ pub(super) fn compared(
         let means = squares.sum_dim(1) / valid.clone().sum_dim(1).clamp_min(1.0);
         total = total + counts.of_fits((means + LEAST).sqrt()).mean() * config.rmse;
     }
+    if config.berhu > 0.0 {
+        let bends = counts.of_pixels(reverse_huber(error.clone()));
+        total = total + counts.of_fits(bends).sum() / count * config.berhu;
+    }
     if config.gradient > 0.0 {
         let certain = counts.of_pixels(valid.clone());
         total = total + gradient(error, [valid, certain], points, patch) * config.gradient;
     }
     Losses { total, l1, l2 }
+}
+
+/// Absolute errors, and parabolas above a fifth of the largest (Laina et al. 2016, equation 4).
+fn reverse_huber(error: Tensor<3>) -> Tensor<3> {
+    /// Where all errors are 0.
+    const LEAST: f64 = 1e-6;
+    let absolute = error.clone().abs();
+    let bend = absolute.clone().max().detach() * 0.2;
+    let bend = bend.clamp_min(LEAST).reshape([1, 1, 1]);
+    let above = absolute.clone().greater(bend.clone().expand(absolute.dims()));
+    let parabola = (error.square() + bend.clone().square()) / (bend * 2.0);
+    absolute.mask_where(above, parabola)
 }
 
 /// Differences of the error between horizontal and vertical neighbours inside the patches, where
@@ -105,6 +121,15 @@ fn gradient(
 mod tests {
     use super::*;
     use burn::tensor::{Device, TensorData};
+
+    #[test]
+    fn large_errors_lie_on_a_parabola() {
+        let errors = TensorData::new(vec![0.5_f32, -1.0, 2.0, -5.0], [1, 4, 1]);
+        let found = reverse_huber(Tensor::from_data(errors, &Device::flex()));
+        let found: Vec<f32> = found.into_data().iter().collect();
+        // c = 1: |x| below, (x^2 + c^2) / 2c above.
+        assert_eq!(found, [0.5, 1.0, 2.5, 13.0]);
+    }
 
     #[test]
     fn errors_count_as_much_as_their_pixels() {

@@ -28,6 +28,8 @@ pub enum OptimiserKind {
     /// Adam (Kingma and Ba 2015).
     #[default]
     Adam,
+    /// Stochastic gradient descent with momentum 0.9.
+    Sgd,
     /// Muon (Jordan et al. 2024) for the weights of layers, Adam for the rest.
     Muon,
 }
@@ -44,9 +46,9 @@ pub struct TrainConfig {
     pub optimiser: OptimiserKind,
     /// Peak learning rate.
     pub learning_rate: f64,
-    /// L2 penalty added to the gradient, in Adam.
+    /// L2 penalty added to the gradient, in Adam and SGD.
     pub weight_decay: f32,
-    /// Largest norm of the gradient of one tensor, in Adam; absent = not limited.
+    /// Largest norm of the gradient of one tensor, in Adam and SGD; absent = not limited.
     pub clip: Option<f32>,
     /// The learning rate over time.
     pub schedule: Schedule,

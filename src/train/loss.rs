@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::model::BasisNet;
 use crate::ops::{Reweighting, joint, lstsq, reweighted};
 use crate::sample::Batch;
+use crate::systems::{Net, Seen, System as _};
 use burn::tensor::{Int, Tensor, TensorData};
 use lsdc_core::fit::{FitConfig, FitMethod};
 use serde::{Deserialize, Serialize};
@@ -22,6 +23,9 @@ pub struct LossConfig {
     /// Root of the mean squared error of each fit, averaged, in metres: what evaluations report.
     /// Images that are far off by nature count less than in `l2`.
     pub rmse: f64,
+    /// The reverse Huber loss (Laina et al. 2016): the absolute error, or where it is above a fifth of the largest of the
+    /// batch a parabola that joins it smoothly; in metres.
+    pub berhu: f64,
     /// Mean absolute error of the differences between neighbouring pixels, in metres.
     pub gradient: f64,
     /// Mean absolute weight of a basis function, in metres.
@@ -46,6 +50,7 @@ impl Default for LossConfig {
             l1: 1.0,
             l2: 1.0,
             rmse: 0.0,
+            berhu: 0.0,
             gradient: 1.0,
             regularisation: 1e-3,
             balance: 0.0,
@@ -67,6 +72,7 @@ impl LossConfig {
             self.l1,
             self.l2,
             self.rmse,
+            self.berhu,
             self.gradient,
             self.regularisation,
             self.affinities,
@@ -75,13 +81,13 @@ impl LossConfig {
         ];
         if all.iter().all(|w| *w >= 0.0 && w.is_finite())
             && (0.0..=1.0).contains(&self.balance)
-            && (self.l1 + self.l2 + self.rmse + self.affinities > 0.0 || self.imitates())
+            && (self.l1 + self.l2 + self.rmse + self.berhu + self.affinities > 0.0 || self.imitates())
         {
             Ok(())
         } else {
             Err(Error::config(
                 "`loss`: weights must be at least 0, `balance` from 0 to 1, and `l1`, `l2`, `rmse`, \
-                 `affinities` or those of a teacher above 0",
+                 `berhu`, `affinities` or those of a teacher above 0",
             ))
         }
     }
@@ -184,7 +190,7 @@ pub(super) fn field_losses(
     let draws = batch.draws.dims()[0] / images;
     let edges = net.affinities(batch.images.clone(), batch.encoded.clone());
     let device = edges.device();
-    let mut losses = if config.l1 + config.l2 + config.rmse + config.gradient > 0.0 {
+    let mut losses = if config.l1 + config.l2 + config.rmse + config.berhu + config.gradient > 0.0 {
         let found = joint(
             Tensor::zeros([draws * images, points, 1], &device),
             batch.measured.clone().repeat_dim(0, draws),
@@ -215,6 +221,30 @@ pub(super) fn field_losses(
     };
     let more = of_affinities(&edges, batch, shown, config).into_iter();
     losses.total = more.fold(losses.total, |sum, loss| sum + loss);
+    losses
+}
+
+/// Lets a system say the depths of a batch, once for each draw of points, and compares them with those that are to be
+/// found. A system of several parts learns from what the first of them say too.
+pub(super) fn system_losses(net: &Net, batch: &Batch, config: &LossConfig) -> Losses {
+    let [images, height, width] = batch.maps.dims();
+    let pixels = height * width;
+    let weights = batch.weights.clone();
+    let counts = Counts {
+        fits: shares(batch, config),
+        pixels: weights.map(|weights| weights.reshape([images, pixels, 1])),
+    };
+    let maps = batch.maps.clone().reshape([images, pixels]);
+    let beside = |depth: Tensor<3>| {
+        let draws = depth.dims()[0] / images;
+        let depth = depth.reshape([draws, images, pixels]).permute([1, 2, 0]);
+        compared(depth, &maps, &counts, (0, (height, width)), config)
+    };
+    let said = net.say(&Seen::of(batch));
+    let mut losses = beside(said.depth);
+    if let Some(before) = said.before {
+        losses.total = losses.total + beside(before).total;
+    }
     losses
 }
 

@@ -23,7 +23,7 @@ pub use calibrate::{Held, calibrate, divide, learn_errors};
 pub use config::{OptimiserKind, Part, TrainConfig};
 pub use foresight::{Foresight, NUMBERS};
 pub use imitation::Shown;
-pub use learner::Learner;
+pub use learner::{Fitting, Learner, Objective, Predicting};
 pub use loss::{LossConfig, Losses, losses};
 pub use run::{Event, Outcome, SCORES_NOTE, TRAINING_NOTE, Trainer};
 pub use schedule::Schedule;

@@ -5,9 +5,8 @@
 
 use super::step::Step;
 use crate::error::{Cause, Error, Result};
-use crate::model::BasisNet;
 use crate::sample::Batch;
-use burn::module::Module as _;
+use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::Device;
 
@@ -15,10 +14,10 @@ use burn::tensor::Device;
 ///
 /// `compute` yields those of one share, with the loss multiplied by a factor. Shares are summed in
 /// their order, so that the same shares give the same bits.
-pub(super) fn gradients(
-    net: &BasisNet,
+pub(super) fn gradients<M: Module>(
+    net: &M,
     shares: &[Batch],
-    compute: impl Fn(&BasisNet, &Batch, f64) -> Result<(GradientsParams, Step)> + Sync,
+    compute: impl Fn(&M, &Batch, f64) -> Result<(GradientsParams, Step)> + Sync,
 ) -> Result<(GradientsParams, Step)> {
     let images = |batch: &Batch| batch.pixels.len() as f64;
     let all: f64 = shares.iter().map(images).sum();
@@ -56,14 +55,14 @@ pub(super) fn gradients(
 
 /// A copy of the network on an autodiff device. Clones, and what burn calls forks, share running
 /// statistics; a copy without gradients has its own.
-fn replica(net: &BasisNet, device: &Device) -> BasisNet {
+fn replica<M: Module>(net: &M, device: &Device) -> M {
     net.valid().to_device(&device.clone().inner()).train()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{ExtractorConfig, InitNetwork as _, NetworkConfig};
+    use crate::model::{BasisNet, ExtractorConfig, InitNetwork as _, NetworkConfig};
     use crate::train::{LossConfig, losses};
     use burn::module::{ModuleVisitor, Param};
     use burn::tensor::{Tensor, TensorData};

@@ -2,9 +2,10 @@
 
 use super::checkpoint::Checkpoints;
 use super::log::Log;
-use super::setup::{imitated, normalisation, sampler};
+use super::learner::Objective;
+use super::setup::{imitated, input_size, sampler};
 use super::{Learner, Part, TrainConfig, calibrate, divide};
-use crate::data::{Dataset, Mixture, Shard, write_atomically};
+use crate::data::{Dataset, DepthMap, Mixture, Shard, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::metrics::{Rules, Scores, Tally};
 use crate::model::{
@@ -13,8 +14,10 @@ use crate::model::{
 };
 use crate::predict::{complete, completer, encoder_of, open_weights};
 use crate::sample::{Batch, Encoding, Loader, Pattern, Sample, Sampler};
-use burn::module::Module as _;
+use crate::systems::{Net, Predictor, SystemConfig, Trained, begin};
+use burn::module::Module;
 use burn::tensor::Device;
+use image::RgbImage;
 use lsdc_core::fit::FitConfig;
 use lsdc_core::network::Encoder;
 use lsdc_core::{Completer, Weights};
@@ -72,8 +75,7 @@ pub enum Outcome {
 /// Trains a network in a run folder.
 pub struct Trainer {
     folder: PathBuf,
-    network: NetworkConfig,
-    fit: FitConfig,
+    subject: Subject,
     config: TrainConfig,
     /// What the network is measured and calibrated on.
     frames: Arc<dyn Dataset>,
@@ -82,12 +84,26 @@ pub struct Trainer {
     /// Frames that are kept out of training.
     held_out: Vec<usize>,
     normalisation: Normalisation,
+    /// At least one.
+    devices: Vec<Device>,
+}
+
+/// What is trained.
+enum Subject {
+    /// Basis functions.
+    Bases(Box<Bases>),
+    /// A system that the paper compares itself with.
+    System(SystemConfig),
+}
+
+/// Basis functions, and what belongs to them.
+struct Bases {
+    network: NetworkConfig,
+    fit: FitConfig,
     /// The weights of a teacher whose network is compared with.
     imitated: Option<Weights>,
     /// What the network reads beside the image, if it was made for that.
     encoder: Option<Arc<Encoder>>,
-    /// At least one.
-    devices: Vec<Device>,
 }
 
 impl Trainer {
@@ -113,30 +129,13 @@ impl Trainer {
             ));
         }
         fit.check()?;
-        config.check()?;
-        if !(1..=config.batch).contains(&devices.len()) {
-            return Err(Error::config(format!(
-                "{} devices cannot divide a batch of {}",
-                devices.len(),
-                config.batch
-            ))
-            .hint("give one device at least, and at most `train.batch`"));
-        }
+        check(&config, &mixture, devices)?;
         let frames = mixture.first().clone();
-        if !mixture.measured() && config.teacher.is_none() {
-            return Err(
-                Error::config("images without depths teach nothing without a teacher")
-                    .hint("set `train.teacher`, or `data.folder.depth`"),
-            );
-        }
-        if !frames.measured() && (config.held_out > 0 || config.calibrate) {
-            return Err(Error::config(
-                "the first dataset has no depths to measure and calibrate on",
-            )
-            .hint("name one with depths first, and images alone in `data.more`"));
-        }
         let encoder = encoder_of(&network)?;
-        let normalisation = normalisation(&config.protocol, frames.as_ref())?;
+        let normalisation = Normalisation {
+            input: input_size(&config.protocol, frames.as_ref())?,
+            ..Normalisation::default()
+        };
         let (_, held_out) = divide(frames.as_ref(), config.held_out);
         let imitated = imitated(&config, &normalisation)?;
         let encoding = match (&encoder, &imitated) {
@@ -148,11 +147,59 @@ impl Trainer {
             folder: folder.to_owned(),
             sampler: sampler(mixture, &config)?.encoded(encoding),
             held_out,
-            imitated,
-            encoder,
-            network,
-            fit,
+            subject: Subject::Bases(Box::new(Bases {
+                network,
+                fit,
+                imitated,
+                encoder,
+            })),
             normalisation,
+            config,
+            frames,
+            devices: devices.to_vec(),
+        })
+    }
+
+    /// Prepares the run of a system in the same way.
+    ///
+    /// # Errors
+    /// As [`Trainer::new`], and settings that only basis functions have.
+    pub fn of_system(
+        folder: &Path,
+        system: SystemConfig,
+        config: TrainConfig,
+        frames: impl Into<Mixture>,
+        devices: &[Device],
+    ) -> Result<Self> {
+        let mixture = frames.into();
+        system.check()?;
+        let alien = [
+            ("calibrate", config.calibrate),
+            ("part", config.part != Part::All),
+            ("start", config.start.is_some()),
+            ("features", config.features.is_some()),
+            ("robust", config.robust.is_some()),
+            ("loss.affinities", config.loss.affinities > 0.0),
+            ("loss.regularisation", config.loss.regularisation > 0.0),
+            ("loss.teacher_affinities or teacher_span", config.loss.imitates()),
+        ];
+        if let Some((name, _)) = alien.iter().find(|(_, given)| *given) {
+            return Err(Error::config(format!(
+                "`train.{name}` is for basis functions, which {} does not have",
+                system.kind().name()
+            ))
+            .hint("leave it out; `calibrate` must be false, and numbers 0"));
+        }
+        check(&config, &mixture, devices)?;
+        let frames = mixture.first().clone();
+        let input = input_size(&config.protocol, frames.as_ref())?;
+        let (_, held_out) = divide(frames.as_ref(), config.held_out);
+        Ok(Self {
+            folder: folder.to_owned(),
+            sampler: sampler(mixture, &config)?,
+            held_out,
+            normalisation: system.normalisation(input),
+            subject: Subject::System(system),
             config,
             frames,
             devices: devices.to_vec(),
@@ -195,13 +242,52 @@ impl Trainer {
     ///
     /// # Errors
     /// Unreadable frames, an unwritable folder, or a loss that is not finite.
-    pub fn run(&self, stop: &AtomicBool, mut report: impl FnMut(&Event)) -> Result<Outcome> {
+    pub fn run(&self, stop: &AtomicBool, report: impl FnMut(&Event)) -> Result<Outcome> {
+        let device = self.device().clone().autodiff();
+        match &self.subject {
+            Subject::Bases(bases) => {
+                let net = self.initial(bases, &device)?;
+                let teacher = bases.imitated.as_ref();
+                let teacher = teacher.map(|weights| load(weights, self.device()));
+                let learner = Learner::new(net, &bases.fit, &self.config);
+                let learner = learner.taught_by(teacher.transpose()?);
+                let measure = |net: &BasisNet| self.measure(&self.completer(bases, net)?);
+                let (learner, outcome) = self.go_on(learner, measure, stop, report)?;
+                if outcome == Outcome::Finished {
+                    self.publish(bases, learner.net())?;
+                }
+                Ok(outcome)
+            }
+            Subject::System(system) => {
+                let fresh = Checkpoints::new(&self.folder).steps().is_empty();
+                let net = if fresh {
+                    begin(system, self.config.seed, &device)?
+                } else {
+                    system.init(self.config.seed, &device)?
+                };
+                let learner = Learner::of_system(net, &self.config);
+                let measure = |net: &Net| {
+                    let empty = Trained::empty(system.clone(), self.normalisation);
+                    self.measure(&Predictor::with(empty, net.valid(), self.device()))
+                };
+                let (learner, outcome) = self.go_on(learner, measure, stop, report)?;
+                if outcome == Outcome::Finished {
+                    self.publish_system(system, learner.net(), measure)?;
+                }
+                Ok(outcome)
+            }
+        }
+    }
+
+    /// All steps that are left.
+    fn go_on<M: Module, O: Objective<M>>(
+        &self,
+        mut learner: Learner<M, O>,
+        measure: impl Fn(&M) -> Result<Scores>,
+        stop: &AtomicBool,
+        mut report: impl FnMut(&Event),
+    ) -> Result<(Learner<M, O>, Outcome)> {
         let checkpoints = Checkpoints::new(&self.folder);
-        let net = self.initial(&self.device().clone().autodiff())?;
-        let teacher = self.imitated.as_ref();
-        let teacher = teacher.map(|weights| load(weights, self.device()));
-        let learner = Learner::new(net, &self.fit, &self.config);
-        let mut learner = learner.taught_by(teacher.transpose()?);
         let mut step = 0;
         if let Some(&last) = checkpoints.steps().last() {
             learner = checkpoints.load(last, learner)?;
@@ -235,7 +321,7 @@ impl Trainer {
             })?;
             let last = step == self.config.steps;
             if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
-                let held_out = self.measure(&self.completer(learner.net())?)?;
+                let held_out = measure(learner.net())?;
                 tell(Event::Measured { step, held_out })?;
             }
             let stopping = stop.load(Ordering::Relaxed);
@@ -243,11 +329,10 @@ impl Trainer {
                 checkpoints.save(step, &learner)?;
             }
             if stopping && !last {
-                return Ok(Outcome::Stopped(step));
+                return Ok((learner, Outcome::Stopped(step)));
             }
         }
-        self.publish(learner.net())?;
-        Ok(Outcome::Finished)
+        Ok((learner, Outcome::Finished))
     }
 
     /// The device that measures and calibrates.
@@ -271,8 +356,8 @@ impl Trainer {
             .collect()
     }
 
-    fn initial(&self, device: &Device) -> Result<BasisNet> {
-        let net = self.network.init(self.config.seed, device)?;
+    fn initial(&self, bases: &Bases, device: &Device) -> Result<BasisNet> {
+        let net = bases.network.init(self.config.seed, device)?;
         let Some(path) = &self.config.start else {
             return Ok(net);
         };
@@ -286,40 +371,48 @@ impl Trainer {
         self.config.learning_rate * self.config.schedule.factor(progress)
     }
 
-    fn completer(&self, net: &BasisNet) -> Result<Completer> {
-        let weights = Weights::new(self.network.clone(), self.normalisation, BTreeMap::new());
+    fn completer(&self, bases: &Bases, net: &BasisNet) -> Result<Completer> {
+        let weights = Weights::new(bases.network.clone(), self.normalisation, BTreeMap::new());
         let network = OnDevice::new(
             net.valid(),
-            self.encoder.clone().map(AnyEncoder::Prepared),
+            bases.encoder.clone().map(AnyEncoder::Prepared),
             self.device(),
         );
         let completer = Completer::builder(&weights).network(Arc::new(network));
-        Ok(completer.fit(self.fit).build()?)
+        Ok(completer.fit(bases.fit).build()?)
     }
 
     /// The scores on the frames kept out of training.
-    fn measure(&self, completer: &Completer) -> Result<Scores> {
+    fn measure(&self, method: &impl Completes) -> Result<Scores> {
         let mut tally = Tally::default();
         for &index in &self.held_out {
             let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
             let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
-            let depth = complete(completer, &frame.rgb, &sparse)?.depth()?;
+            let depth = method.depth(&frame.rgb, &sparse)?;
             tally.add(&Scores::of(&depth, &frame.depth, &Rules::default())?);
         }
         Ok(tally.mean().unwrap_or_default())
     }
 
+    /// The file of the result.
+    fn weights(&self) -> PathBuf {
+        self.folder.join("weights.safetensors")
+    }
+
+    /// The settings of the training, as weights files hold them.
+    fn note(&self) -> Result<String> {
+        serde_json::to_string(&self.config)
+            .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))
+    }
+
     /// Writes `weights.safetensors`.
-    fn publish(&self, net: &BasisNet) -> Result<()> {
-        let training = serde_json::to_string(&self.config)
-            .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))?;
-        let mut weights = weights_of(&net.valid(), self.network.clone(), self.normalisation);
-        weights.notes.insert(TRAINING_NOTE.to_owned(), training);
-        weights.record_fit(&self.fit);
-        let path = self.folder.join("weights.safetensors");
+    fn publish(&self, bases: &Bases, net: &BasisNet) -> Result<()> {
+        let mut weights = weights_of(&net.valid(), bases.network.clone(), self.normalisation);
+        weights.notes.insert(TRAINING_NOTE.to_owned(), self.note()?);
+        weights.record_fit(&bases.fit);
         let write = |weights: &Weights| {
             let bytes = to_bytes(weights, Precision::Half)?;
-            write_atomically(&path, |out| out.write_all(&bytes))
+            write_atomically(&self.weights(), |out| out.write_all(&bytes))
         };
         // What was trained is not lost if its calibration fails.
         write(&weights)?;
@@ -329,11 +422,75 @@ impl Trainer {
         }
         if !self.held_out.is_empty() {
             let completer = completer(&weights, self.device())?;
-            let scores = serde_json::to_string(&self.measure(&completer)?)
-                .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))?;
+            let scores = encoded(&self.measure(&completer)?)?;
             weights.notes.insert(SCORES_NOTE.to_owned(), scores);
         }
         write(&weights)?;
         Ok(())
     }
+
+    /// The same for a system.
+    fn publish_system(
+        &self,
+        system: &SystemConfig,
+        net: &Net,
+        measure: impl Fn(&Net) -> Result<Scores>,
+    ) -> Result<()> {
+        let mut trained = Trained::of(&net.valid(), system.clone(), self.normalisation);
+        trained.notes.insert(TRAINING_NOTE.to_owned(), self.note()?);
+        if !self.held_out.is_empty() {
+            let scores = encoded(&measure(net)?)?;
+            trained.notes.insert(SCORES_NOTE.to_owned(), scores);
+        }
+        let bytes = trained.to_bytes(Precision::Half)?;
+        write_atomically(&self.weights(), |out| out.write_all(&bytes))
+    }
+}
+
+fn encoded(scores: &Scores) -> Result<String> {
+    serde_json::to_string(scores)
+        .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))
+}
+
+/// What a run is measured by.
+trait Completes {
+    fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap>;
+}
+
+impl Completes for Completer {
+    fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+        Ok(complete(self, rgb, sparse)?.depth()?)
+    }
+}
+
+impl Completes for Predictor {
+    fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+        self.complete(rgb, sparse)
+    }
+}
+
+/// Checks what all runs have in common.
+fn check(config: &TrainConfig, mixture: &Mixture, devices: &[Device]) -> Result<()> {
+    config.check()?;
+    if !(1..=config.batch).contains(&devices.len()) {
+        return Err(Error::config(format!(
+            "{} devices cannot divide a batch of {}",
+            devices.len(),
+            config.batch
+        ))
+        .hint("give one device at least, and at most `train.batch`"));
+    }
+    if !mixture.measured() && config.teacher.is_none() {
+        return Err(
+            Error::config("images without depths teach nothing without a teacher")
+                .hint("set `train.teacher`, or `data.folder.depth`"),
+        );
+    }
+    if !mixture.first().measured() && (config.held_out > 0 || config.calibrate) {
+        return Err(
+            Error::config("the first dataset has no depths to measure and calibrate on")
+                .hint("name one with depths first, and images alone in `data.more`"),
+        );
+    }
+    Ok(())
 }

@@ -13,6 +13,13 @@ pub enum Schedule {
         /// What is left of it.
         factor: f64,
     },
+    /// A share `factor` of the rate before, after every share `every` of the steps.
+    Steps {
+        /// How far the drops are apart in progress.
+        every: f64,
+        /// What each leaves.
+        factor: f64,
+    },
     /// A linear rise over the first steps, then half a cosine down to 0.
     Cosine {
         /// Progress at which the full rate is reached.
@@ -41,6 +48,11 @@ impl Schedule {
                     factor
                 }
             }
+            Self::Steps { every, factor } => {
+                // Progress is a quotient: a drop does not come a step late.
+                let drops = (progress / every.max(1e-9) + 1e-9).floor();
+                factor.powf(drops)
+            }
             Self::Cosine { warmup } if progress < warmup => progress / warmup,
             Self::Cosine { warmup } => {
                 let rest = (progress - warmup) / (1.0 - warmup).max(1e-9);
@@ -59,6 +71,17 @@ mod tests {
         let rate = |epoch: f64| 1e-4 * Schedule::default().factor(epoch / 100.0);
         assert!((rate(29.9) - 1e-4).abs() < 1e-12);
         assert!((rate(30.0) - 1e-5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn steps_follow_each_other() {
+        let schedule = Schedule::Steps {
+            every: 0.25,
+            factor: 0.2,
+        };
+        for (progress, rate) in [(0.1, 1.0), (0.2499, 1.0), (0.25, 0.2), (0.75, 0.008)] {
+            assert!((schedule.factor(progress) - rate).abs() < 1e-12, "{progress}");
+        }
     }
 
     #[test]

@@ -61,18 +61,14 @@ pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler>
     Sampler::new(frames, order, config)
 }
 
-/// With the size at which the network learns: the protocol's, or that of the first frame.
-pub(super) fn normalisation(protocol: &Protocol, frames: &dyn Dataset) -> Result<Normalisation> {
-    let input = match protocol.crop.or(protocol.resize) {
+/// The height and width at which the network learns: the protocol's, or those of the first frame.
+pub(super) fn input_size(protocol: &Protocol, frames: &dyn Dataset) -> Result<[usize; 2]> {
+    Ok(match protocol.crop.or(protocol.resize) {
         Some(size) => [size.height, size.width],
         None if frames.is_empty() => return Err(Error::config("there is no frame to learn from")),
         None => {
             let depth = protocol.apply(&frames.load(0)?)?.depth;
             [depth.height(), depth.width()]
         }
-    };
-    Ok(Normalisation {
-        input,
-        ..Normalisation::default()
     })
 }

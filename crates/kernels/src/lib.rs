@@ -11,4 +11,5 @@ pub mod cholesky;
 pub mod conv;
 pub mod gather;
 pub mod norm;
+pub mod propagate;
 pub mod simd;

@@ -1,6 +1,6 @@
 //! Arguments of `eval` and `export`.
 
-use super::values::{named_folder, typed};
+use super::values::{named_file, named_folder, typed};
 use super::{Draws, FitFlags, Model, Settings, Source};
 use crate::data::{GuideSource, Shard, Split};
 use crate::eval::EvalConfig;
@@ -33,10 +33,16 @@ pub(in crate::cli) struct Eval {
     /// How ground-truth depths are resized [default: as in the protocol].
     #[arg(long, value_enum, help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) depth_resize: Option<Interpolation>,
-    /// Methods to compare, on the same points: lsdc, nearest, linear, idw, tps, wls, levin,
-    /// steering, ip-basic [default: lsdc,linear].
+    /// Methods to compare, on the same points [default: lsdc,linear]: lsdc (Fang et al., Depth-Independent Depth Completion
+    /// via Least Square Estimation, with a field), nearest, linear (Delaunay), idw (Shepard 1968), tps (Duchon 1977), wls
+    /// (Farbman et al. 2008), levin (Levin et al. 2004), steering (Takeda et al. 2007), ip-basic (Ku et al. 2018); with
+    /// weights of their own, given by --weights: s2d (Ma and Karaman, Sparse-to-Dense, ICRA 2018), cspn (Cheng, Wang and
+    /// Yang, ECCV 2018), lsk (Liu et al., Learning Steering Kernels, TIP 2021).
     #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES", help_heading = "Methods")]
     pub(in crate::cli) method: Vec<Method>,
+    /// Also measure a system trained here, from its weights file: one of s2d, cspn or lsk; may be repeated.
+    #[arg(long, value_parser = named_file, value_name = "[NAME=]FILE", help_heading = "Methods", hide_short_help = true)]
+    pub(in crate::cli) system: Vec<(Option<String>, PathBuf)>,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
     /// Give `lsdc` dense predictions of other programs as guides: a folder of files with the names of the frames, and

@@ -1,9 +1,10 @@
 //! Arguments of `train`, `calibrate` and `weights`.
 
-use super::values::{NamedFit, typed};
+use super::values::{NamedFit, trainable, typed};
 use super::{Model, Settings, Source};
 use crate::data::Shard;
 use crate::model::Precision;
+use crate::predict::Method;
 #[cfg(feature = "download")]
 use crate::pretrained::KNOWN;
 use clap::{Args as ClapArgs, Subcommand};
@@ -19,6 +20,11 @@ pub(in crate::cli) struct Train {
     pub(in crate::cli) settings: Settings,
     #[command(flatten)]
     pub(in crate::cli) source: Source,
+    /// What to train: lsdc, or a system that its paper compares itself with, by the configuration of that name unless
+    /// another is given: s2d (Ma and Karaman, Sparse-to-Dense, ICRA 2018), cspn (Cheng, Wang and Yang, ECCV 2018), lsk
+    /// (Liu et al., Learning Steering Kernels, TIP 2021).
+    #[arg(long, value_parser = trainable, value_name = "NAME", conflicts_with = "resume", help_heading = "Settings")]
+    pub(in crate::cli) method: Option<Method>,
     /// Run folder [default: runs/NAME, with the name of the configuration].
     #[arg(
         short,

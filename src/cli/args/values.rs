@@ -4,7 +4,7 @@ use crate::data::{DatasetKind, Split};
 use crate::error::{Error, Result};
 use crate::experiment::Experiment;
 use crate::model::Precision;
-use crate::predict::Preserve;
+use crate::predict::{Method, Preserve};
 use crate::sample::{Interpolation, Size};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -18,6 +18,26 @@ pub(super) fn typed<T: FromStr<Err = Error>>(text: &str) -> std::result::Result<
         Some(hint) => format!("{error}; {hint}"),
         None => error.to_string(),
     })
+}
+
+/// A method that can be trained.
+pub(super) fn trainable(text: &str) -> std::result::Result<Method, String> {
+    match typed::<Method>(text)? {
+        Method::Classic(_) => Err(format!(
+            "`{text}` has nothing to train; methods: lsdc, s2d, cspn, lsk"
+        )),
+        method => Ok(method),
+    }
+}
+
+/// A file, which `NAME=` may name.
+pub(super) fn named_file(text: &str) -> Result<(Option<String>, PathBuf)> {
+    match text.split_once('=') {
+        Some(("", _)) => Err(Error::config(format!("`{text}` has no name"))
+            .hint("as in mine=runs/s2d/weights.safetensors")),
+        Some((name, file)) => Ok((Some(name.to_owned()), PathBuf::from(file))),
+        None => Ok((None, PathBuf::from(text))),
+    }
 }
 
 /// `NAME=DIR`, or `DIR`, named by its last part.

@@ -5,7 +5,9 @@ use crate::cli::args::{Complete, Format};
 use crate::data::{DepthMap, Sparse};
 use crate::device::device;
 use crate::error::{Error, Result};
+use crate::cli::systems::open_system;
 use crate::predict::{self, Classic, Method, complete_classic, open_completer};
+use crate::systems::Predictor;
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Scene};
@@ -23,20 +25,37 @@ pub(super) struct Engine<'a> {
 
 enum Loaded {
     Trained(Box<Completer>),
+    Whole(Whole),
+}
+
+/// What looks at image and points together.
+#[derive(Clone)]
+pub(super) enum Whole {
+    /// A method without training.
     Untrained(Classic),
+    /// A system that the paper compares itself with.
+    System(Predictor),
+}
+
+impl Whole {
+    fn complete(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+        match self {
+            Self::Untrained(method) => complete_classic(*method, rgb, sparse),
+            Self::System(predictor) => predictor.complete(rgb, sparse),
+        }
+    }
 }
 
 /// A frame whose image the network has seen.
 pub(super) enum Prepared {
     Trained(Scene),
-    /// An untrained method looks at image and points together.
-    Untrained(Classic),
+    Whole(Whole),
 }
 
 /// A frame that is fitted to its points.
 pub(super) enum Fitted {
     Trained(Completion),
-    Untrained(Classic),
+    Whole(Whole),
 }
 
 /// A completed frame.
@@ -64,13 +83,18 @@ impl<'a> Engine<'a> {
     pub(super) fn new(args: &'a Complete, told: bool) -> Result<Self> {
         let alien = args.options_of_the_fit();
         let method = match args.method {
-            Method::Classic(_) if !alien.is_empty() => {
+            Method::Classic(_) | Method::System(_) if !alien.is_empty() => {
                 let options = alien.join(", ");
                 return Err(Error::config(format!(
                     "{options}: options that need method `lsdc`"
                 )));
             }
-            Method::Classic(method) => Loaded::Untrained(method),
+            Method::Classic(method) => Loaded::Whole(Whole::Untrained(method)),
+            Method::System(kind) => {
+                let device = device(&args.model.device)?;
+                let predictor = open_system(kind, args.model.weights.as_deref(), &device)?;
+                Loaded::Whole(Whole::System(predictor))
+            }
             Method::Lsdc => {
                 let device = device(&args.model.device)?;
                 let completer = open_completer(args.model.weights.as_deref(), &device)?;
@@ -111,7 +135,7 @@ impl<'a> Engine<'a> {
     pub(super) fn prepare(&self, frame: &Frame) -> Result<Prepared> {
         let completer = match &self.method {
             Loaded::Trained(completer) => completer,
-            Loaded::Untrained(method) => return Ok(Prepared::Untrained(*method)),
+            Loaded::Whole(method) => return Ok(Prepared::Whole(method.clone())),
         };
         let rgb = &frame.rgb;
         let scene = if self.args.full {
@@ -133,7 +157,7 @@ impl<'a> Engine<'a> {
     ) -> Result<Completed> {
         let (depth, clamped, diagnostics) = match fitted {
             Fitted::Trained(completion) => self.read_out(completion)?,
-            Fitted::Untrained(method) => (complete_classic(method, rgb, &points.map()?)?, 0, None),
+            Fitted::Whole(method) => (method.complete(rgb, &points.map()?)?, 0, None),
         };
         let size = (rgb.width() as usize, rgb.height() as usize);
         Ok(Completed {
@@ -201,7 +225,7 @@ impl Prepared {
             (Self::Trained(scene), Some(weights)) => {
                 Fitted::Trained(scene.complete_near(&points.points, weights)?)
             }
-            (Self::Untrained(method), _) => Fitted::Untrained(method),
+            (Self::Whole(method), _) => Fitted::Whole(method),
         })
     }
 }
@@ -210,7 +234,7 @@ impl Fitted {
     pub(super) fn weights(&self) -> Option<&[f64]> {
         match self {
             Self::Trained(completion) => Some(completion.weights()),
-            Self::Untrained(_) => None,
+            Self::Whole(_) => None,
         }
     }
 }

@@ -193,6 +193,7 @@ fn ending(path: &Path) -> String {
 fn settings(args: &Complete) -> Result<Value> {
     let (weights, fit) = match args.method {
         Method::Classic(_) => (None, None),
+        Method::System(_) => (Some(weights_hash(args.model.weights.as_deref())?), None),
         Method::Lsdc => {
             let path = args.model.weights.as_deref();
             let mut fit = weights_fit(path)?;

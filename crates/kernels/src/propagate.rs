@@ -1,0 +1,200 @@
+//! Spatial propagation (Cheng et al. 2018): every pixel of a map becomes a weighted sum of its eight neighbours and
+//! of what it began with, again and again, and pixels that are known keep their values.
+
+use rayon::prelude::*;
+
+/// Weights of a pixel.
+pub const NEIGHBOURS: usize = 8;
+
+/// Rows and columns from a pixel to each of its neighbours.
+pub const OFFSETS: [(isize, isize); NEIGHBOURS] = [
+    (1, 1),
+    (1, 0),
+    (1, -1),
+    (0, 1),
+    (0, -1),
+    (-1, 1),
+    (-1, 0),
+    (-1, -1),
+];
+
+/// A map with a border of zeros.
+struct Padded {
+    values: Vec<f32>,
+    width: usize,
+}
+
+impl Padded {
+    fn new(map: &[f32], height: usize, width: usize) -> Self {
+        let mut padded = Self {
+            values: vec![0.0; (height + 2) * (width + 2)],
+            width,
+        };
+        for (row, values) in map.chunks_exact(width).enumerate() {
+            let start = padded.place(row, 0);
+            padded.values[start..start + width].copy_from_slice(values);
+        }
+        padded
+    }
+
+    fn place(&self, row: usize, column: usize) -> usize {
+        (row + 1) * (self.width + 2) + column + 1
+    }
+
+    /// How far the neighbours are in memory.
+    fn strides(&self) -> [isize; NEIGHBOURS] {
+        OFFSETS.map(|(rows, columns)| rows * (self.width as isize + 2) + columns)
+    }
+
+    /// The places around one, which is not in the border.
+    fn around(&self, place: usize, strides: &[isize; NEIGHBOURS]) -> [f32; NEIGHBOURS] {
+        strides.map(|stride| self.values[place.wrapping_add_signed(stride)])
+    }
+}
+
+fn check(weights: &[f32], maps: &[&[f32]], height: usize, width: usize) {
+    assert!(width > 0 && height > 0, "a map without pixels");
+    let pixels = height * width;
+    assert_eq!(weights.len(), NEIGHBOURS * pixels, "weights of all pixels");
+    for map in maps {
+        assert_eq!(map.len(), pixels, "maps of one size");
+    }
+}
+
+/// The maps of all steps but the last, and that.
+fn all(
+    weights: &[f32],
+    start: &[f32],
+    known: &[f32],
+    (height, width): (usize, usize),
+    steps: usize,
+) -> (Vec<Padded>, Vec<f32>) {
+    let mut states = Vec::with_capacity(steps);
+    let mut map = start.to_vec();
+    for _ in 0..steps {
+        let state = Padded::new(&map, height, width);
+        let strides = state.strides();
+        map.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
+            for (column, value) in line.iter_mut().enumerate() {
+                let pixel = row * width + column;
+                if known[pixel] > 0.0 {
+                    *value = known[pixel];
+                    continue;
+                }
+                let around = state.around(state.place(row, column), &strides);
+                let weights = &weights[NEIGHBOURS * pixel..][..NEIGHBOURS];
+                let (mut sum, mut shares) = (0.0, 0.0);
+                for (weight, neighbour) in weights.iter().zip(around) {
+                    sum += weight * neighbour;
+                    shares += weight;
+                }
+                *value = sum + (1.0 - shares) * start[pixel];
+            }
+        });
+        states.push(state);
+    }
+    (states, map)
+}
+
+/// Propagates `start [height, width]` with `weights [height, width, 8]` in so many steps; pixels of `known` above 0
+/// have those values after each. What a pixel's weights leave of 1 is the weight of its start.
+///
+/// # Panics
+/// Slices that do not belong to a map of this size.
+pub fn propagate(
+    weights: &[f32],
+    start: &[f32],
+    known: &[f32],
+    (height, width): (usize, usize),
+    steps: usize,
+) -> Vec<f32> {
+    check(weights, &[start, known], height, width);
+    all(weights, start, known, (height, width), steps).1
+}
+
+/// The gradients of weights and start from that of the result.
+///
+/// # Panics
+/// As [`propagate`].
+pub fn propagate_gradients(
+    weights: &[f32],
+    start: &[f32],
+    known: &[f32],
+    gradient: &[f32],
+    (height, width): (usize, usize),
+    steps: usize,
+) -> (Vec<f32>, Vec<f32>) {
+    check(weights, &[start, known, gradient], height, width);
+    let (states, _) = all(weights, start, known, (height, width), steps);
+    let mut of_weights = vec![0.0; weights.len()];
+    let mut of_start = vec![0.0; start.len()];
+    let mut gradient = gradient.to_vec();
+    for state in states.iter().rev() {
+        for (gradient, known) in gradient.iter_mut().zip(known) {
+            // Nothing flows through a known pixel.
+            if *known > 0.0 {
+                *gradient = 0.0;
+            }
+        }
+        let later = Padded::new(&gradient, height, width);
+        let strides = state.strides();
+        of_weights
+            .par_chunks_mut(NEIGHBOURS * width)
+            .zip(of_start.par_chunks_mut(width))
+            .zip(gradient.par_chunks_mut(width))
+            .enumerate()
+            .for_each(|(row, ((of_weights, of_start), earlier))| {
+                for column in 0..width {
+                    let (pixel, place) = (row * width + column, state.place(row, column));
+                    let own = later.values[place];
+                    let mine = &weights[NEIGHBOURS * pixel..][..NEIGHBOURS];
+                    of_start[column] += own * (1.0 - mine.iter().sum::<f32>());
+                    let around = state.around(place, &strides);
+                    let gradients = &mut of_weights[NEIGHBOURS * column..][..NEIGHBOURS];
+                    for (gradient, neighbour) in gradients.iter_mut().zip(around) {
+                        *gradient += own * (neighbour - start[pixel]);
+                    }
+                    // Those whose neighbour this pixel is.
+                    let mut sum = 0.0;
+                    for (k, (rows, columns)) in OFFSETS.into_iter().enumerate() {
+                        let (y, x) = (
+                            row.checked_add_signed(-rows).filter(|y| *y < height),
+                            column.checked_add_signed(-columns).filter(|x| *x < width),
+                        );
+                        if let (Some(y), Some(x)) = (y, x) {
+                            let weight = weights[NEIGHBOURS * (y * width + x) + k];
+                            sum += weight * later.values[later.place(y, x)];
+                        }
+                    }
+                    earlier[column] = sum;
+                }
+            });
+    }
+    for (sum, gradient) in of_start.iter_mut().zip(gradient) {
+        *sum += gradient;
+    }
+    (of_weights, of_start)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_reads_the_neighbours_and_the_start() {
+        // One pixel of a map of 2x2 reads its right neighbour by a half.
+        let mut weights = vec![0.0; 4 * NEIGHBOURS];
+        weights[3] = 0.5;
+        let start = [1.0, 5.0, 7.0, 9.0];
+        let known = [0.0, 0.0, 2.0, 0.0];
+        let run = |steps| propagate(&weights, &start, &known, (2, 2), steps);
+        assert_eq!(run(0), start);
+        assert_eq!(run(1), [0.5 * 1.0 + 0.5 * 5.0, 5.0, 2.0, 9.0]);
+        assert_eq!(run(2), [3.0, 5.0, 2.0, 9.0]);
+        let gradients = propagate_gradients(&weights, &start, &known, &[1.0; 4], (2, 2), 1);
+        assert_eq!(gradients.1, [0.5, 1.5, 0.0, 1.0]);
+        assert_eq!(gradients.0[3], 4.0);
+        // Outside there is 0.
+        assert_eq!(gradients.0[6], -1.0);
+    }
+}

@@ -1,0 +1,149 @@
+#!/usr/bin/env python3
+"""Makes tests/golden/systems.json: what PyTorch and torchvision answer where the systems that the paper compares itself
+with must agree with them, at tiny widths, and the numbers of parameters at the published ones.
+
+Needs torch and torchvision:
+
+    python3 -m venv target/golden
+    target/golden/bin/pip install torch torchvision
+    target/golden/bin/python scripts/golden_systems.py
+
+Weights and inputs are chirps, which the test computes too; only answers are stored.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import torch
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.append(str(ROOT / "scripts/peers"))
+
+from systems import Cspn, Lsk, S2d, count, named  # noqa: E402
+
+OUT = ROOT / "tests/golden/systems.json"
+IMAGES, HEIGHT, WIDTH = 2, 59, 91
+STEP = 23
+
+CASES = [
+    ("S2d", {"method": "s2d", "encoder": "resnet18", "decoder": "upproj", "width": 8}),
+    ("S2d", {"method": "s2d", "encoder": "resnet50", "decoder": "deconv3", "width": 4}),
+    ("Cspn", {"method": "cspn", "encoder": "resnet50", "width": 4, "steps": 24}),
+    ("Lsk", {"method": "lsk", "width": 4, "order": 2, "neighbours": 12}),
+    ("Lsk", {"method": "lsk", "width": 2, "order": 1, "neighbours": 40, "bounded": False}),
+]
+KINDS = {"S2d": S2d, "Cspn": Cspn, "Lsk": Lsk}
+
+
+def chirp(index: int, count: int) -> torch.Tensor:
+    i = torch.arange(count, dtype=torch.float64)
+    return torch.sin(0.013 * i * i + 0.37 * i + index)
+
+
+def build(kind: str, config: dict):
+    sizes = {name: value for name, value in config.items() if name != "method"}
+    return KINDS[kind](**sizes)
+
+
+def fill(net, kind: str):
+    """Sets all tensors; their names, shapes in lsdc, scales and offsets in order."""
+    tensors = named(net, kind)
+    listed = []
+    for index, name in enumerate(sorted(tensors)):
+        tensor = tensors[name]
+        turned = kind == "S2d" and ".DeConv." in name and tensor.dim() == 4
+        shape = list(tensor.shape)
+        if turned:
+            shape[:2] = shape[1::-1]
+        scale, offset = 0.1, 0.0
+        if tensor.dim() == 4:
+            scale = (4 / (shape[1] * shape[2] * shape[3])) ** 0.5
+        elif name.endswith(("gain", "running_variance")):
+            scale, offset = 0.3, 1.0
+        values = offset + scale * chirp(index, tensor.numel())
+        # As numbers of lsdc.
+        values = values.float().double().reshape(shape)
+        if turned:
+            values = values.flip(2, 3).transpose(0, 1)
+        with torch.no_grad():
+            tensor.copy_(values)
+        listed.append([name, shape, scale, offset])
+    return listed, tensors
+
+
+def inputs():
+    images = chirp(7, IMAGES * HEIGHT * WIDTH * 3).reshape(IMAGES, HEIGHT, WIDTH, 3)
+    sparse = torch.zeros(IMAGES, HEIGHT * WIDTH, dtype=torch.float64)
+    for image in range(IMAGES):
+        for point in range(40 - 5 * image):
+            place = (point * 131 + image * 57) % (HEIGHT * WIDTH)
+            sparse[image, place] = 2.0 + 0.05 * (point % 17)
+    images = images.float().double().permute(0, 3, 1, 2)
+    return images, sparse.float().double().reshape(IMAGES, 1, HEIGHT, WIDTH)
+
+
+def case(kind: str, config: dict) -> dict:
+    net = build(kind, config).double()
+    listed, tensors = fill(net, kind)
+    images, sparse = inputs()
+    net.eval()
+    with torch.no_grad():
+        evaluated = net(images, sparse)
+    net.train()
+    trained = net(images, sparse)
+    direction = chirp(11, trained[0].numel()).reshape(trained[0].shape)
+    sum((said * direction).sum() for said in trained).backward()
+    gradients = []
+    for index, (name, shape, *_) in enumerate(listed):
+        gradient = tensors[name].grad
+        if gradient is None:
+            continue
+        if list(gradient.shape) != shape or ".DeConv." in name and gradient.dim() == 4:
+            gradient = gradient.transpose(0, 1).flip(2, 3)
+        flat = gradient.reshape(-1)
+        along = (flat * chirp(1000 + index, flat.numel())).sum().item()
+        gradients.append([name, flat.norm().item(), along])
+    some = lambda said: [round(value, 7) for value in said.detach().flatten()[::STEP].tolist()]
+    return {
+        "config": config,
+        "tensors": listed,
+        "evaluated": some(evaluated[0]),
+        "trained": some(trained[0]),
+        "before": some(trained[1]) if len(trained) > 1 else None,
+        "gradients": gradients,
+    }
+
+
+def counts() -> list:
+    found = []
+    for encoder in ("resnet18", "resnet50"):
+        for decoder in ("upproj", "deconv3"):
+            config = {"method": "s2d", "encoder": encoder, "decoder": decoder}
+            found.append([config, count(build("S2d", config)), 0])
+    cspn = Cspn()
+    found.append([{"method": "cspn"}, count(cspn), cspn.never_run()])
+    lsk = Lsk()
+    found.append([{"method": "lsk"}, count(lsk), 0])
+    print("lsk: kernels", count(lsk.published), "refinement", count(lsk.refine))
+    return found
+
+
+def main() -> None:
+    torch.set_num_threads(1)
+    golden = {
+        "images": IMAGES,
+        "height": HEIGHT,
+        "width": WIDTH,
+        "step": STEP,
+        "cases": [case(*each) for each in CASES],
+        "counts": counts(),
+    }
+    OUT.write_text(json.dumps(golden, separators=(",", ":")) + "\n")
+    for config, own, never in golden["counts"]:
+        print(config, own, never, own + never)
+    print(OUT, OUT.stat().st_size, "bytes")
+
+
+if __name__ == "__main__":
+    main()
