@@ -12,6 +12,7 @@ Weights and inputs are chirps, which the test computes too; only answers are sto
 """
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -25,6 +26,8 @@ from systems import Cspn, Lsk, S2d, count, named  # noqa: E402
 OUT = ROOT / "tests/golden/systems.json"
 IMAGES, HEIGHT, WIDTH = 2, 59, 91
 STEP = 23
+# The last gain of a residual block of three convolutions.
+LAST = r"layer\d\.\d\.convs\.2\.norm\.Batch\.gain$"
 
 CASES = [
     ("S2d", {"method": "s2d", "encoder": "resnet18", "decoder": "upproj", "width": 8}),
@@ -59,6 +62,9 @@ def fill(net, kind: str):
         scale, offset = 0.1, 0.0
         if tensor.dim() == 4:
             scale = (4 / (shape[1] * shape[2] * shape[3])) ** 0.5
+        elif re.search(LAST, name):
+            # Tame: with the statistics of few values, blocks behind each other amplify rounding.
+            scale, offset = 0.05, 0.2
         elif name.endswith(("gain", "running_variance")):
             scale, offset = 0.3, 1.0
         values = offset + scale * chirp(index, tensor.numel())

@@ -116,7 +116,10 @@ supervision = {{ points = 200, fewest = 100, draws = 2 }}
 
 const SYSTEMS: [(&str, &str); 4] = [
     ("s2d", "method = \"s2d\"\nencoder = \"resnet18\"\nwidth = 4"),
-    ("cspn", "method = \"cspn\"\nencoder = \"resnet18\"\nwidth = 4\nsteps = 4"),
+    (
+        "cspn",
+        "method = \"cspn\"\nencoder = \"resnet18\"\nwidth = 4\nsteps = 4",
+    ),
     ("lsk", "method = \"lsk\"\nwidth = 2\nneighbours = 8"),
     (
         "lsk",
@@ -156,12 +159,21 @@ fn trained_systems_complete() {
         let weights = "a/weights.safetensors";
         let (code, text) = run(&["weights", "info", weights]);
         assert_eq!(code, Some(0), "{text}");
-        for words in [name, "start      all weights at random", "2 steps", "held out"] {
+        for words in [
+            name,
+            "start      all weights at random",
+            "2 steps",
+            "held out",
+        ] {
             assert!(text.contains(words), "`{words}` is missing in: {text}");
         }
         let data = ["--dataset", "rooms", "--set", "data.rooms.width=64"];
         let eval = |args: &[&str]| {
-            let whole = [&["eval", "--limit", "1", "--set", "data.rooms.height=48"], &data[..], args];
+            let whole = [
+                &["eval", "--limit", "1", "--set", "data.rooms.height=48"],
+                &data[..],
+                args,
+            ];
             run(&whole.concat())
         };
         let method = ["--method", name, "--weights", weights];
@@ -181,7 +193,11 @@ fn trained_systems_complete() {
             while let Some(folder) = folders.pop() {
                 for entry in std::fs::read_dir(folder).unwrap() {
                     let path = entry.unwrap().path();
-                    let list = if path.is_dir() { &mut folders } else { &mut files };
+                    let list = if path.is_dir() {
+                        &mut folders
+                    } else {
+                        &mut files
+                    };
                     list.push(path);
                 }
             }
@@ -223,7 +239,11 @@ fn systems_have_no_settings_of_basis_functions() {
         ("calibrate = true", "calibrate"),
         ("part = \"bases\"\ncalibrate = false", "part"),
     ] {
-        std::fs::write(at.join("c.toml"), config.replace("calibrate = false", wrong)).unwrap();
+        std::fs::write(
+            at.join("c.toml"),
+            config.replace("calibrate = false", wrong),
+        )
+        .unwrap();
         let run = Command::new(env!("CARGO_BIN_EXE_lsdc"))
             .current_dir(at)
             .args(["train", "--config", "c.toml", "-o", "a"])

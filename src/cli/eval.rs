@@ -138,11 +138,7 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
 }
 
 /// The network with its fit, and what names both in reports.
-fn network(
-    args: &Eval,
-    settings: &FitSettings,
-    device: &Device,
-) -> Result<(Completer, String)> {
+fn network(args: &Eval, settings: &FitSettings, device: &Device) -> Result<(Completer, String)> {
     let weights = args.model.weights.as_deref();
     let completer = open_completer(weights, device)?;
     let mut fit = settings.over(completer.fit_config())?;

@@ -1,15 +1,17 @@
 //! `lsdc experiment`: the paper's experiments, a bar, and going on where they stopped.
 
 use super::args::{Chosen, Experiments};
+use super::systems::systems;
 use super::{Exit, settings, ui};
 use crate::config::Config;
 use crate::data::{DataConfig, DatasetKind, Split};
 use crate::device::device;
 use crate::error::Result;
-use crate::experiment::{self, Event, Experiment, Lab, Recipe};
+use crate::experiment::{self, Event, Experiment, Lab, Recipe, SystemRecipe};
 use crate::predict::{completer, open_weights, weights_name};
 use crate::report::write_page;
 use crate::sample::Preset;
+use crate::train::TrainConfig;
 use lsdc_core::fit::{FitConfig, FitMethod};
 use serde_json::json;
 use std::path::Path;
@@ -87,6 +89,41 @@ fn page(experiments: &[Experiment]) -> String {
     format!("{}.html", names.join("-"))
 }
 
+/// The systems that the paper compares itself with, and steering kernels of our network, as their configurations say but
+/// for what they have in common with the other trainings of the experiment: frames, steps, images.
+const SYSTEMS: [&str; 4] = ["s2d.toml", "cspn.toml", "lsk.toml", "lsk-ours.toml"];
+
+fn system_recipes(shared: &TrainConfig) -> Result<Vec<SystemRecipe>> {
+    let mut recipes = Vec::new();
+    for file in SYSTEMS {
+        let Config {
+            system: Some(system),
+            train,
+            ..
+        } = Config::load(Some(Path::new(file)), &[])?
+        else {
+            continue;
+        };
+        recipes.push(SystemRecipe {
+            name: file.trim_end_matches(".toml").to_owned(),
+            system,
+            train: TrainConfig {
+                steps: shared.steps,
+                batch: shared.batch,
+                seed: shared.seed,
+                workers: shared.workers,
+                save_every: shared.save_every,
+                measure_every: shared.steps,
+                held_out: shared.held_out,
+                protocol: shared.protocol,
+                augment: shared.augment,
+                ..train
+            },
+        });
+    }
+    Ok(recipes)
+}
+
 /// How long a part is tried before the time for all is announced.
 const TRIAL: Duration = Duration::from_secs(1);
 
@@ -130,8 +167,10 @@ fn lab(args: &Experiments) -> Result<Lab> {
         network: opened.network,
         guides: args.guide.clone(),
         predictions: args.predictions.clone(),
+        systems: systems(&args.system, &device_of_all)?,
         diode: diode.transpose()?,
         recipe: Recipe {
+            systems: system_recipes(&config.train)?,
             network: config.network(),
             fit,
             train: config.train,

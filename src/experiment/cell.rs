@@ -13,9 +13,9 @@ use crate::sample::{Noise, Pattern, Preset, Protocol};
 use crate::train::{Event, Outcome, TrainConfig, Trainer};
 use lsdc_core::Completer;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -229,9 +229,14 @@ impl<'a> Measured<'a> {
 
     /// Adds a picture of that frame.
     pub(super) fn show(&self, section: &mut Section, caption: &str) -> Result<()> {
+        self.show_as(section, "frame", caption)
+    }
+
+    /// The same under another name.
+    pub(super) fn show_as(&self, section: &mut Section, name: &str, caption: &str) -> Result<()> {
         if let Some((frame, seed)) = self.median_frame()? {
             let exhibit = self.exhibit(&frame, seed)?;
-            section.show("frame", caption, Panels::of_exhibit(&exhibit).draw());
+            section.show(name, caption, Panels::of_exhibit(&exhibit).draw());
         }
         Ok(())
     }
@@ -331,8 +336,6 @@ impl<'a> Trained<'a> {
     /// Refuses to go on with, or to measure, a training by other settings.
     fn keep_to_recipe(&self) -> Result<()> {
         let folder = self.folder();
-        std::fs::create_dir_all(&folder).map_err(|e| Error::write(&folder, e))?;
-        let path = folder.join("recipe.json");
         let config = self.config();
         let start = config.start.as_deref();
         let start = start.map(|path| weights_hash(Some(path))).transpose()?;
@@ -347,30 +350,47 @@ impl<'a> Trained<'a> {
             "frames": provenance::frames(&*self.frames),
             "place": self.lab.place,
         });
-        match std::fs::read_to_string(&path) {
-            Ok(there) => {
-                // Numbers are compared as they are read back.
-                let read = |text: &str| serde_json::from_str(text).unwrap_or_default();
-                let differences = differences(&read(&there), &read(&recipe.to_string()));
-                match differences.first() {
-                    None => Ok(()),
-                    Some(first) => Err(Error::config(format!(
-                        "`{}` belongs to a training by other settings: {first}",
-                        path.display()
-                    ))
-                    .hint("choose another folder, or give --force to begin anew")),
-                }
-            }
-            Err(_) => write_atomically(&path, |out| write!(out, "{recipe}")),
-        }
+        keep_to(&folder, &recipe)
+    }
+
+    /// Whether its weights are there.
+    pub(super) fn is_trained(&self) -> bool {
+        self.weights().exists()
     }
 
     /// The trained network on the lab's frames.
     pub(super) fn measured(&self) -> Result<Measured<'a>> {
+        self.measured_as(&self.name)
+    }
+
+    /// The same under another name.
+    pub(super) fn measured_as(&self, name: &str) -> Result<Measured<'a>> {
         let weights = self.weights();
         let completer = open_completer(Some(&weights), &self.lab.device.0)?;
-        let name = format!("trained, {}", weights_hash(Some(&weights))?);
-        Ok(Measured::new(self.lab, &self.name).completer(completer, name))
+        let words = format!("trained, {}", weights_hash(Some(&weights))?);
+        Ok(Measured::new(self.lab, name).completer(completer, words))
+    }
+}
+
+/// Writes what a training in a folder is made from; refuses the folder of a training by other settings.
+pub(super) fn keep_to(folder: &Path, recipe: &Value) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    let path = folder.join("recipe.json");
+    match std::fs::read_to_string(&path) {
+        Ok(there) => {
+            // Numbers are compared as they are read back.
+            let read = |text: &str| serde_json::from_str(text).unwrap_or_default();
+            let differences = differences(&read(&there), &read(&recipe.to_string()));
+            match differences.first() {
+                None => Ok(()),
+                Some(first) => Err(Error::config(format!(
+                    "`{}` belongs to a training by other settings: {first}",
+                    path.display()
+                ))
+                .hint("choose another folder, or give --force to begin anew")),
+            }
+        }
+        Err(_) => write_atomically(&path, |out| write!(out, "{recipe}")),
     }
 }
 

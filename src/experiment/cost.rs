@@ -2,13 +2,14 @@
 
 use super::cell::{Cell, Progress};
 use super::{Lab, Study, published};
-use crate::data::{Dataset as _, Frame, Rooms, RoomsConfig, Split, write_atomically};
+use crate::data::{Dataset as _, DepthMap, Frame, Rooms, RoomsConfig, Split, write_atomically};
 use crate::error::{Error, Result};
 use crate::model::{InitNetwork as _, NetworkConfig, Normalisation, parameter_count, weights_of};
 use crate::predict::{self, complete, complete_classic};
 use crate::provenance::{self, differences};
 use crate::report::{Column, Contest, Row, Section, Table};
 use crate::sample::{Pattern, Size};
+use crate::systems::Predictor;
 use burn::module::Module as _;
 use lsdc_core::{Completer, FitError};
 use serde::{Deserialize, Serialize};
@@ -143,6 +144,8 @@ pub(super) enum Subject {
     Paper,
     /// A method without training.
     Classic(crate::predict::Classic),
+    /// A system that is compared with.
+    System(Predictor),
 }
 
 /// The times that a cell keeps.
@@ -196,6 +199,7 @@ impl Timed<'_> {
     fn measure(&self) -> Result<KeptTimes> {
         let frame = room(self.size)?;
         let points = Pattern::Exactly(POINTS);
+        let sparse = points.draw(&frame, 0)?;
         let device = &self.lab.device.0;
         let size = (self.size.height, self.size.width);
         match &self.subject {
@@ -239,30 +243,44 @@ impl Timed<'_> {
                 })
             }
             &Subject::Classic(method) => {
-                let sparse = points.draw(&frame, 0)?;
-                let mut times = Vec::new();
-                for _ in 0..RUNS {
-                    let started = Instant::now();
-                    complete_classic(method, &frame.rgb, &sparse)?;
-                    times.push(started.elapsed());
-                }
-                let total_ms = median(times.into_iter())?;
-                Ok(KeptTimes {
-                    of: self.of(),
-                    times: Times {
-                        network_ms: 0.0,
-                        fit_ms: 0.0,
-                        field_ms: 0.0,
-                        solve_ms: 0.0,
-                        dense_ms: 0.0,
-                        total_ms,
-                    },
-                    parameters: None,
-                    multiply_adds: None,
-                })
+                let whole = || complete_classic(method, &frame.rgb, &sparse);
+                Ok(self.in_one_piece(time_whole(whole)?, None))
+            }
+            Subject::System(predictor) => {
+                let whole = || predictor.complete(&frame.rgb, &sparse);
+                let parameters = parameter_count(predictor.net());
+                Ok(self.in_one_piece(time_whole(whole)?, Some(parameters)))
             }
         }
     }
+
+    /// The time of a method without stages.
+    fn in_one_piece(&self, total_ms: f64, parameters: Option<usize>) -> KeptTimes {
+        KeptTimes {
+            of: self.of(),
+            times: Times {
+                network_ms: 0.0,
+                fit_ms: 0.0,
+                field_ms: 0.0,
+                solve_ms: 0.0,
+                dense_ms: 0.0,
+                total_ms,
+            },
+            parameters,
+            multiply_adds: None,
+        }
+    }
+}
+
+/// The median over all runs of the milliseconds of a completion.
+fn time_whole(complete: impl Fn() -> Result<DepthMap>) -> Result<f64> {
+    let mut times = Vec::new();
+    for _ in 0..RUNS {
+        let started = Instant::now();
+        complete()?;
+        times.push(started.elapsed());
+    }
+    median(times.into_iter())
 }
 
 impl Cell for Timed<'_> {

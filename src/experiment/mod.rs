@@ -13,6 +13,7 @@ mod points;
 mod published;
 mod resolution;
 mod scale;
+mod systems;
 #[cfg(test)]
 mod tests;
 mod uncertainty;
@@ -26,6 +27,7 @@ use crate::metrics::Rules;
 use crate::model::NetworkConfig;
 use crate::report::Section;
 use crate::sample::Preset;
+use crate::systems::{Predictor, SystemConfig};
 use crate::train::TrainConfig;
 use burn::tensor::Device;
 use cell::Cell;
@@ -61,11 +63,13 @@ pub enum Experiment {
     Diode,
     /// Table 5: parameters and times.
     Cost,
+    /// The systems that the paper compares itself with, trained and measured alike.
+    Systems,
 }
 
 impl Experiment {
     /// All of them, in the order of the page.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Benchmark,
         Self::Ablation,
         Self::Points,
@@ -77,6 +81,7 @@ impl Experiment {
         Self::Resolution,
         Self::Diode,
         Self::Cost,
+        Self::Systems,
     ];
 
     /// The name on the command line and in files.
@@ -93,6 +98,7 @@ impl Experiment {
             Self::Resolution => "resolution",
             Self::Diode => "diode",
             Self::Cost => "cost",
+            Self::Systems => "systems",
         }
     }
 
@@ -110,6 +116,7 @@ impl Experiment {
             Self::Resolution => Box::new(resolution::Resolution::new(lab)),
             Self::Diode => Box::new(diode::Diode::new(lab)?),
             Self::Cost => Box::new(cost::Cost::new(lab)),
+            Self::Systems => Box::new(systems::Systems::new(lab)?),
         })
     }
 }
@@ -140,6 +147,8 @@ pub struct Lab {
     pub guides: Option<GuideSource>,
     /// Depth maps of other programs for the benchmark, by name.
     pub predictions: Vec<(String, PathBuf)>,
+    /// Trained systems for the experiment `systems`, by name; none: it trains them.
+    pub systems: Vec<(String, Predictor)>,
     /// DIODE, and where it lies in words, if there is one.
     pub diode: Option<Arc<dyn Dataset>>,
     /// How the ablation trains.
@@ -161,8 +170,20 @@ pub struct Recipe {
     pub fit: FitConfig,
     /// The settings of all trainings.
     pub train: TrainConfig,
+    /// The systems that are trained beside it.
+    pub systems: Vec<SystemRecipe>,
     /// The frames to learn from, opened when they are needed.
     pub frames: Box<dyn Fn() -> Result<Arc<dyn Dataset>>>,
+}
+
+/// How a system is trained.
+pub struct SystemRecipe {
+    /// Its name in tables.
+    pub name: String,
+    /// The system and its sizes.
+    pub system: SystemConfig,
+    /// Its own settings, with the steps, images and frames of the others.
+    pub train: TrainConfig,
 }
 
 /// An experiment whose parts are known.

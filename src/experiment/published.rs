@@ -1,6 +1,7 @@
 //! What others published, and what is wrong with it.
 
 use crate::report::Row;
+use crate::systems::SystemKind;
 
 /// The measures that tables 1 and 4 have: RMSE in metres, REL, and shares below 1.25, 1.25^2 and
 /// 1.25^3 in per cent.
@@ -94,6 +95,52 @@ pub(super) const TABLE_5: [(&str, f64, f64); 4] = [
 
 pub(super) const TABLE_5_NOTES: [&str; 1] =
     ["Published times are of GPUs; the others are of this machine, on the device that is named."];
+
+/// What was published of a system on NYU Depth v2.
+pub(super) struct System {
+    pub(super) kind: SystemKind,
+    /// RMSE in metres, REL, and the share below 1.25 in per cent.
+    pub(super) rows: &'static [(&'static str, (f64, f64, Option<f64>))],
+    /// How it was trained.
+    pub(super) training: &'static str,
+}
+
+/// Of the three systems.
+pub(super) const SYSTEMS: [System; 3] = [
+    System {
+        kind: SystemKind::S2d,
+        rows: &[
+            (
+                "S2D, 200 points (its README; table 1)",
+                (0.230, 0.044, Some(97.1)),
+            ),
+            (
+                "S2D, 500 points (as it is usually quoted)",
+                (0.204, 0.043, Some(97.8)),
+            ),
+        ],
+        training: "20 epochs of 47,584 frames, 59,480 steps of 16",
+    },
+    System {
+        kind: SystemKind::Cspn,
+        rows: &[("CSPN, 500 points (its README)", (0.117, 0.016, None))],
+        training: "40 epochs of 47,584 frames, 237,920 steps of 8",
+    },
+    System {
+        kind: SystemKind::Lsk,
+        rows: &[("LSK, 500 points (table 1)", (0.198, 0.034, Some(97.73)))],
+        training: "40 epochs of the frames of sparse-to-dense",
+    },
+];
+
+pub(super) const SYSTEMS_NOTES: [&str; 5] = [
+    "Published rows were measured on all 654 official test frames, after trainings of days on GPUs; the others here.",
+    "The paper's row of S2D at 500 points is the one that sparse-to-dense gives for 200.",
+    "The 256.078 M parameters of CSPN have 37.956 M of layers that the authors' program makes and never runs.",
+    "The 13.422 M of LSK are those of its refinement; the network of the kernels has 3.065 M more.",
+    "CSPN's paper puts known depths back after every step, as is done here; the last version of its program puts \
+     the network's own first depths there.",
+];
 
 /// A row of somebody else's.
 pub(super) fn row(label: &str, values: Vec<Option<f64>>) -> Row {

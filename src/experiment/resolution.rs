@@ -10,11 +10,11 @@ use crate::predict::Method;
 use crate::report::{Column, Contest, Row, Section, Table};
 use crate::sample::{Interpolation, Pattern, Protocol, Size};
 
-const SMALL: Size = Size {
+pub(super) const SMALL: Size = Size {
     height: 120,
     width: 160,
 };
-const LARGE: Size = Size {
+pub(super) const LARGE: Size = Size {
     height: 360,
     width: 480,
 };
@@ -23,8 +23,8 @@ const INSIDE: Size = Size {
     height: 456,
     width: 608,
 };
-const POINTS: usize = 500;
-const METRICS: [Metric; 4] = [Metric::Rmse, Metric::Rel, Metric::See, Metric::Delta1];
+pub(super) const POINTS: usize = 500;
+pub(super) const METRICS: [Metric; 4] = [Metric::Rmse, Metric::Rel, Metric::See, Metric::Delta1];
 
 pub(super) struct Resolution<'a> {
     lab: &'a Lab,
@@ -34,22 +34,11 @@ pub(super) struct Resolution<'a> {
 
 impl<'a> Resolution<'a> {
     pub(super) fn new(lab: &'a Lab) -> Self {
-        let protocol = Protocol {
-            cut: lab.preset.name.starts_with("nyu").then_some(INSIDE),
-            resize: Some(LARGE),
-            crop: None,
-            // Depths between those of two surfaces would be no edge.
-            depth_resize: Interpolation::PilNearest,
-            ..lab.preset.protocol
-        };
+        let protocol = protocol(lab);
         let cell = |name: &str| {
             Measured::new(lab, name)
                 .resized(protocol, "of the experiment")
                 .points(Pattern::Exactly(POINTS))
-        };
-        let enlarged = |name: String, method, by| {
-            let from = SMALL;
-            (name, Candidate::Enlarged { method, from, by })
         };
         let mut methods = vec![
             enlarged("lsdc".into(), Method::Lsdc, Enlargement::Bases),
@@ -72,6 +61,24 @@ impl<'a> Resolution<'a> {
                 .plain(),
         }
     }
+}
+
+/// Frames at the higher resolution.
+pub(super) fn protocol(lab: &Lab) -> Protocol {
+    Protocol {
+        cut: lab.preset.name.starts_with("nyu").then_some(INSIDE),
+        resize: Some(LARGE),
+        crop: None,
+        // Depths between those of two surfaces would be no edge.
+        depth_resize: Interpolation::PilNearest,
+        ..lab.preset.protocol
+    }
+}
+
+/// A method that is given the lower one.
+pub(super) fn enlarged(name: String, method: Method, by: Enlargement) -> (String, Candidate) {
+    let from = SMALL;
+    (name, Candidate::Enlarged { method, from, by })
 }
 
 impl Study for Resolution<'_> {

@@ -81,9 +81,9 @@ impl Study for Scale<'_> {
 }
 
 /// Frames whose depths are multiplied.
-struct Scaled {
-    frames: Arc<dyn Dataset>,
-    factor: f32,
+pub(super) struct Scaled {
+    pub(super) frames: Arc<dyn Dataset>,
+    pub(super) factor: f32,
 }
 
 impl Dataset for Scaled {

@@ -21,7 +21,11 @@ pub(crate) struct Init {
 
 impl Init {
     /// Normal values of the given standard deviation.
-    pub(crate) fn normal<const D: usize>(&mut self, shape: [usize; D], deviation: f32) -> Param<Tensor<D>> {
+    pub(crate) fn normal<const D: usize>(
+        &mut self,
+        shape: [usize; D],
+        deviation: f32,
+    ) -> Param<Tensor<D>> {
         let count = shape.iter().product();
         let values: Vec<f32> = match &mut self.rng {
             None => vec![0.0; count],

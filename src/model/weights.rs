@@ -59,8 +59,7 @@ pub fn to_bytes(weights: &Weights, precision: Precision) -> Result<Vec<u8>> {
     let tensors = weights.tensors.iter();
     let tensors = tensors.map(|(name, tensor)| (name.clone(), tensor, precision));
     let tables = weights.tables.iter();
-    let tables =
-        tables.map(|(name, table)| (format!("{TABLE}{name}"), table, Precision::Single));
+    let tables = tables.map(|(name, table)| (format!("{TABLE}{name}"), table, Precision::Single));
     stored_bytes(tensors.chain(tables), metadata)
 }
 

@@ -108,7 +108,11 @@ impl Cspn {
         let width = config.width;
         let resnet = ResNet::init(config.encoder, 4, width, init);
         let [first, second, third, deepest] = config.encoder.channels(width);
-        let joined = [(third, second, second), (second, first, first), (first, width, width)];
+        let joined = [
+            (third, second, second),
+            (second, first, first),
+            (first, width, width),
+        ];
         Self {
             resnet,
             middle: ConvNorm::init(deepest, deepest, 3, ConvSpec::same(1), init),
@@ -174,7 +178,16 @@ mod tests {
         // The first pixel has three neighbours: to the right, below, and below to the right.
         let (right, below, beyond) = (9.0 + 3.0, 17.0 + 1.0, 25.0);
         let sum = right + below + beyond;
-        let expected = [beyond / sum, below / sum, 0.0, right / sum, 0.0, 0.0, 0.0, 0.0];
+        let expected = [
+            beyond / sum,
+            below / sum,
+            0.0,
+            right / sum,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ];
         for (found, expected) in shares.iter().zip(expected) {
             assert!((found - expected).abs() < 1e-6, "{shares:?}");
         }

@@ -117,7 +117,9 @@ impl Trained {
         let normalisation = notes.remove(NORMALISATION).unwrap_or_default();
         let normalisation: Normalisation = serde_json::from_str(&normalisation)
             .map_err(|e| damaged("does not say how colours are normalised").because(e))?;
-        normalisation.check().map_err(|e| damaged("has a normalisation out of range").because(e))?;
+        normalisation
+            .check()
+            .map_err(|e| damaged("has a normalisation out of range").because(e))?;
         let mut tensors = BTreeMap::new();
         for (name, view) in file.tensors() {
             let bytes = view.data();
@@ -134,7 +136,9 @@ impl Trained {
                 _ => return Err(damaged(&format!("`{name}` is neither f32 nor f16"))),
             };
             if values.iter().any(|v| !v.is_finite()) {
-                return Err(damaged(&format!("`{name}` has a number that is not finite")));
+                return Err(damaged(&format!(
+                    "`{name}` has a number that is not finite"
+                )));
             }
             let table = Table::new(view.shape().to_vec(), values)
                 .ok_or_else(|| damaged(&format!("`{name}` is damaged")))?;

@@ -179,7 +179,10 @@ fn plain(images: &Tensor<4>) -> Tensor<4> {
         mean, deviation, ..
     } = Normalisation::default();
     let row = |values: [f32; 3]| {
-        Tensor::<4>::from_data(TensorData::new(values.to_vec(), [1, 1, 1, 3]), &images.device())
+        Tensor::<4>::from_data(
+            TensorData::new(values.to_vec(), [1, 1, 1, 3]),
+            &images.device(),
+        )
     };
     images.clone() * row(deviation) + row(mean)
 }
@@ -194,7 +197,9 @@ struct Pair {
 impl Pair {
     fn init(from: usize, to: usize, init: &mut Init) -> Self {
         Self {
-            convs: [from, to].map(|from| Biased::init(from, to, 3, init)).into(),
+            convs: [from, to]
+                .map(|from| Biased::init(from, to, 3, init))
+                .into(),
             norms: [0, 1].map(|_| Norm::init(to, init)).into(),
         }
     }

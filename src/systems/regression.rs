@@ -67,13 +67,18 @@ impl Neighbourhood {
 
     /// Values of the points `[n, points]` at those nearest to each pixel.
     fn read(&self, values: Tensor<2>) -> Tensor<3> {
-        values.gather(1, self.nearest.clone()).reshape(self.depths.dims())
+        values
+            .gather(1, self.nearest.clone())
+            .reshape(self.depths.dims())
     }
 
     /// The value at every pixel `[n, pixels]` of the polynomial of `order` (0, 1 or 2) that is fitted around it.
     pub(super) fn regress(&self, kernels: &Kernels, order: usize) -> Tensor<2> {
         let weights = self.weights(kernels);
-        let [rows, columns] = self.offsets.clone().map(|offset| offset / self.spacing.clone());
+        let [rows, columns] = self
+            .offsets
+            .clone()
+            .map(|offset| offset / self.spacing.clone());
         let one = Tensor::ones_like(&rows);
         let mut terms = vec![one];
         if order > 0 {
@@ -96,14 +101,22 @@ impl Neighbourhood {
         let mut matrix: Vec<Vec<_>> = weighted
             .iter()
             .enumerate()
-            .map(|(i, w)| terms[..=i].iter().map(|t| sum(w.clone() * t.clone())).collect())
+            .map(|(i, w)| {
+                terms[..=i]
+                    .iter()
+                    .map(|t| sum(w.clone() * t.clone()))
+                    .collect()
+            })
             .collect();
         let held = matrix[0][0].clone() * HELD;
         // All but the constant are eliminated, the last first.
         for last in (1..terms.len()).rev() {
             let row: Vec<Tensor<2>> = matrix.pop().unwrap_or_default();
             let pivot = row[last].clone() + held.clone();
-            let factors: Vec<_> = row[..last].iter().map(|t| t.clone() / pivot.clone()).collect();
+            let factors: Vec<_> = row[..last]
+                .iter()
+                .map(|t| t.clone() / pivot.clone())
+                .collect();
             for i in 0..last {
                 for (k, factor) in factors[..=i].iter().enumerate() {
                     matrix[i][k] = matrix[i][k].clone() - row[i].clone() * factor.clone();
@@ -152,10 +165,16 @@ pub(super) const WIDTH: f64 = 5.0;
 impl Kernels {
     /// From elongation and scale, above 0, and angle, each `[n, points]`: the precision is `scale U diag(elongation, 1
     /// / elongation) U^T` with the rotation U, the height the scale.
-    pub(super) fn new(elongation: Tensor<2>, angle: Tensor<2>, scale: Tensor<2>, bounded: bool) -> Self {
+    pub(super) fn new(
+        elongation: Tensor<2>,
+        angle: Tensor<2>,
+        scale: Tensor<2>,
+        bounded: bool,
+    ) -> Self {
         let (sin, cos) = (angle.clone().sin(), angle.cos());
         let inverse = elongation.clone().recip();
-        let along = |a: Tensor<2>, b: Tensor<2>| a * cos.clone().square() + b * sin.clone().square();
+        let along =
+            |a: Tensor<2>, b: Tensor<2>| a * cos.clone().square() + b * sin.clone().square();
         let rows = along(elongation.clone(), inverse.clone());
         let columns = along(inverse.clone(), elongation.clone());
         let both = (inverse - elongation) * sin * cos;
@@ -189,7 +208,12 @@ struct Found {
 
 impl Found {
     fn new(list: &[u32], map: &[f32], width: usize, count: usize) -> Self {
-        let place = |pixel: u32| [(pixel as usize % width) as f64, (pixel as usize / width) as f64];
+        let place = |pixel: u32| {
+            [
+                (pixel as usize % width) as f64,
+                (pixel as usize / width) as f64,
+            ]
+        };
         let places: Vec<[f64; 2]> = list.iter().map(|&pixel| place(pixel)).collect();
         let cells = Cells::new(&places);
         let near: Vec<Vec<(f64, usize)>> = (0..map.len() as u32)
@@ -294,7 +318,10 @@ mod tests {
             (errors.sum::<f32>() / (SIZE.0 * SIZE.1) as f32).sqrt()
         };
         let errors = [0, 1, 2].map(error);
-        assert!(errors[1] < 0.35 * errors[0] && errors[2] < 0.35 * errors[0], "{errors:?}");
+        assert!(
+            errors[1] < 0.35 * errors[0] && errors[2] < 0.35 * errors[0],
+            "{errors:?}"
+        );
         assert!(errors[1] < 0.02, "{errors:?}");
     }
 
@@ -312,7 +339,11 @@ mod tests {
     #[test]
     fn gradients_of_kernels_agree_with_central_differences() {
         let device = Device::flex().autodiff();
-        let map = sparse(|row, column| 1.0 + (row * 0.4).sin() + 0.2 * column, 14, &device);
+        let map = sparse(
+            |row, column| 1.0 + (row * 0.4).sin() + 0.2 * column,
+            14,
+            &device,
+        );
         let points = Neighbourhood::new(&map, 6);
         let count = points.pixels[0].len();
         let mut rng = Rng::stream(4, &["kernels"]);
@@ -321,9 +352,9 @@ mod tests {
         };
         let start = [draw(0.5, 2.0), draw(-1.0, 1.0), draw(0.3, 1.5)];
         let tensors = |values: &[Vec<f32>; 3]| {
-            values.clone().map(|values| {
-                Tensor::<2>::from_data(TensorData::new(values, [1, count]), &device)
-            })
+            values
+                .clone()
+                .map(|values| Tensor::<2>::from_data(TensorData::new(values, [1, count]), &device))
         };
         for (order, bounded) in [(0, false), (1, true), (2, false)] {
             let value = |[elongation, angle, scale]: [Tensor<2>; 3]| {
@@ -343,7 +374,10 @@ mod tests {
                     };
                     let difference = (moved(1e-2) - moved(-1e-2)) / 2e-2;
                     let apart = (difference - f64::from(gradient[i])).abs();
-                    assert!(apart < 2e-3 * (1.0 + difference.abs()), "{order} {which}: {apart}");
+                    assert!(
+                        apart < 2e-3 * (1.0 + difference.abs()),
+                        "{order} {which}: {apart}"
+                    );
                 }
             }
         }

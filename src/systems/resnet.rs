@@ -105,17 +105,20 @@ impl ResNet {
         };
         let channels = depth.channels(width);
         let mut from = width;
-        let mut stages = channels.iter().zip(depth.blocks()).enumerate().map(
-            |(stage, (&to, count))| {
-                let blocks = (0..count).map(|i| {
-                    let stride = if stage > 0 && i == 0 { 2 } else { 1 };
-                    let block = Block::init(depth, from, to, stride, init);
-                    from = to;
-                    block
+        let mut stages =
+            channels
+                .iter()
+                .zip(depth.blocks())
+                .enumerate()
+                .map(|(stage, (&to, count))| {
+                    let blocks = (0..count).map(|i| {
+                        let stride = if stage > 0 && i == 0 { 2 } else { 1 };
+                        let block = Block::init(depth, from, to, stride, init);
+                        from = to;
+                        block
+                    });
+                    blocks.collect::<Vec<_>>()
                 });
-                blocks.collect::<Vec<_>>()
-            },
-        );
         let mut next = || stages.next().unwrap_or_default();
         Self {
             stem,
@@ -231,7 +234,10 @@ mod tests {
                 "layer4.0.convs.2.norm.Batch.running_variance",
                 "layer4.0.bn3.running_var",
             ),
-            ("layer1.0.shortcut.conv.weight", "layer1.0.downsample.0.weight"),
+            (
+                "layer1.0.shortcut.conv.weight",
+                "layer1.0.downsample.0.weight",
+            ),
             (
                 "layer1.0.shortcut.norm.Batch.gain",
                 "layer1.0.downsample.1.weight",

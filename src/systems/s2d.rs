@@ -89,7 +89,9 @@ impl UpProj {
     }
 
     pub(super) fn forward(&self, x: Tensor<4>, size: (usize, usize)) -> Tensor<4> {
-        let branch = self.second.forward(self.first.forward(x.clone(), size, true));
+        let branch = self
+            .second
+            .forward(self.first.forward(x.clone(), size, true));
         relu(branch + self.shortcut.forward(x, size, false))
     }
 }
@@ -104,7 +106,9 @@ impl S2d {
         let squeeze = ConvNorm::init(deepest, widths[0], 1, pointwise, init);
         let decoder = match config.decoder {
             DecoderKind::UpProj => Decoder::UpProj(
-                pairs.map(|(from, to)| UpProj::init(from, to, init)).collect(),
+                pairs
+                    .map(|(from, to)| UpProj::init(from, to, init))
+                    .collect(),
             ),
             DecoderKind::DeConv3 => Decoder::DeConv(
                 pairs

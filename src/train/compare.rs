@@ -77,7 +77,9 @@ fn reverse_huber(error: Tensor<3>) -> Tensor<3> {
     let absolute = error.clone().abs();
     let bend = absolute.clone().max().detach() * 0.2;
     let bend = bend.clamp_min(LEAST).reshape([1, 1, 1]);
-    let above = absolute.clone().greater(bend.clone().expand(absolute.dims()));
+    let above = absolute
+        .clone()
+        .greater(bend.clone().expand(absolute.dims()));
     let parabola = (error.square() + bend.clone().square()) / (bend * 2.0);
     absolute.mask_where(above, parabola)
 }

@@ -81,7 +81,8 @@ impl LossConfig {
         ];
         if all.iter().all(|w| *w >= 0.0 && w.is_finite())
             && (0.0..=1.0).contains(&self.balance)
-            && (self.l1 + self.l2 + self.rmse + self.berhu + self.affinities > 0.0 || self.imitates())
+            && (self.l1 + self.l2 + self.rmse + self.berhu + self.affinities > 0.0
+                || self.imitates())
         {
             Ok(())
         } else {

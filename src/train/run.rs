@@ -1,8 +1,8 @@
 //! A training run: its folder, its loop, stopping and going on.
 
 use super::checkpoint::Checkpoints;
-use super::log::Log;
 use super::learner::Objective;
+use super::log::Log;
 use super::setup::{imitated, input_size, sampler};
 use super::{Learner, Part, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, DepthMap, Mixture, Shard, write_atomically};
@@ -181,7 +181,10 @@ impl Trainer {
             ("robust", config.robust.is_some()),
             ("loss.affinities", config.loss.affinities > 0.0),
             ("loss.regularisation", config.loss.regularisation > 0.0),
-            ("loss.teacher_affinities or teacher_span", config.loss.imitates()),
+            (
+                "loss.teacher_affinities or teacher_span",
+                config.loss.imitates(),
+            ),
         ];
         if let Some((name, _)) = alien.iter().find(|(_, given)| *given) {
             return Err(Error::config(format!(

@@ -80,7 +80,10 @@ mod tests {
             factor: 0.2,
         };
         for (progress, rate) in [(0.1, 1.0), (0.2499, 1.0), (0.25, 0.2), (0.75, 0.008)] {
-            assert!((schedule.factor(progress) - rate).abs() < 1e-12, "{progress}");
+            assert!(
+                (schedule.factor(progress) - rate).abs() < 1e-12,
+                "{progress}"
+            );
         }
     }
 

@@ -74,23 +74,25 @@ fn all(
     for _ in 0..steps {
         let state = Padded::new(&map, height, width);
         let strides = state.strides();
-        map.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
-            for (column, value) in line.iter_mut().enumerate() {
-                let pixel = row * width + column;
-                if known[pixel] > 0.0 {
-                    *value = known[pixel];
-                    continue;
+        map.par_chunks_mut(width)
+            .enumerate()
+            .for_each(|(row, line)| {
+                for (column, value) in line.iter_mut().enumerate() {
+                    let pixel = row * width + column;
+                    if known[pixel] > 0.0 {
+                        *value = known[pixel];
+                        continue;
+                    }
+                    let around = state.around(state.place(row, column), &strides);
+                    let weights = &weights[NEIGHBOURS * pixel..][..NEIGHBOURS];
+                    let (mut sum, mut shares) = (0.0, 0.0);
+                    for (weight, neighbour) in weights.iter().zip(around) {
+                        sum += weight * neighbour;
+                        shares += weight;
+                    }
+                    *value = sum + (1.0 - shares) * start[pixel];
                 }
-                let around = state.around(state.place(row, column), &strides);
-                let weights = &weights[NEIGHBOURS * pixel..][..NEIGHBOURS];
-                let (mut sum, mut shares) = (0.0, 0.0);
-                for (weight, neighbour) in weights.iter().zip(around) {
-                    sum += weight * neighbour;
-                    shares += weight;
-                }
-                *value = sum + (1.0 - shares) * start[pixel];
-            }
-        });
+            });
         states.push(state);
     }
     (states, map)

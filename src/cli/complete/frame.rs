@@ -2,10 +2,10 @@
 
 use super::inputs::Loaded as Frame;
 use crate::cli::args::{Complete, Format};
+use crate::cli::systems::open_system;
 use crate::data::{DepthMap, Sparse};
 use crate::device::device;
 use crate::error::{Error, Result};
-use crate::cli::systems::open_system;
 use crate::predict::{self, Classic, Method, complete_classic, open_completer};
 use crate::systems::Predictor;
 use image::RgbImage;
