@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes tests/golden/systems.json: what PyTorch and torchvision answer where the systems that the paper compares itself
+"""Makes tests/golden/resnet18.pth, a tiny encoder, and tests/golden/systems.json: what PyTorch and torchvision answer where the systems that the paper compares itself
 with must agree with them, at tiny widths, and the numbers of parameters at the published ones.
 
 Needs torch and torchvision:
@@ -17,13 +17,15 @@ import sys
 from pathlib import Path
 
 import torch
+from torch import nn
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "scripts/peers"))
 
-from systems import Cspn, Lsk, S2d, count, named  # noqa: E402
+from systems import Cspn, Lsk, ResNet, S2d, count, named  # noqa: E402
 
 OUT = ROOT / "tests/golden/systems.json"
+ENCODER = ROOT / "tests/golden/resnet18.pth"
 IMAGES, HEIGHT, WIDTH = 2, 59, 91
 STEP = 23
 # The last gain of a residual block of three convolutions.
@@ -135,8 +137,22 @@ def counts() -> list:
     return found
 
 
+def encoder() -> None:
+    """A tiny ResNet-18 as torchvision saves it, classifier and counters included; float16, which is as long."""
+    net = ResNet("resnet18", 3, 2)
+    net.fc = nn.Linear(16, 5)
+    state = net.state_dict()
+    for index, name in enumerate(sorted(state)):
+        tensor = state[name]
+        if tensor.is_floating_point():
+            state[name] = chirp(index, tensor.numel()).half().reshape(tensor.shape)
+    torch.save(state, ENCODER)
+    print(ENCODER, ENCODER.stat().st_size, "bytes")
+
+
 def main() -> None:
     torch.set_num_threads(1)
+    encoder()
     golden = {
         "images": IMAGES,
         "height": HEIGHT,

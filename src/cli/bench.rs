@@ -1,13 +1,14 @@
 //! `lsdc bench`: how fast is it on this machine.
 
 use super::args::{Bench, Model};
+use super::systems::open_system;
 use super::{Exit, ui};
 use crate::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::experiment::{Times, time, time_deviations};
 use crate::model::InitNetwork as _;
-use crate::predict::{open_completer, open_weights};
+use crate::predict::{Method, complete_classic, open_completer, open_weights};
 use crate::sample::{AugmentConfig, Batch, Pattern, Protocol, Sampler, SamplerConfig, Size};
 use crate::train::{Learner, TrainConfig};
 use lsdc_core::fit::FitConfig;
@@ -42,6 +43,16 @@ struct Completing {
     setting: Setting,
 }
 
+/// What completing by a method without stages costs.
+#[derive(Debug, Serialize)]
+struct InOnePiece {
+    total_ms: f64,
+    points: usize,
+    peak_mb: Option<f64>,
+    #[serde(flatten)]
+    setting: Setting,
+}
+
 /// Medians over all steps of training.
 #[derive(Debug, Serialize)]
 struct Training {
@@ -56,6 +67,9 @@ struct Training {
 pub(super) fn run(args: &Bench) -> Result<Exit> {
     if args.runs == 0 {
         return Err(Error::config("`--runs` must be above 0"));
+    }
+    if args.method != Method::Lsdc {
+        return in_one_piece(args, size(args, 640, 480));
     }
     if args.training {
         let outcome = train(&args.model, size(args, 304, 228), args.runs)?;
@@ -129,6 +143,51 @@ fn complete(args: &Bench, size: Size) -> Result<Completing> {
         points: args.points,
         setting: setting(&args.model, size, args.runs),
     })
+}
+
+/// Completes by a method that looks at image and points together.
+fn in_one_piece(args: &Bench, size: Size) -> Result<Exit> {
+    let name = args.method.name();
+    if args.training || args.full || args.fit.given().next().is_some() {
+        return Err(Error::config(format!(
+            "`--training`, `--full` and options of the fit need method `lsdc`, not `{name}`"
+        )));
+    }
+    let predictor = match args.method {
+        Method::System(kind) => Some(open_system(
+            kind,
+            args.model.weights.as_deref(),
+            &device(&args.model.device)?,
+        )?),
+        _ => None,
+    };
+    let frame = rooms(Split::Val, size)?.load(0)?;
+    let sparse = Pattern::Exactly(args.points).draw(&frame, 0)?;
+    let mut times = Vec::with_capacity(args.runs);
+    for run in 0..=args.runs {
+        let started = Instant::now();
+        match (&predictor, args.method) {
+            (Some(predictor), _) => drop(predictor.complete(&frame.rgb, &sparse)?),
+            (None, Method::Classic(method)) => {
+                drop(complete_classic(method, &frame.rgb, &sparse)?);
+            }
+            (None, _) => {}
+        }
+        if run > 0 {
+            times.push(started.elapsed());
+        }
+    }
+    let outcome = InOnePiece {
+        total_ms: median(times.into_iter()),
+        points: args.points,
+        peak_mb: peak_memory(),
+        setting: setting(&args.model, size, args.runs),
+    };
+    let lines = vec![
+        work(&outcome.setting, &format!("{name}, {} points", args.points)),
+        format!("{:<9} {:8.2} ms", "total", outcome.total_ms),
+    ];
+    report(args.json, &outcome, lines, outcome.peak_mb)
 }
 
 /// Trains the network of the weights from the start.

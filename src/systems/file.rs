@@ -144,6 +144,10 @@ impl Trained {
                 .ok_or_else(|| damaged(&format!("`{name}` is damaged")))?;
             tensors.insert(name, table);
         }
+        let count: usize = tensors.values().map(|table| table.values().len()).sum();
+        if count < config.at_least() {
+            return Err(damaged("holds fewer numbers than its system has"));
+        }
         Ok(Self {
             config,
             normalisation,

@@ -120,6 +120,30 @@ impl SystemConfig {
         }
     }
 
+    /// Fewer parameters than any network of these sizes has: what a file must hold before one is made.
+    pub(crate) fn at_least(&self) -> usize {
+        let squares = |width: usize, times: usize| times * width * width;
+        match self {
+            Self::S2d(S2dConfig { width, .. }) | Self::Cspn(CspnConfig { width, .. }) => {
+                squares(*width, 2500)
+            }
+            Self::Lsk(config) => {
+                let refine = if config.refine {
+                    squares(config.width, 2500)
+                } else {
+                    0
+                };
+                refine
+                    + match config.kernels {
+                        KernelsOf::Published => squares(config.width, 600),
+                        KernelsOf::Ours => {
+                            config.own().hidden.windows(2).map(|w| w[0] * w[1]).sum()
+                        }
+                    }
+            }
+        }
+    }
+
     /// What happens to colours before the network: sparse-to-dense only divides them by 255.
     pub fn normalisation(&self, input: [usize; 2]) -> Normalisation {
         let plain = Normalisation {

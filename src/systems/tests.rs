@@ -1,9 +1,10 @@
 //! The systems beside PyTorch and torchvision: `scripts/golden_systems.py` makes the file, `scripts/peers/systems.py`
 //! restates the publications.
 
-use super::{Net, Seen, System as _, SystemConfig};
+use super::{Net, Seen, System as _, SystemConfig, begin};
 use crate::model::parameter_count;
-use crate::model::weights::Filler;
+use crate::model::weights::{Filler, Named, named};
+use crate::pretrained::read_tensors;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -131,6 +132,7 @@ fn agree(ours: &[f32], theirs: &[f32], what: &str) {
 fn depths_and_gradients_are_those_of_pytorch() {
     let golden = golden();
     assert_eq!(golden.cases.len(), 5);
+    let mut wrong = Vec::new();
     for case in &golden.cases {
         let name = format!("{:?}", case.config);
         let device = Device::flex();
@@ -169,12 +171,86 @@ fn depths_and_gradients_are_those_of_pytorch() {
             let product: f64 = product.map(|(a, b)| a * b).sum();
             let size = found.iter().map(|v| v * v).sum::<f64>().sqrt();
             let most = 1e-3 * length + 1e-6 * largest;
-            assert!(
-                (size - length).abs() < most && (product - along).abs() < most * 3.0,
-                "{name}, {tensor}: {size} {length}, {product} {along}"
-            );
+            if (size - length).abs() > most || (product - along).abs() > most * 3.0 {
+                wrong.push(format!(
+                    "{name}, {tensor}: {size} {length}, {product} {along}"
+                ));
+            }
         }
     }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// A tiny encoder that PyTorch saved.
+const ENCODER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/resnet18.pth");
+
+fn named_values(net: &Net) -> BTreeMap<String, Vec<f32>> {
+    let values = |tensor: Named| (tensor.name, tensor.data.iter::<f32>().collect());
+    named(net).into_iter().map(values).collect()
+}
+
+#[test]
+fn encoders_start_from_files_of_torchvision() {
+    let device = Device::flex();
+    let config = |method: &str, encoder: &str, file: &str| -> SystemConfig {
+        serde_json::from_str(&format!(
+            r#"{{ "method": "{method}", "encoder": "{encoder}", "width": 2{file} }}"#
+        ))
+        .unwrap()
+    };
+    let file = format!(r#", "pretrained": "{ENCODER}""#);
+    for (method, prefix) in [("s2d", "S2d.resnet."), ("cspn", "Cspn.resnet.")] {
+        let random = begin(&config(method, "resnet18", ""), 3, &device).unwrap();
+        let started = begin(&config(method, "resnet18", &file), 3, &device).unwrap();
+        let (random, started) = (named_values(&random), named_values(&started));
+        let place = |theirs: &str| {
+            let names = read_tensors(ENCODER.as_ref()).unwrap();
+            assert!(names.contains_key(theirs), "{theirs}");
+            names[theirs].values().to_vec()
+        };
+        for (ours, theirs) in [
+            ("layer1.1.convs.0.conv.weight", "layer1.1.conv1.weight"),
+            (
+                "layer2.0.shortcut.norm.Batch.gain",
+                "layer2.0.downsample.1.weight",
+            ),
+            (
+                "layer4.1.convs.1.norm.Batch.running_mean",
+                "layer4.1.bn2.running_mean",
+            ),
+        ] {
+            let ours = format!("{prefix}{ours}");
+            assert_eq!(started[&ours], place(theirs), "{ours}");
+            assert_ne!(started[&ours], random[&ours], "{ours}");
+        }
+        // The first layer sees a depth: it is random, and in sparse-to-dense so is what follows it.
+        let stem = format!("{prefix}stem.conv.weight");
+        assert_eq!(started[&stem], random[&stem]);
+        let gain = format!("{prefix}stem.norm.Batch.gain");
+        assert_eq!(started[&gain] == random[&gain], method == "s2d");
+        for (name, values) in &started {
+            if !name.contains("resnet") {
+                assert_eq!(values, &random[name], "{name}");
+            }
+        }
+    }
+    // The first name, as the script fills it.
+    let tensors = read_tensors(ENCODER.as_ref()).unwrap();
+    let name = "bn1.bias";
+    let found = tensors[name].values();
+    let expected = chirp(0, 2);
+    assert!(
+        found
+            .iter()
+            .zip(expected)
+            .all(|(a, b)| (f64::from(*a) - b).abs() < 1e-3)
+    );
+
+    let error = begin(&config("s2d", "resnet50", &file), 3, &device).unwrap_err();
+    let text = error.with_causes();
+    assert!(text.contains("layer1.0"), "{text}");
+    let missing = config("s2d", "resnet18", r#", "pretrained": "nowhere.pth""#);
+    assert!(begin(&missing, 3, &device).is_err());
 }
 
 #[test]
@@ -185,6 +261,7 @@ fn parameters_are_as_many_as_published() {
         (parameter_count(&net), config.never_run())
     };
     for (config, own, never_run) in &golden.counts {
+        assert!(config.at_least() < *own && config.at_least() > own / 32);
         assert_eq!(count(config), (*own, *never_run), "{config:?}");
     }
     let published = |name: &str| {

@@ -143,6 +143,9 @@ pub(in crate::cli) struct Bench {
     /// Number of completions or training steps to time, after one warm-up.
     #[arg(long, default_value_t = 15)]
     pub(in crate::cli) runs: usize,
+    /// The method: lsdc, one without training, or s2d, cspn or lsk with weights of their own (--weights).
+    #[arg(long, value_parser = typed::<Method>, default_value = "lsdc", value_name = "NAME")]
+    pub(in crate::cli) method: Method,
     #[command(flatten)]
     pub(in crate::cli) fit: FitFlags,
     /// Run the network on the image at full resolution, instead of resizing it to the number of pixels of
