@@ -22,7 +22,7 @@ fn read(kind: Kind, data: &[u8]) -> bool {
 
 #[test]
 fn damaged_messages_do_no_harm() {
-    let mut sound = Vec::new();
+    let mut sound: Vec<(Kind, Vec<u8>)> = Vec::new();
     for name in ["zstd.mcap", "drive.mcap"] {
         let visited = Recording::open(&golden(name)).unwrap().visit(&|_| true, &mut |topic, message| {
             sound.extend(Kind::of(&topic.kind).map(|kind| (kind, message.data.to_vec())));
