@@ -82,6 +82,7 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
                 Ok(())
             },
         );
+        drop(send);
         let bag = finished(writer)??;
         flown.map(|()| bag)
     })?;

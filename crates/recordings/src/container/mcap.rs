@@ -27,6 +27,8 @@ pub(crate) struct Mcap {
     file: BufReader<File>,
     size: u64,
     channels: Channels,
+    /// Whether the file has an end.
+    ended: bool,
     /// Whether the channels of the whole file are known, so that chunks can be passed over.
     summarised: bool,
     /// The last chunks that were read, the latest first.
@@ -78,6 +80,7 @@ impl Mcap {
             file: BufReader::with_capacity(1 << 16, file),
             size,
             channels: Channels::default(),
+            ended: false,
             summarised: false,
             chunks: Vec::new(),
         };
@@ -96,10 +99,10 @@ impl Mcap {
             return Ok(None);
         };
         let tail = self.bytes(at, FOOTER)?;
-        let ends = tail.ends_with(MAGIC) && tail[0] == op::FOOTER;
+        self.ended = tail.ends_with(MAGIC) && tail[0] == op::FOOTER;
         let body = &tail[HEAD as usize..FOOTER as usize - MAGIC.len()];
         Ok(match parse_record(op::FOOTER, body) {
-            Ok(Record::Footer(footer)) if ends && footer.summary_start > 0 => {
+            Ok(Record::Footer(footer)) if self.ended && footer.summary_start > 0 => {
                 Some(footer.summary_start)
             }
             _ => None,
@@ -340,7 +343,11 @@ impl Container for Mcap {
                     };
                     self.visit_record(place, code, &body, wanted, each, &mut flaws)?;
                 }
-                op::DATA_END | op::FOOTER => return Ok(flaws),
+                op::DATA_END | op::FOOTER => {
+                    let cut = || "all messages are there, but the end of the file is missing".to_owned();
+                    flaws.cut = (!self.ended).then(cut);
+                    return Ok(flaws);
+                }
                 _ => {}
             }
             at += HEAD + length;

@@ -80,8 +80,9 @@ impl<'a> Raw<'a> {
                 ));
             }
         };
+        let rows = self.rows(pixel)?;
         let mut values = Vec::with_capacity(width * height * 3);
-        for row in self.rows(pixel)? {
+        for row in rows {
             for pixel in row.chunks_exact(pixel) {
                 values.extend([pixel[r], pixel[g], pixel[b]]);
             }

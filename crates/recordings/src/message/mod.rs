@@ -100,5 +100,10 @@ impl Header {
 
 /// A message that cannot be used, and which it is.
 pub(crate) fn unusable(kind: Kind, error: Error) -> Error {
-    Error::new(error.cause(), format!("a message of {} {error}", kind.name()))
+    let what = format!("a message of {} {}", kind.name(), error.with_causes());
+    let found = Error::new(error.cause(), what);
+    match error.advice() {
+        Some(hint) => found.hint(hint),
+        None => found,
+    }
 }
