@@ -21,6 +21,8 @@ mod cdr;
 mod container;
 mod definitions;
 mod frames;
+#[doc(hidden)]
+pub mod fuzzing;
 mod message;
 mod recording;
 mod rigid;

@@ -181,13 +181,13 @@ fn connect(path: &Path, is_cut: bool) -> Result<Connection> {
     let open = || {
         let database = Connection::open_with_flags(path, flags)?;
         database.set_limit(Limit::SQLITE_LIMIT_LENGTH, LARGEST as i32 - 1)?;
-        // What is sorted or kept is not: rows come one by one.
+        // Otherwise a database that is shorter than it says is not opened at all.
+        database.pragma_update(None, "writable_schema", is_cut)?;
+        // Rows come one by one: little is read twice.
         database.pragma_update(None, "cache_size", -4096)?;
         database.pragma_update(None, "mmap_size", 0)?;
         database.pragma_update(None, "trusted_schema", false)?;
         database.pragma_update(None, "cell_size_check", true)?;
-        // Otherwise a database that is shorter than it says is not opened at all.
-        database.pragma_update(None, "writable_schema", is_cut)?;
         Ok(database)
     };
     open().map_err(|e: rusqlite::Error| {

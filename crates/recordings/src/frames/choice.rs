@@ -134,7 +134,7 @@ impl Choice {
                 [] => format!("`{recording}` has no topic that {option} could be"),
                 _ => format!("`{recording}` has several topics that {option} could be"),
             };
-            let hint = format!("give {option} TOPIC; {}", list(kinds));
+            let hint = format!("give {option} TOPIC; {}", list(if found.is_empty() { kinds } else { usual }));
             return Err(Error::config(what).hint(hint));
         };
         let topic = self.topics.iter().find(|topic| topic.name == named);

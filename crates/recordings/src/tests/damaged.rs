@@ -2,23 +2,9 @@
 
 use super::golden;
 use crate::Recording;
-use crate::message::{Header, Kind, Points, camera_of, colours, depths, transforms};
+use crate::fuzzing::read;
+use crate::message::Kind;
 use lsdc_rng::Rng;
-
-/// Reads a message as what it says to be, and what it could be taken for.
-fn read(kind: Kind, data: &[u8]) -> bool {
-    let _ = Header::of(data);
-    match kind {
-        Kind::Image | Kind::CompressedImage => {
-            let colours = colours(kind, data).is_ok();
-            let depths = depths(kind, data, |_| 0.001).is_ok();
-            colours || depths
-        }
-        Kind::CameraInfo => camera_of(data, false).is_ok() && camera_of(data, true).is_ok(),
-        Kind::PointCloud2 => Points::of(data).is_ok_and(|points| points.iter().count() > 0),
-        Kind::Transforms => transforms(data).is_ok(),
-    }
-}
 
 #[test]
 fn damaged_messages_do_no_harm() {
