@@ -351,8 +351,153 @@ def golden() -> None:
     print(f"{total} bytes in {GOLDEN}")
 
 
+def check(program: str) -> None:
+    """Depths in a recording that lsdc writes are those that it writes to files, at the stamps and frames of the images."""
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        source = str(GOLDEN / "drive.mcap")
+        for output in (["files", "--formats", "npy"], ["out.mcap", "--copy", "--cloud"], ["mm.mcap", "--units", "mm"]):
+            subprocess.run([program, "complete", source, "-o", *output], cwd=folder, check=True)
+        expected = {int(file.name.split("_")[0]): np.load(file) for file in (folder / "files").glob("*.npy")}
+        seen = 0
+        with open(folder / "out.mcap", "rb") as file:
+            reader = make_reader(file, decoder_factories=[DecoderFactory()])
+            for _, channel, message, decoded in reader.iter_decoded_messages():
+                if not channel.topic.startswith("/lsdc/"):
+                    continue
+                stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
+                assert decoded.header.frame_id == "camera" and message.log_time == stamp + 30_000_000
+                depth = expected[stamp]
+                if channel.topic == "/lsdc/depth":
+                    found = np.frombuffer(decoded.data, np.float32).reshape(decoded.height, decoded.width)
+                    assert (found == depth).all()
+                else:
+                    points = np.frombuffer(decoded.data, np.float32).reshape(-1, 4)
+                    assert np.allclose(points[:, 2], depth[depth > 0])
+                seen += 1
+        assert seen == 2 * len(expected) == 8
+        # Another library, with its own definitions of the types.
+        with make_any(folder / "mm.mcap") as reader:
+            for connection, _, data in reader.messages():
+                message = STORE.deserialize_cdr(data, connection.msgtype)
+                stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+                found = message.data.view(np.uint16).reshape(message.height, message.width)
+                assert np.abs(found / 1000 - expected[stamp]).max() < 0.0005001
+    print("all are the same")
+
+
+def make_any(path: Path):
+    from rosbags.highlevel import AnyReader
+
+    return AnyReader([path], default_typestore=STORE)
+
+
+# A room with boxes, in metres: corners of each, and its colour.
+SIZE, FOCAL, MIDDLE = (640, 480), 525.0, (319.5, 239.5)
+ROOM = np.array([[-6, -5, 0], [6, 5, 3]], float)
+BOXES = np.array(
+    [
+        [[-3, 1, 0], [-2, 2.5, 1.2]],
+        [[1, 2, 0], [2.5, 3, 0.8]],
+        [[3, -3, 0], [4, -1, 2.2]],
+        [[-1, -4, 0], [0.5, -3, 1.5]],
+        [[-5, -2, 0], [-4.2, 0, 2.0]],
+        [[4.5, 1, 0], [5.5, 4, 0.75]],
+        [[-0.4, 3.8, 0], [0.4, 4.6, 1.9]],
+    ],
+    float,
+)
+
+
+def cast(origins: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far each ray goes, and what it hits: 0 for the room, else the number of a box."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = (ROOM[:, None] - origins) / rays
+        far, hit = np.nanmin(sides.max(0), axis=-1), np.zeros(len(rays), int)
+        for number, box in enumerate(BOXES, 1):
+            sides = (box[:, None] - origins) / rays
+            near, last = sides.min(0).max(-1), sides.max(0).min(-1)
+            nearer = (near > 0) & (near < last) & (near < far)
+            far, hit = np.where(nearer, near, far), np.where(nearer, number, hit)
+    return far, hit
+
+
+def walk(seconds: float) -> np.ndarray:
+    """The pose of a robot that walks a circle through the room, looking ahead and a little about."""
+    angle = 0.15 * seconds
+    heading = angle + np.pi / 2 + 0.4 * np.sin(0.7 * seconds)
+    return matrix([0, 0, heading], [2.6 * np.cos(angle), 0.3 + 1.6 * np.sin(angle), 0.5])
+
+
+def spinning(seconds: float) -> np.ndarray:
+    """A turn of a scanner of 16 lasers while it moves, in its own frame at the middle of the turn."""
+    turns = np.linspace(-0.5, 0.5, 900, endpoint=False)
+    elevations = np.radians(np.linspace(-15, 15, 16))
+    lidar, points = matrix([0, 0, 0], [0.1, 0, 0.4]), []
+    back = np.linalg.inv(walk(seconds) @ lidar)
+    for turn in turns:
+        pose = walk(seconds + 0.1 * turn) @ lidar
+        azimuth = 2 * np.pi * turn
+        level = np.cos(elevations)
+        rays = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevations)]) @ pose[:3, :3].T
+        far, _ = cast(pose[:3, 3], rays)
+        points.append(pose[:3, 3] + rays * far[:, None])
+    points = np.concatenate(points)
+    return points @ back[:3, :3].T + back[:3, 3]
+
+
+def rendered(pose: np.ndarray) -> np.ndarray:
+    u, v = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    rays = np.stack([(u - MIDDLE[0]) / FOCAL, (v - MIDDLE[1]) / FOCAL, np.ones(u.shape)], -1).reshape(-1, 3)
+    rays = rays @ pose[:3, :3].T
+    far, hit = cast(pose[:3, 3], rays)
+    places = pose[:3, 3] + rays * far[:, None]
+    pattern = np.sin(7 * places).sum(1) + 0.5 * np.sin(23 * places + hit[:, None]).sum(1)
+    base = np.array([[150, 140, 120], [170, 60, 50], [60, 120, 160], [90, 150, 70]])[hit % 4]
+    shaded = base * (1 + 0.12 * pattern[:, None]) / (1 + 0.04 * far[:, None])
+    return np.clip(shaded, 0, 255).astype(np.uint8).reshape(SIZE[1], SIZE[0], 3)
+
+
+def room_drive(frames: int, output: Path) -> None:
+    """Images and turns of the scanner, ten a second, 20 ms apart; and the same frames as files, but for what is hidden."""
+    (output / "images").mkdir(parents=True)
+    (output / "points").mkdir()
+    lidar = ([0.0, 0.0, 0.0], [0.1, 0.0, 0.4])
+    eye = (CAMERA[0], [0.15, 0.0, 0.3])
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+    log = Log()
+    fixed = [transform(START, "base_link", "lidar", *lidar), transform(START, "base_link", "camera", *eye)]
+    log.add("/tf_static", START, transforms(*fixed))
+    for step in range(5 * frames + 10):
+        seconds = 0.02 * step - 0.1
+        stamp, pose = START + round(seconds * 1e9), walk(seconds)
+        turned = cv2.Rodrigues(pose[:3, :3])[0].reshape(-1)
+        log.add("/tf", stamp, transforms(transform(stamp, "odom", "base_link", turned, pose[:3, 3])))
+        if step < 5 or step % 5 or step // 5 > frames:
+            continue
+        scan, shot = walk(seconds + 0.02) @ matrix(*lidar), pose @ matrix(*eye)
+        shown, points = rendered(shot), spinning(seconds + 0.02)
+        log.add("/camera/image_raw", stamp, image(stamp, "camera", "rgb8", shown))
+        info = camera(stamp, "camera", SIZE, "plumb_bob", (FOCAL, FOCAL, *MIDDLE), [0.0] * 5)
+        log.add("/camera/camera_info", stamp, info)
+        log.add("/lidar/points", stamp + 70_000_000, cloud(stamp + 20_000_000, "lidar", points, layout))
+        moved = np.linalg.inv(shot) @ scan
+        places = points @ moved[:3, :3].T + moved[:3, 3]
+        places = places[places[:, 2] > 0]
+        seen = np.column_stack([FOCAL * places[:, :2] / places[:, 2:] + MIDDLE, places[:, 2]])
+        inside = (seen[:, :2] > -0.5).all(1) & (seen[:, :2] < np.array(SIZE) - 0.5).all(1)
+        cv2.imwrite(str(output / f"images/{stamp}.png"), shown[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        np.save(output / f"points/{stamp}.npy", seen[inside])
+    log.sort(key=lambda message: message[1])
+    log.mcap(output / "drive.mcap", CompressionType.LZ4, size=4 << 20)
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["golden"]:
         golden()
+    elif sys.argv[1:2] == ["check"]:
+        check(str(Path(sys.argv[2] if len(sys.argv) > 2 else ROOT / "target/release/lsdc").resolve()))
+    elif sys.argv[1:2] == ["drive"] and len(sys.argv) == 4:
+        room_drive(int(sys.argv[2]), Path(sys.argv[3]))
     else:
         sys.exit(__doc__)

@@ -1,9 +1,9 @@
 //! MCAP (<https://mcap.dev/spec>): records one after the other, most of them in chunks.
 
+use super::record::{Channel, ChunkHead, Schema, Stored, op, summary_start};
 use super::{Container, Each, Flaws, LARGEST, Message, Place, Topic};
 use lsdc_files::error::{Cause, Error, Result};
-use mcap::records::{self, ChunkHeader, Record, op};
-use mcap::{MAGIC, parse_record};
+use mcap::MAGIC;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufReader, Read as _, Seek as _};
@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 /// An operation code and a length come before each record.
 const HEAD: u64 = 9;
-/// Before the compressed messages of a chunk: times, sizes, a check sum, and two lengths.
-const CHUNK_HEAD: u64 = 40;
+/// At most so much comes before the compressed records of a chunk: numbers, and the name of a compression.
+const CHUNK_HEAD: u64 = 128;
 /// The last record, and the magic bytes after it.
 const FOOTER: u64 = HEAD + 20 + 8;
 /// Outside of any chunk.
@@ -38,36 +38,30 @@ pub(crate) struct Mcap {
 /// Channels and schemas by their numbers.
 #[derive(Default)]
 struct Channels {
-    schemas: HashMap<u16, (String, String, Vec<u8>)>,
+    schemas: HashMap<u16, Schema>,
     topics: HashMap<u16, Arc<Topic>>,
 }
 
 impl Channels {
-    /// Takes in what a record says of them.
-    fn note(&mut self, record: Record<'_>) {
-        match record {
-            Record::Schema { header, data } => {
-                let schema = (header.name, header.encoding, data.into_owned());
-                self.schemas.entry(header.id).or_insert(schema);
-            }
-            Record::Channel(channel) => {
-                self.topics
-                    .entry(channel.id)
-                    .or_insert_with(|| Arc::new(topic(&self.schemas, channel)));
-            }
-            _ => {}
+    /// Takes in what a record says of them, if it can be read; the first that is said of a number stands.
+    fn note(&mut self, code: u8, body: &[u8]) -> Option<()> {
+        if code == op::SCHEMA {
+            let schema = Schema::read(body)?;
+            self.schemas.entry(schema.id).or_insert(schema);
+        } else if code == op::CHANNEL {
+            let channel = Channel::read(body)?;
+            let schema = self.schemas.get(&channel.schema);
+            self.topics.entry(channel.id).or_insert_with(|| {
+                Arc::new(Topic {
+                    name: channel.topic,
+                    kind: schema.map_or(String::new(), |schema| schema.name.clone()),
+                    encoding: channel.encoding,
+                    definition: schema.map(|schema| (schema.language.clone(), schema.text.clone())),
+                    metadata: channel.metadata,
+                })
+            });
         }
-    }
-}
-
-fn topic(schemas: &HashMap<u16, (String, String, Vec<u8>)>, channel: records::Channel) -> Topic {
-    let schema = schemas.get(&channel.schema_id);
-    Topic {
-        name: channel.topic,
-        kind: schema.map_or(String::new(), |(name, ..)| name.clone()),
-        encoding: channel.message_encoding,
-        definition: schema.map(|(_, encoding, text)| (encoding.clone(), text.clone())),
-        metadata: channel.metadata,
+        Some(())
     }
 }
 
@@ -101,12 +95,8 @@ impl Mcap {
         let tail = self.bytes(at, FOOTER)?;
         self.ended = tail.ends_with(MAGIC) && tail[0] == op::FOOTER;
         let body = &tail[HEAD as usize..FOOTER as usize - MAGIC.len()];
-        Ok(match parse_record(op::FOOTER, body) {
-            Ok(Record::Footer(footer)) if self.ended && footer.summary_start > 0 => {
-                Some(footer.summary_start)
-            }
-            _ => None,
-        })
+        let start = summary_start(body).filter(|start| self.ended && *start > 0);
+        Ok(start)
     }
 
     fn footer(&self) -> Option<u64> {
@@ -123,8 +113,8 @@ impl Mcap {
             };
             if matches!(code, op::SCHEMA | op::CHANNEL) {
                 let body = self.bytes(at + HEAD, length)?;
-                if let Ok(record) = parse_record(code, &body) {
-                    self.channels.note(record);
+                if self.channels.note(code, &body).is_none() {
+                    return Ok(());
                 }
             }
             at += HEAD + length;
@@ -181,35 +171,32 @@ impl Mcap {
     fn chunk(&mut self, at: u64, length: u64) -> Result<std::result::Result<Vec<u8>, String>> {
         let start = at + HEAD;
         let strange = |what: &str| Ok(Err(format!("the chunk at byte {at} {what}")));
-        // Three times, sizes, and names of compressions are short.
-        let head = self.bytes(start, length.min(CHUNK_HEAD + 64))?;
-        let Some((header, before)) = chunk_header(&head) else {
+        let head = self.bytes(start, length.min(CHUNK_HEAD))?;
+        let Some(head) = ChunkHead::read(&head) else {
             return strange("has no sound beginning");
         };
-        if header.compressed_size != length - before {
+        if head.stored != length - head.length {
             return strange("is of another length than it says");
         }
-        if !is_plausible(header.uncompressed_size, length) {
-            return strange(&format!(
-                "says that it unfolds to {} bytes, which is more than it can",
-                header.uncompressed_size
-            ));
+        if !is_plausible(head.unfolded, length) {
+            let size = head.unfolded;
+            return strange(&format!("says that it unfolds to {size} bytes, more than is read of it"));
         }
-        if header.compressed_size > LARGEST {
+        if head.stored > LARGEST {
             return strange("is larger than a gigabyte");
         }
-        let stored = self.bytes(start + before, header.compressed_size)?;
-        let unfolded = match header.compression.as_str() {
+        let stored = self.bytes(start + head.length, head.stored)?;
+        let unfolded = match head.compression.as_str() {
             "" => Some(stored),
-            "zstd" => zstd::bulk::decompress(&stored, header.uncompressed_size as usize).ok(),
-            "lz4" => unfold_lz4(&stored, header.uncompressed_size),
+            "zstd" => zstd::bulk::decompress(&stored, head.unfolded as usize).ok(),
+            "lz4" => unfold_lz4(&stored, head.unfolded),
             other => return strange(&format!("is compressed by `{other}`, which is not read")),
         };
         let Some(unfolded) = unfolded else {
             return strange("cannot be unfolded");
         };
-        let sound = unfolded.len() as u64 == header.uncompressed_size;
-        let crc = header.uncompressed_crc;
+        let sound = unfolded.len() as u64 == head.unfolded;
+        let crc = head.crc;
         if !sound || crc != 0 && crc32fast::hash(&unfolded) != crc {
             return strange("does not match its check sum");
         }
@@ -251,16 +238,18 @@ impl Mcap {
         each: &mut Each<'_>,
         flaws: &mut Flaws,
     ) -> Result<()> {
-        let found = parse_record(code, body);
-        let Ok(found) = found else {
-            flaws.damage(format!("a record at byte {} cannot be read", place.at));
+        let damaged = || format!("a record at byte {} cannot be read", place.at);
+        if code != op::MESSAGE {
+            if self.channels.note(code, body).is_none() {
+                flaws.damage(damaged());
+            }
+            return Ok(());
+        }
+        let Some(found) = Stored::read(body) else {
+            flaws.damage(damaged());
             return Ok(());
         };
-        let Record::Message { header, data } = &found else {
-            self.channels.note(found);
-            return Ok(());
-        };
-        let Some(topic) = self.channels.topics.get(&header.channel_id) else {
+        let Some(topic) = self.channels.topics.get(&found.channel) else {
             flaws.damage(format!("a message at byte {} is of no known topic", place.at));
             return Ok(());
         };
@@ -269,10 +258,10 @@ impl Mcap {
         }
         let message = Message {
             place,
-            log_time: header.log_time,
-            publish_time: header.publish_time,
-            sequence: header.sequence,
-            data,
+            log_time: found.log_time,
+            publish_time: found.publish_time,
+            sequence: found.sequence,
+            data: found.data,
         };
         each(topic, &message)
     }
@@ -364,9 +353,9 @@ impl Container for Mcap {
             chunk = self.kept(place.at)?;
             record(&chunk, place.within as usize).map(|(_, body)| body)
         };
-        match body.map(|body| parse_record(op::MESSAGE, body)) {
-            Some(Ok(Record::Message { data, .. })) => Ok(data.into_owned()),
-            _ => Err(Error::new(
+        match body.and_then(Stored::read) {
+            Some(found) => Ok(found.data.to_vec()),
+            None => Err(Error::new(
                 Cause::Read,
                 format!("`{}` has changed while it was read", self.path.display()),
             )),
@@ -380,24 +369,6 @@ fn record(records: &[u8], at: usize) -> Option<(u8, &[u8])> {
     let (code, length) = head.split_first()?;
     let length = u64::from_le_bytes(length.try_into().ok()?);
     Some((*code, rest.get(..usize::try_from(length).ok()?)?))
-}
-
-/// The header of a chunk, and how long it is with the length of what follows.
-fn chunk_header(head: &[u8]) -> Option<(ChunkHeader, u64)> {
-    let number = |at: usize| Some(u64::from_le_bytes(*head.get(at..)?.first_chunk()?));
-    let short = |at: usize| Some(u32::from_le_bytes(*head.get(at..)?.first_chunk()?));
-    let name = short(28)? as usize;
-    let after = 32_usize.checked_add(name)?;
-    let compression = std::str::from_utf8(head.get(32..after)?).ok()?;
-    let header = ChunkHeader {
-        message_start_time: number(0)?,
-        message_end_time: number(8)?,
-        uncompressed_size: number(16)?,
-        uncompressed_crc: short(24)?,
-        compression: compression.to_owned(),
-        compressed_size: number(after)?,
-    };
-    Some((header, after as u64 + 8))
 }
 
 /// Whether a chunk of so many bytes can unfold to so many; damaged ones promise much more.

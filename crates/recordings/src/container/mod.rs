@@ -1,6 +1,7 @@
 //! Files of recordings: one container a file.
 
 mod mcap;
+mod record;
 mod rosbag;
 
 pub(crate) use mcap::Mcap;

@@ -80,15 +80,23 @@ impl Rosbag {
         Ok(HashMap::from_iter(topics))
     }
 
-    /// All rows of a small table.
+    /// All rows of a small table that are as they should be.
     fn rows<T>(
         &self,
         query: &str,
-        row: impl FnMut(&rusqlite::Row<'_>) -> rusqlite::Result<T>,
+        mut read: impl FnMut(&rusqlite::Row<'_>) -> rusqlite::Result<T>,
     ) -> Result<Vec<T>> {
         let mut statement = self.database.prepare(query).map_err(|e| self.damaged(e))?;
-        let rows = statement.query_map([], row).and_then(Iterator::collect);
-        rows.map_err(|e| self.damaged(e))
+        let mut rows = statement.query([]).map_err(|e| self.damaged(e))?;
+        let mut found = Vec::new();
+        loop {
+            match rows.next() {
+                Ok(Some(row)) => found.extend(read(row)),
+                Ok(None) => return Ok(found),
+                Err(_) if self.cut.is_some() => return Ok(found),
+                Err(e) => return Err(self.damaged(e)),
+            }
+        }
     }
 }
 

@@ -86,8 +86,10 @@ fn a_recording_that_is_cut_off_is_read_up_to_there() {
             counts.push(count(&found));
         }
         assert!(counts.is_sorted(), "{name}: {counts:?}");
-        let (first, last) = (counts[0], counts[counts.len() - 1]);
-        assert!(first > 0 && first < last && last <= count(&whole), "{name}: {counts:?}");
+        // The tables of a bag lie behind what its types are made of.
+        let last = counts[counts.len() - 1];
+        assert!(counts.iter().any(|count| (1..last).contains(count)), "{name}: {counts:?}");
+        assert!(last <= count(&whole), "{name}: {counts:?}");
     }
     let path = folder.path().join("drive.mcap");
     let bytes = std::fs::read(golden("drive.mcap")).unwrap();
