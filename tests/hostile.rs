@@ -522,7 +522,8 @@ fn recordings() {
         let path = folder.path().join(Path::new(name).file_name().unwrap());
         std::fs::copy(golden.join(name), &path).unwrap();
         survive(&path, || {
-            let survey = Recording::open(&path).and_then(|mut recording| Survey::of(&mut recording));
+            let survey =
+                Recording::open(&path).and_then(|mut recording| Survey::of(&mut recording));
             survey.is_ok_and(|survey| survey.flaws == Flaws::default())
         });
     }

@@ -13,7 +13,9 @@ pub(super) fn inspect(path: &Path, as_json: bool) -> Result<()> {
     if as_json {
         ui::print(&described(&recording, &survey).to_string());
     } else {
-        lines(&recording, &survey).iter().for_each(|line| ui::print(line));
+        lines(&recording, &survey)
+            .iter()
+            .for_each(|line| ui::print(line));
     }
     Ok(())
 }
@@ -24,20 +26,29 @@ fn lines(recording: &Recording, survey: &Survey) -> Vec<String> {
         format!(
             "recording {} topics, {} messages, {}",
             survey.topics.len(),
-            survey.topics.iter().map(|counted| counted.count).sum::<u64>(),
+            survey
+                .topics
+                .iter()
+                .map(|counted| counted.count)
+                .sum::<u64>(),
             size(recording.size())
         ),
     ];
     if let Some((first, last)) = survey.times() {
         let (start, length) = (first as f64 * 1e-9, (last - first) as f64 * 1e-9);
-        lines.push(format!("duration  {length:.3} s, from {start:.3} s since 1970"));
+        lines.push(format!(
+            "duration  {length:.3} s, from {start:.3} s since 1970"
+        ));
     }
     lines.extend(survey.flaws.lines().map(|what| format!("warning   {what}")));
-    let widest = |length: fn(&Counted) -> usize| survey.topics.iter().map(length).max().unwrap_or(0);
+    let widest =
+        |length: fn(&Counted) -> usize| survey.topics.iter().map(length).max().unwrap_or(0);
     let name = widest(|counted| counted.topic.name.len());
     let kind = widest(|counted| counted.topic.kind.len());
     lines.extend(survey.topics.iter().map(|counted| {
-        let rate = counted.rate().map_or("-".to_owned(), |rate| format!("{rate:.2} Hz"));
+        let rate = counted
+            .rate()
+            .map_or("-".to_owned(), |rate| format!("{rate:.2} Hz"));
         format!(
             "topic     {:<name$}  {:<kind$}  {:>7}  {rate:>10}  {:>9}",
             counted.topic.name,

@@ -39,7 +39,11 @@ impl<'a> Reader<'a> {
             1 => (false, 8),
             6 => (true, 4),
             7 => (false, 4),
-            _ => return Err(damaged(format!("is written in a way ({kind}) that is not read"))),
+            _ => {
+                return Err(damaged(format!(
+                    "is written in a way ({kind}) that is not read"
+                )));
+            }
         };
         Ok(Self {
             body,
@@ -69,7 +73,9 @@ impl<'a> Reader<'a> {
         let length = self.u32()? as usize;
         let left = self.body.len() - self.at;
         if length > left / least {
-            return Err(damaged(format!("says that {length} elements follow, but ends before")));
+            return Err(damaged(format!(
+                "says that {length} elements follow, but ends before"
+            )));
         }
         Ok(length)
     }
@@ -91,7 +97,9 @@ impl<'a> Reader<'a> {
 
     fn take(&mut self, length: usize) -> Result<&'a [u8]> {
         let rest = self.body.get(self.at..).unwrap_or_default();
-        let taken = rest.get(..length).ok_or_else(|| damaged("ends too early"))?;
+        let taken = rest
+            .get(..length)
+            .ok_or_else(|| damaged("ends too early"))?;
         self.at += length;
         Ok(taken)
     }
@@ -180,7 +188,9 @@ mod tests {
 
     #[test]
     fn both_orders_of_bytes_and_both_versions_are_read() {
-        let big = [0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0x3f, 0xe0, 0, 0, 0, 0, 0, 0];
+        let big = [
+            0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0x3f, 0xe0, 0, 0, 0, 0, 0, 0,
+        ];
         let mut reader = Reader::new(&big).unwrap();
         assert_eq!((reader.u8().unwrap(), reader.f64().unwrap()), (1, 0.5));
         // The second version aligns eight bytes to four.

@@ -6,7 +6,8 @@ use crate::message::Kind;
 pub(crate) const LANGUAGE: &str = "ros2msg";
 
 /// Between a type and those that it is made of.
-const NEXT: &str = "\n================================================================================\nMSG: ";
+const NEXT: &str =
+    "\n================================================================================\nMSG: ";
 
 const HEADER: &str = "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id";
 const TIME: &str = "builtin_interfaces/Time\nint32 sec\nuint32 nanosec";
@@ -24,7 +25,8 @@ const FIELD: &str = "sensor_msgs/PointField\nuint8 INT8=1\nuint8 UINT8=2\nuint8 
 const TRANSFORMS: &str = "geometry_msgs/TransformStamped[] transforms";
 const STAMPED: &str = "geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring child_frame_id\n\
     geometry_msgs/Transform transform";
-const TRANSFORM: &str = "geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation";
+const TRANSFORM: &str =
+    "geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation";
 const VECTOR: &str = "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z";
 const QUATERNION: &str = "geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w";
 
@@ -35,7 +37,9 @@ pub(crate) fn definition(kind: Kind) -> String {
         Kind::CompressedImage => &[COMPRESSED, HEADER, TIME],
         Kind::CameraInfo => &[CAMERA, HEADER, TIME, WINDOW],
         Kind::PointCloud2 => &[CLOUD, HEADER, TIME, FIELD],
-        Kind::Transforms => &[TRANSFORMS, STAMPED, HEADER, TIME, TRANSFORM, VECTOR, QUATERNION],
+        Kind::Transforms => &[
+            TRANSFORMS, STAMPED, HEADER, TIME, TRANSFORM, VECTOR, QUATERNION,
+        ],
     };
     parts.join(NEXT)
 }

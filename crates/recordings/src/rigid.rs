@@ -18,7 +18,8 @@ impl Rigid {
     /// Of a quaternion (x, y, z, w) of any length but 0, if all numbers are finite.
     pub fn new(rotation: [f64; 4], translation: [f64; 3]) -> Option<Self> {
         let length = dot(rotation, rotation).sqrt();
-        let sound = length > 1e-6 && length.is_finite() && translation.iter().all(|v| v.is_finite());
+        let sound =
+            length > 1e-6 && length.is_finite() && translation.iter().all(|v| v.is_finite());
         sound.then(|| Self {
             rotation: rotation.map(|v| v / length),
             translation,
@@ -71,9 +72,21 @@ impl Rigid {
     pub fn matrix(self) -> [[f64; 3]; 3] {
         let [x, y, z, w] = self.rotation;
         [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+            [
+                1.0 - 2.0 * (y * y + z * z),
+                2.0 * (x * y - z * w),
+                2.0 * (x * z + y * w),
+            ],
+            [
+                2.0 * (x * y + z * w),
+                1.0 - 2.0 * (x * x + z * z),
+                2.0 * (y * z - x * w),
+            ],
+            [
+                2.0 * (x * z - y * w),
+                2.0 * (y * z + x * w),
+                1.0 - 2.0 * (x * x + y * y),
+            ],
         ]
     }
 
@@ -96,7 +109,10 @@ impl Rigid {
         } else {
             let angle = cosine.acos();
             let sine = angle.sin();
-            (((1.0 - share) * angle).sin() / sine, (share * angle).sin() / sine)
+            (
+                ((1.0 - share) * angle).sin() / sine,
+                (share * angle).sin() / sine,
+            )
         };
         let mixed = |i: usize| near * self.rotation[i] + sign * far * other.rotation[i];
         let rotation = [0, 1, 2, 3].map(mixed);
@@ -130,7 +146,10 @@ mod tests {
     fn a_quarter_turn_and_its_way_back() {
         let turn = about_z(90.0, [1.0, 0.0, 0.0]);
         assert!(near(turn.apply([1.0, 2.0, 3.0]), [-1.0, 1.0, 3.0]));
-        assert!(near(turn.inverse().apply([-1.0, 1.0, 3.0]), [1.0, 2.0, 3.0]));
+        assert!(near(
+            turn.inverse().apply([-1.0, 1.0, 3.0]),
+            [1.0, 2.0, 3.0]
+        ));
         let twice = turn.after(turn);
         // (x, y) -> (-y + 1, x) -> (-x + 1, -y + 1).
         assert!(near(twice.apply([1.0, 2.0, 3.0]), [0.0, -1.0, 3.0]));
@@ -146,10 +165,16 @@ mod tests {
         for end in [end, opposite] {
             let third = start.towards(end, 1.0 / 3.0);
             let expected = about_z(30.0, [4.0 / 3.0, 0.0, 0.0]);
-            assert!(near(third.apply([1.0, 1.0, 1.0]), expected.apply([1.0, 1.0, 1.0])));
+            assert!(near(
+                third.apply([1.0, 1.0, 1.0]),
+                expected.apply([1.0, 1.0, 1.0])
+            ));
         }
         let same = start.towards(start, 0.5);
-        assert!(near(same.apply([1.0, 1.0, 1.0]), start.apply([1.0, 1.0, 1.0])));
+        assert!(near(
+            same.apply([1.0, 1.0, 1.0]),
+            start.apply([1.0, 1.0, 1.0])
+        ));
     }
 
     #[test]

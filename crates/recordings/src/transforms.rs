@@ -38,8 +38,15 @@ pub struct Gap {
 
 impl std::fmt::Display for Gap {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { child, parent, away } = self;
-        write!(f, "`{child}` has no place in `{parent}` at its time, the nearest is {away} s away")
+        let Self {
+            child,
+            parent,
+            away,
+        } = self;
+        write!(
+            f,
+            "`{child}` has no place in `{parent}` at its time, the nearest is {away} s away"
+        )
     }
 }
 
@@ -123,14 +130,21 @@ impl Transforms {
         let fixed = fixed.unwrap_or(usual);
         if !shared(fixed) {
             let what = format!("`{from}` and `{to}` are not both in the frame `{fixed}`");
-            let common: Vec<&str> = ends[0].iter().copied().filter(|frame| shared(frame)).collect();
+            let common: Vec<&str> = ends[0]
+                .iter()
+                .copied()
+                .filter(|frame| shared(frame))
+                .collect();
             return Err(Error::config(what).hint(format!("both are in {}", common.join(", "))));
         }
         let until = |end: &[&str], frame: &str| end.iter().position(|f| *f == frame).unwrap_or(0);
         let short = [until(&ends[0], first), until(&ends[1], first)];
         let ends = ends.map(|end| {
             let long = until(&end, fixed);
-            end[..long].iter().map(|frame| (*frame).to_owned()).collect()
+            end[..long]
+                .iter()
+                .map(|frame| (*frame).to_owned())
+                .collect()
         });
         Ok(Route {
             ends,
@@ -179,7 +193,9 @@ impl Transforms {
                 Ok(a.towards(*b, share))
             }
             (one, other) => {
-                let nearest = one.or(other.copied()).map_or(0, |(time, _)| time.abs_diff(stamp));
+                let nearest = one
+                    .or(other.copied())
+                    .map_or(0, |(time, _)| time.abs_diff(stamp));
                 Err(Gap {
                     child: frame.to_owned(),
                     parent: link.parent.clone(),
@@ -238,7 +254,10 @@ mod tests {
         // The camera looks later, when the car is three further.
         assert_eq!(moved(&tree, &route, [5, 8]), -4.0);
         let gap = tree.between(&route, [5, 21]).unwrap_err();
-        assert!(gap.to_string().contains("`base` has no place in `odom`"), "{gap}");
+        assert!(
+            gap.to_string().contains("`base` has no place in `odom`"),
+            "{gap}"
+        );
         // At one time the motion does not matter.
         assert_eq!(moved(&tree, &route, [30, 30]), -1.0);
         let route = tree.route("lidar", "camera", Some("base")).unwrap();
@@ -249,13 +268,19 @@ mod tests {
     fn frames_that_are_not_connected_are_named() {
         let mut tree = car();
         add(&mut tree, "world", "drone", 0, 0.0, true);
-        for (from, to, fixed) in [("drone", "camera", None), ("lidar", "camera", Some("earth"))] {
+        for (from, to, fixed) in [
+            ("drone", "camera", None),
+            ("lidar", "camera", Some("earth")),
+        ] {
             let error = tree.route(from, to, fixed).unwrap_err();
             assert!(error.to_string().contains(from), "{error}");
             assert!(error.advice().is_some());
         }
         // A frame is in itself, and circles end.
-        assert_eq!(moved(&tree, &tree.route("x", "x", None).unwrap(), [1, 2]), 0.0);
+        assert_eq!(
+            moved(&tree, &tree.route("x", "x", None).unwrap(), [1, 2]),
+            0.0
+        );
         add(&mut tree, "a", "b", 0, 0.0, true);
         add(&mut tree, "b", "a", 0, 0.0, true);
         assert!(tree.route("a", "camera", None).is_err());

@@ -45,7 +45,9 @@ impl Writer {
             .chunk_size(Some(4 << 20))
             // Depths hardly become smaller by more effort.
             .compression(Some(Compression::Lz4));
-        let output = options.create(BufWriter::new(file)).map_err(|e| unwritten(path, e))?;
+        let output = options
+            .create(BufWriter::new(file))
+            .map_err(|e| unwritten(path, e))?;
         Ok(Self {
             path: path.to_owned(),
             output,
@@ -97,11 +99,18 @@ impl Writer {
     }
 
     fn channel(&mut self, topic: &Topic) -> Result<u16> {
-        let key = (topic.name.clone(), topic.kind.clone(), topic.encoding.clone());
+        let key = (
+            topic.name.clone(),
+            topic.kind.clone(),
+            topic.encoding.clone(),
+        );
         if let Some(channel) = self.channels.get(&key) {
             return Ok(*channel);
         }
-        let usable = topic.definition.as_ref().filter(|(_, text)| !text.is_empty());
+        let usable = topic
+            .definition
+            .as_ref()
+            .filter(|(_, text)| !text.is_empty());
         let (language, text) = match (usable, Kind::of(&topic.kind)) {
             (Some((language, text)), _) => (language.clone(), text.clone()),
             (None, Some(kind)) => (LANGUAGE.to_owned(), definition(kind).into_bytes()),
@@ -115,10 +124,14 @@ impl Writer {
         let schema = if topic.kind.is_empty() {
             0
         } else {
-            self.output.add_schema(&topic.kind, &language, &text).map_err(failed)?
+            self.output
+                .add_schema(&topic.kind, &language, &text)
+                .map_err(failed)?
         };
         let (name, encoding) = (&topic.name, &topic.encoding);
-        let channel = self.output.add_channel(schema, name, encoding, &topic.metadata);
+        let channel = self
+            .output
+            .add_channel(schema, name, encoding, &topic.metadata);
         let channel = channel.map_err(|e| unwritten(&self.path, e))?;
         self.channels.insert(key, channel);
         Ok(channel)
@@ -147,4 +160,3 @@ fn unwritten(path: &Path, error: McapError) -> Error {
         other => Error::write(path, std::io::Error::other(other)),
     }
 }
-

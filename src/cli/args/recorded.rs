@@ -77,12 +77,18 @@ impl Recorded {
             ("--cloud", self.cloud),
             ("--copy", self.copy),
         ];
-        options.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+        options
+            .into_iter()
+            .find(|(_, given)| *given)
+            .map(|(name, _)| name)
     }
 }
 
 /// A number of seconds that is not below 0, and at most a day.
 fn seconds(text: &str) -> Result<f64, String> {
-    let found = text.parse().ok().filter(|seconds| (0.0..=86_400.0).contains(seconds));
+    let found = text
+        .parse()
+        .ok()
+        .filter(|seconds| (0.0..=86_400.0).contains(seconds));
     found.ok_or_else(|| "is no number of seconds, as in 0.05".to_owned())
 }

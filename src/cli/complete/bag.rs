@@ -48,8 +48,11 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
     let engine = Engine::new(args, args.json)?;
     let bag = Writer::create(output)?;
     let stop = ui::stop_flag();
-    let frames: Vec<(PathBuf, &Frame)> =
-        recorded.frames().iter().map(|frame| (Recorded::name(frame), frame)).collect();
+    let frames: Vec<(PathBuf, &Frame)> = recorded
+        .frames()
+        .iter()
+        .map(|frame| (Recorded::name(frame), frame))
+        .collect();
     let bar = ui::bar(frames.len(), "frames");
     let failures = Failures::new(args.json).beside(&bar);
     let mut tally = Tally::new(&bar, args.json);
@@ -102,10 +105,16 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
     tally.tell(0, failed);
     let tell = if args.json { ui::say } else { ui::tell };
     if lost > 0 {
-        tell(&format!("16UC1     {lost} pixels beyond 65.535 m hold no depth; give --units m"));
+        tell(&format!(
+            "16UC1     {lost} pixels beyond 65.535 m hold no depth; give --units m"
+        ));
     }
     tell(&format!("written   {}", output.display()));
-    Ok(if failed > 0 { Exit::Partial } else { Exit::Done })
+    Ok(if failed > 0 {
+        Exit::Partial
+    } else {
+        Exit::Done
+    })
 }
 
 /// Checks that what is asked for goes into a recording.
@@ -135,7 +144,9 @@ fn check(args: &Complete, output: &Path) -> Result<()> {
         return Err(Error::config(format!("`{}` exists", output.display()))
             .hint("give --force to replace it, or another file with -o"));
     }
-    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = output
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
     data::check_writable(folder)?;
@@ -146,11 +157,14 @@ fn check(args: &Complete, output: &Path) -> Result<()> {
 /// Checks that no topic that is copied is called as one of the results.
 fn check_names(source: &Recording) -> Result<()> {
     let topics = source.topics();
-    let taken = topics.iter().find(|topic| [DEPTH, SIGMA, POINTS].contains(&topic.name.as_str()));
+    let taken = topics
+        .iter()
+        .find(|topic| [DEPTH, SIGMA, POINTS].contains(&topic.name.as_str()));
     match taken {
         Some(topic) => {
             let what = format!("the recording has a topic `{}` already", topic.name);
-            Err(Error::config(what).hint("leave --copy out, or complete the recording that it was made from"))
+            Err(Error::config(what)
+                .hint("leave --copy out, or complete the recording that it was made from"))
         }
         None => Ok(()),
     }
@@ -178,10 +192,21 @@ fn messages(
     };
     if args.recorded.cloud {
         let camera = loaded.camera.as_ref().ok_or_else(|| {
-            Error::config("`--cloud` needs the camera of the images").hint("name it by --camera-info")
+            Error::config("`--cloud` needs the camera of the images")
+                .hint("name it by --camera-info")
         })?;
-        let cloud = Cloud::new(&completed.depth, deviations, &loaded.rgb, camera, args.max_sigma);
-        messages.push((POINTS, Kind::PointCloud2, write_cloud(header, &cloud.points)));
+        let cloud = Cloud::new(
+            &completed.depth,
+            deviations,
+            &loaded.rgb,
+            camera,
+            args.max_sigma,
+        );
+        messages.push((
+            POINTS,
+            Kind::PointCloud2,
+            write_cloud(header, &cloud.points),
+        ));
         forms.cloud = Some(cloud);
     }
     Ok((forms, messages, lost))
@@ -207,7 +232,10 @@ fn write(mut bag: Writer, done: &Receiver<Done>, source: Option<Recording>) -> R
         Ok(())
     })?;
     if next.is_some() {
-        return Err(Error::new(Cause::Read, "the recording has changed while it was read"));
+        return Err(Error::new(
+            Cause::Read,
+            "the recording has changed while it was read",
+        ));
     }
     Ok(bag)
 }

@@ -47,7 +47,10 @@ pub(super) fn run<F: Sync, L: Send>(
             for (frame, found, loaded) in read {
                 match engine.prepare(&loaded) {
                     Ok(prepared) => {
-                        if send_prepared.send((frame, found, loaded, prepared)).is_err() {
+                        if send_prepared
+                            .send((frame, found, loaded, prepared))
+                            .is_err()
+                        {
                             break;
                         }
                     }

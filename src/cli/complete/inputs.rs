@@ -69,7 +69,10 @@ impl Job {
         let alone = matches!(points, Input::Frame(..));
         let image = (!alone).then_some(("image", Input::File(&self.image)));
         let points = (if alone { "recording" } else { "points" }, points);
-        let guide = self.guide.as_deref().map(|guide| ("guide", Input::File(guide)));
+        let guide = self
+            .guide
+            .as_deref()
+            .map(|guide| ("guide", Input::File(guide)));
         image.into_iter().chain([points]).chain(guide).collect()
     }
 

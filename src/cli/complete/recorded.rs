@@ -55,14 +55,20 @@ impl Recorded {
             found.len(),
             dropped.len()
         ));
-        let mut kinds: Vec<&str> = dropped.iter().map(|dropped| dropped.reason.kind()).collect();
+        let mut kinds: Vec<&str> = dropped
+            .iter()
+            .map(|dropped| dropped.reason.kind())
+            .collect();
         kinds.sort_unstable();
         kinds.dedup();
         for kind in kinds {
             let of_kind = |dropped: &&Dropped| dropped.reason.kind() == kind;
             let all: Vec<&Dropped> = dropped.iter().filter(of_kind).collect();
             let (first, reason) = (all[0].stamp, &all[0].reason);
-            tell(&format!("left out  {} {kind}; the first: {first}: {reason}", all.len()));
+            tell(&format!(
+                "left out  {} {kind}; the first: {first}: {reason}",
+                all.len()
+            ));
         }
         if json {
             for Dropped { stamp, reason } in dropped {
@@ -89,7 +95,10 @@ impl Recorded {
     }
 
     fn read(&self, frame: &Frame) -> Result<Stored> {
-        let mut recording = self.recording.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut recording = self
+            .recording
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         self.frames.read(&mut recording, frame)
     }
 
@@ -111,7 +120,11 @@ impl Recorded {
     pub(super) fn content(&self, frame: &Frame) -> Result<String> {
         let stored = self.read(frame)?;
         let projection = self.frames.projection(frame);
-        Ok(provenance::bytes(&[&stored.image, &stored.points, projection.as_bytes()]))
+        Ok(provenance::bytes(&[
+            &stored.image,
+            &stored.points,
+            projection.as_bytes(),
+        ]))
     }
 }
 
@@ -144,9 +157,11 @@ pub(super) fn check(args: &Complete) -> Result<()> {
             Err(Error::read(path, std::io::ErrorKind::NotFound.into()))
         };
     }
-    Err(
-        Error::config(format!("one input alone, `{}`, is no recording", path.display()))
-            .hint("give an image and its points, or a recording of ROS 2: mcap, db3, or the folder of a bag"),
-    )
+    Err(Error::config(format!(
+        "one input alone, `{}`, is no recording",
+        path.display()
+    ))
+    .hint(
+        "give an image and its points, or a recording of ROS 2: mcap, db3, or the folder of a bag",
+    ))
 }
-

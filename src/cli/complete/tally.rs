@@ -39,7 +39,8 @@ impl<'a> Tally<'a> {
         for remark in summary.remarks() {
             if self.said.insert(remark.clone()) {
                 let name = name.display();
-                self.bar.suspend(|| ui::warn(&format!("warning: {name}: {remark}")));
+                self.bar
+                    .suspend(|| ui::warn(&format!("warning: {name}: {remark}")));
             }
         }
         self.count += 1;

@@ -39,8 +39,9 @@ impl CameraInfo {
     /// What is wrong with it, to be said after its name.
     pub fn rectified(&self) -> Result<Camera, String> {
         self.check_whole()?;
-        let [fx, _, cx, _, _, fy, cy, ..] =
-            self.projection.ok_or("has no P, which rectified images need")?;
+        let [fx, _, cx, _, _, fy, cy, ..] = self
+            .projection
+            .ok_or("has no P, which rectified images need")?;
         self.of(Model::Pinhole, &[], [fx, fy, cx, cy]).try_into()
     }
 
@@ -127,7 +128,10 @@ pub(super) fn parse(text: &str) -> Result<Stored, String> {
         length(&["image_height", "height"])?,
     );
     let matrix = numbers(&["camera_matrix.data", "K", "k"])?;
-    let Some(&matrix) = matrix.as_deref().and_then(|m| <&[f64; 9]>::try_from(m).ok()) else {
+    let Some(&matrix) = matrix
+        .as_deref()
+        .and_then(|m| <&[f64; 9]>::try_from(m).ok())
+    else {
         return Err("has no camera_matrix or K of 9 numbers".to_owned());
     };
     let named = find(&["distortion_model"]).and_then(|texts| texts.first());

@@ -22,7 +22,9 @@ pub fn write_atomically(
 ) -> Result<()> {
     let mut file = Unfinished::create(path)?;
     let mut buffer = BufWriter::new(&mut file);
-    fill(&mut buffer).and_then(|()| buffer.flush()).map_err(|e| Error::write(path, e))?;
+    fill(&mut buffer)
+        .and_then(|()| buffer.flush())
+        .map_err(|e| Error::write(path, e))?;
     drop(buffer);
     file.finish()
 }

@@ -100,7 +100,9 @@ impl Mcap {
     }
 
     fn footer(&self) -> Option<u64> {
-        self.size.checked_sub(FOOTER).filter(|at| *at >= MAGIC.len() as u64)
+        self.size
+            .checked_sub(FOOTER)
+            .filter(|at| *at >= MAGIC.len() as u64)
     }
 
     /// The channels that the summary lists. A damaged one is none.
@@ -180,7 +182,9 @@ impl Mcap {
         }
         if !is_plausible(head.unfolded, length) {
             let size = head.unfolded;
-            return strange(&format!("says that it unfolds to {size} bytes, more than is read of it"));
+            return strange(&format!(
+                "says that it unfolds to {size} bytes, more than is read of it"
+            ));
         }
         if head.stored > LARGEST {
             return strange("is larger than a gigabyte");
@@ -250,7 +254,10 @@ impl Mcap {
             return Ok(());
         };
         let Some(topic) = self.channels.topics.get(&found.channel) else {
-            flaws.damage(format!("a message at byte {} is of no known topic", place.at));
+            flaws.damage(format!(
+                "a message at byte {} is of no known topic",
+                place.at
+            ));
             return Ok(());
         };
         if !wanted(topic) {
@@ -333,7 +340,8 @@ impl Container for Mcap {
                     self.visit_record(place, code, &body, wanted, each, &mut flaws)?;
                 }
                 op::DATA_END | op::FOOTER => {
-                    let cut = || "all messages are there, but the end of the file is missing".to_owned();
+                    let cut =
+                        || "all messages are there, but the end of the file is missing".to_owned();
                     flaws.cut = (!self.ended).then(cut);
                     return Ok(flaws);
                 }
@@ -379,6 +387,10 @@ fn is_plausible(unfolded: u64, length: u64) -> bool {
 fn unfold_lz4(stored: &[u8], size: u64) -> Option<Vec<u8>> {
     let mut unfolded = Vec::with_capacity(size as usize);
     let mut decoder = lz4::Decoder::new(stored).ok()?;
-    decoder.by_ref().take(size + 1).read_to_end(&mut unfolded).ok()?;
+    decoder
+        .by_ref()
+        .take(size + 1)
+        .read_to_end(&mut unfolded)
+        .ok()?;
     Some(unfolded)
 }

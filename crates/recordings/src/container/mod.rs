@@ -74,7 +74,10 @@ impl Flaws {
 
     /// What should be said of them, a sentence each.
     pub fn lines(&self) -> impl Iterator<Item = String> {
-        let cut = self.cut.as_ref().map(|what| format!("the recording is cut off: {what}"));
+        let cut = self
+            .cut
+            .as_ref()
+            .map(|what| format!("the recording is cut off: {what}"));
         let damaged = self.first.as_ref().map(|what| {
             let count = self.damaged;
             format!("{count} parts of the recording are damaged and left out, the first: {what}")

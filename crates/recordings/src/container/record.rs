@@ -132,7 +132,8 @@ impl<'a> Fields<'a> {
     }
 
     fn text(&mut self) -> Option<String> {
-        self.bytes().map(|bytes| String::from_utf8_lossy(bytes).into_owned())
+        self.bytes()
+            .map(|bytes| String::from_utf8_lossy(bytes).into_owned())
     }
 
     fn pairs(&mut self) -> Option<BTreeMap<String, String>> {

@@ -46,16 +46,22 @@ impl Rosbag {
     fn has_table(&self, name: &str) -> Result<bool> {
         let query = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = ?1";
         let count = self.database.query_row(query, [name], |row| row.get(0));
-        count.map(|count: i64| count > 0).map_err(|e| self.damaged(e))
+        count
+            .map(|count: i64| count > 0)
+            .map_err(|e| self.damaged(e))
     }
 
     fn read_topics(&self) -> Result<HashMap<i64, Arc<Topic>>> {
         if !self.has_table("topics")? || !self.has_table("messages")? {
-            return Err(Error::format(&self.path, "is a database of SQLite, but no bag of ROS 2"));
+            return Err(Error::format(
+                &self.path,
+                "is a database of SQLite, but no bag of ROS 2",
+            ));
         }
         let mut definitions: HashMap<String, (String, String)> = HashMap::new();
         if self.has_table("message_definitions")? {
-            let query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions";
+            let query =
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions";
             let found = self.rows(query, |row| Ok((row.get(0)?, (row.get(1)?, row.get(2)?))))?;
             definitions = HashMap::from_iter(found);
         }
@@ -137,7 +143,12 @@ impl Container for Rosbag {
             };
             let found = (|| {
                 let stamp = row.get::<_, i64>(2)?;
-                Ok((row.get::<_, i64>(0)?, row.get::<_, i64>(1)?, stamp, row.get_ref(3)?))
+                Ok((
+                    row.get::<_, i64>(0)?,
+                    row.get::<_, i64>(1)?,
+                    stamp,
+                    row.get_ref(3)?,
+                ))
             })();
             let Ok((id, topic, stamp, data)) = found.map_err(|_: rusqlite::Error| ()) else {
                 flaws.damage(format!("the row after {last} is no message"));
@@ -177,7 +188,10 @@ impl Container for Rosbag {
         let data = statement.query_row([place.at as i64], |row| row.get::<_, Vec<u8>>(0));
         let data = data.map_err(|e| self.damaged(e))?;
         let found = unfolded(&data).map_err(|what| {
-            Error::format(&self.path, format!("the message of row {} {what}", place.at))
+            Error::format(
+                &self.path,
+                format!("the message of row {} {what}", place.at),
+            )
         })?;
         Ok(found.into_owned())
     }
@@ -198,9 +212,7 @@ fn connect(path: &Path, is_cut: bool) -> Result<Connection> {
         database.pragma_update(None, "cell_size_check", true)?;
         Ok(database)
     };
-    open().map_err(|e: rusqlite::Error| {
-        Error::format(path, "cannot be opened as a bag").because(e)
-    })
+    open().map_err(|e: rusqlite::Error| Error::format(path, "cannot be opened as a bag").because(e))
 }
 
 /// How much shorter a file is than its header says, if it is.

@@ -25,18 +25,31 @@ impl Topics {
         let mut topics = recording.topics();
         if topics.is_empty() {
             let survey = Survey::of(recording)?;
-            topics = survey.topics.into_iter().map(|counted| counted.topic).collect();
+            topics = survey
+                .topics
+                .into_iter()
+                .map(|counted| counted.topic)
+                .collect();
         }
         let choice = Choice {
             topics,
             recording: recording.path().display().to_string(),
         };
-        let points = choice.pick("--points", wanted.points.as_deref(), &POINTS, &[Kind::PointCloud2])?;
+        let points = choice.pick(
+            "--points",
+            wanted.points.as_deref(),
+            &POINTS,
+            &[Kind::PointCloud2],
+        )?;
         let image = choice.pick("--image", wanted.image.as_deref(), &IMAGES, &IMAGES)?;
         let infos = [Kind::CameraInfo];
         let camera_info = match &wanted.camera_info {
             _ if wanted.camera.is_some() => None,
-            Some(_) => Some(choice.pick("--camera-info", wanted.camera_info.as_deref(), &infos, &[])?.0),
+            Some(_) => Some(
+                choice
+                    .pick("--camera-info", wanted.camera_info.as_deref(), &infos, &[])?
+                    .0,
+            ),
             None => choice.beside(&image.0),
         };
         let depth_info = if points.1 == Kind::PointCloud2 {
@@ -48,9 +61,15 @@ impl Topics {
         let tf = if wanted.camera.is_some() {
             Vec::new()
         } else if wanted.tf.is_empty() {
-            choice.of(&transforms).map(|topic| topic.name.clone()).collect()
+            choice
+                .of(&transforms)
+                .map(|topic| topic.name.clone())
+                .collect()
         } else {
-            let picked = wanted.tf.iter().map(|name| choice.pick("--tf", Some(name), &transforms, &[]));
+            let picked = wanted
+                .tf
+                .iter()
+                .map(|name| choice.pick("--tf", Some(name), &transforms, &[]));
             picked.map(|found| Ok(found?.0)).collect::<Result<_>>()?
         };
         Ok(Self {
@@ -103,7 +122,8 @@ struct Choice {
 impl Choice {
     /// Those of some types.
     fn of<'a>(&'a self, kinds: &'a [Kind]) -> impl Iterator<Item = &'a Arc<Topic>> {
-        let is = |topic: &&Arc<Topic>| Kind::of(&topic.kind).is_some_and(|kind| kinds.contains(&kind));
+        let is =
+            |topic: &&Arc<Topic>| Kind::of(&topic.kind).is_some_and(|kind| kinds.contains(&kind));
         self.topics.iter().filter(is)
     }
 
@@ -134,7 +154,10 @@ impl Choice {
                 [] => format!("`{recording}` has no topic that {option} could be"),
                 _ => format!("`{recording}` has several topics that {option} could be"),
             };
-            let hint = format!("give {option} TOPIC; {}", list(if found.is_empty() { kinds } else { usual }));
+            let hint = format!(
+                "give {option} TOPIC; {}",
+                list(if found.is_empty() { kinds } else { usual })
+            );
             return Err(Error::config(what).hint(hint));
         };
         let topic = self.topics.iter().find(|topic| topic.name == named);
@@ -153,7 +176,10 @@ impl Choice {
         let above = image.rsplit_once('/').map_or("", |(above, _)| above);
         let further = above.rsplit_once('/').map_or("", |(further, _)| further);
         let names = [above, further].map(|place| format!("{place}/camera_info"));
-        let is_there = |name: &String| self.of(&[Kind::CameraInfo]).any(|topic| topic.name == *name);
+        let is_there = |name: &String| {
+            self.of(&[Kind::CameraInfo])
+                .any(|topic| topic.name == *name)
+        };
         names.into_iter().find(is_there)
     }
 }
@@ -167,11 +193,14 @@ fn sound(topic: &Topic, kinds: &[Kind]) -> Result<(String, Kind)> {
         ..
     } = topic;
     let Some(known) = Kind::of(kind).filter(|kind| kinds.contains(kind)) else {
-        return Err(Error::config(format!("the topic `{name}` is of type {kind}")));
+        return Err(Error::config(format!(
+            "the topic `{name}` is of type {kind}"
+        )));
     };
     if encoding != "cdr" {
         let what = format!("the messages of `{name}` are encoded as `{encoding}`, not as cdr");
-        return Err(Error::config(what).hint("recordings of ROS 1 are not read: convert them, as by rosbags-convert"));
+        return Err(Error::config(what)
+            .hint("recordings of ROS 1 are not read: convert them, as by rosbags-convert"));
     }
     Ok((name.clone(), known))
 }

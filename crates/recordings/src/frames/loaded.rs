@@ -45,7 +45,10 @@ impl Frames {
 
     /// The camera of a frame before it is fitted to the image, and the motion from its points to it, as text.
     pub fn projection(&self, frame: &Frame) -> String {
-        let camera = self.given.as_ref().or_else(|| self.cameras.valid(frame.stamp));
+        let camera = self
+            .given
+            .as_ref()
+            .or_else(|| self.cameras.valid(frame.stamp));
         let depth_camera = self.depth_cameras.valid(frame.points_stamp);
         format!("{camera:?} {depth_camera:?} {:?}", self.motion(frame))
     }
@@ -55,13 +58,18 @@ impl Frames {
         let Some(route) = &self.route else {
             return Ok(Rigid::IDENTITY);
         };
-        let moved = self.transforms.between(route, [frame.points_stamp, frame.stamp]);
+        let moved = self
+            .transforms
+            .between(route, [frame.points_stamp, frame.stamp]);
         moved.map_err(|gap| Error::config(gap.to_string()))
     }
 
     /// The camera of a frame for an image of this width and height.
     fn camera(&self, frame: &Frame, size: (usize, usize)) -> Result<Option<Camera>> {
-        let found = self.given.as_ref().or_else(|| self.cameras.valid(frame.stamp));
+        let found = self
+            .given
+            .as_ref()
+            .or_else(|| self.cameras.valid(frame.stamp));
         found.map(|camera| camera.resized(size)).transpose()
     }
 }
@@ -83,9 +91,9 @@ impl Stored {
         let motion = frames.motion(frame)?;
         let placed = || match (&camera, &frames.given) {
             (Some(camera), Some(_)) => Ok(camera.clone()),
-            (Some(camera), None) => {
-                Ok(camera.clone().with_pose(motion.matrix(), motion.translation()))
-            }
+            (Some(camera), None) => Ok(camera
+                .clone()
+                .with_pose(motion.matrix(), motion.translation())),
             (None, _) => Err(Error::config("the camera of the images is not known")),
         };
         let name = Path::new(&frames.topics.points.0);

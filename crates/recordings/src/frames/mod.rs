@@ -124,7 +124,11 @@ impl std::fmt::Display for Reason {
         match self {
             Self::NoPoints(None) => write!(f, "there are no points"),
             Self::NoPoints(Some(away)) => {
-                write!(f, "the nearest points are {:.3} s away", *away as f64 * 1e-9)
+                write!(
+                    f,
+                    "the nearest points are {:.3} s away",
+                    *away as f64 * 1e-9
+                )
             }
             Self::NoTransform(gap) => write!(f, "{gap}"),
             Self::OtherFrame(frame) => write!(f, "it, or its points, are in the frame `{frame}`"),
@@ -219,7 +223,9 @@ impl Frames {
                     Ok((found, bad)) => {
                         unusable += bad;
                         let is_static = name.ends_with("static");
-                        found.into_iter().for_each(|found| tree.add(found, is_static));
+                        found
+                            .into_iter()
+                            .for_each(|found| tree.add(found, is_static));
                     }
                     Err(_) => unusable += 1,
                 }
@@ -253,8 +259,11 @@ impl Frames {
         if self.given.is_some() || is_map && image == cloud {
             return Ok(None);
         }
-        self.topics.check_cameras(self.cameras.is_empty(), self.depth_cameras.is_empty())?;
-        self.transforms.route(cloud, image, wanted.fixed.as_deref()).map(Some)
+        self.topics
+            .check_cameras(self.cameras.is_empty(), self.depth_cameras.is_empty())?;
+        self.transforms
+            .route(cloud, image, wanted.fixed.as_deref())
+            .map(Some)
     }
 
     /// Gives each image the points that are nearest in time.
@@ -336,10 +345,19 @@ fn remarks(
     let mut remarks: Vec<String> = flaws.lines().collect();
     let unstamped = images.unstamped + points.unstamped;
     let counts = [
-        (unstamped, "messages without a stamp are taken at the time that they were recorded"),
-        (points.damaged.len(), "messages of points are damaged and left out"),
+        (
+            unstamped,
+            "messages without a stamp are taken at the time that they were recorded",
+        ),
+        (
+            points.damaged.len(),
+            "messages of points are damaged and left out",
+        ),
         (unusable, "transforms are damaged and left out"),
-        (tree.elsewhere, "transforms are left out, as their frames were in another one before"),
+        (
+            tree.elsewhere,
+            "transforms are left out, as their frames were in another one before",
+        ),
     ];
     let counts = counts.into_iter().filter(|(count, _)| *count > 0);
     remarks.extend(counts.map(|(count, what)| format!("{count} {what}")));

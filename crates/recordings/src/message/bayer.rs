@@ -17,7 +17,11 @@ pub(super) fn pattern(encoding: &str) -> Option<Pattern> {
 }
 
 /// Bilinear: each missing colour is the mean of its nearest neighbours, at the border of those that there are.
-pub(super) fn colours(mosaic: &[u8], (width, height): (usize, usize), pattern: Pattern) -> RgbImage {
+pub(super) fn colours(
+    mosaic: &[u8],
+    (width, height): (usize, usize),
+    pattern: Pattern,
+) -> RgbImage {
     let channel = |x: usize, y: usize| pattern[y % 2][x % 2];
     RgbImage::from_fn(width as u32, height as u32, |x, y| {
         let (x, y) = (x as usize, y as usize);

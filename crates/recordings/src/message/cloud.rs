@@ -52,7 +52,11 @@ impl<'a> Points<'a> {
             let double = match kind {
                 FLOAT32 => false,
                 FLOAT64 => true,
-                _ => return Err(damaged(format!("has a field {name} that is no floating-point number"))),
+                _ => {
+                    return Err(damaged(format!(
+                        "has a field {name} that is no floating-point number"
+                    )));
+                }
             };
             axes[axis] = Some(Axis { offset, double });
         }
@@ -74,14 +78,22 @@ impl<'a> Points<'a> {
 
     /// Checks that every point lies in the data.
     fn check(&self) -> Result<()> {
-        let ends = self.axes.iter().map(|axis| axis.offset.saturating_add(axis.bytes()));
+        let ends = self
+            .axes
+            .iter()
+            .map(|axis| axis.offset.saturating_add(axis.bytes()));
         let [step, row] = self.steps;
         if ends.max().is_some_and(|end| end > step) {
-            return Err(damaged(format!("has fields beyond the {step} bytes of a point")));
+            return Err(damaged(format!(
+                "has fields beyond the {step} bytes of a point"
+            )));
         }
         let [width, height] = self.size;
-        let long = width.checked_mul(step).filter(|long| height <= 1 || *long <= row);
-        let all = long.and_then(|long| row.checked_mul(height.saturating_sub(1))?.checked_add(long));
+        let long = width
+            .checked_mul(step)
+            .filter(|long| height <= 1 || *long <= row);
+        let all =
+            long.and_then(|long| row.checked_mul(height.saturating_sub(1))?.checked_add(long));
         match all {
             _ if width == 0 || height == 0 => Ok(()),
             Some(all) if all <= self.data.len() => Ok(()),
@@ -97,7 +109,10 @@ impl<'a> Points<'a> {
         let [width, height] = self.size;
         let [step, row] = self.steps;
         let starts = (0..height).flat_map(move |j| (0..width).map(move |i| j * row + i * step));
-        starts.map(|start| self.axes.map(|axis| self.number(start + axis.offset, axis.double)))
+        starts.map(|start| {
+            self.axes
+                .map(|axis| self.number(start + axis.offset, axis.double))
+        })
     }
 
     fn number(&self, at: usize, double: bool) -> f64 {

@@ -65,7 +65,11 @@ impl<'a> Raw<'a> {
         let (width, height) = self.size;
         let encoding = self.encoding.as_str();
         if let Some(pattern) = bayer::pattern(encoding) {
-            return Ok(bayer::colours(&self.rows(1)?.collect::<Vec<_>>().concat(), self.size, pattern));
+            return Ok(bayer::colours(
+                &self.rows(1)?.collect::<Vec<_>>().concat(),
+                self.size,
+                pattern,
+            ));
         }
         // Where red, green and blue are in the bytes of a pixel.
         let (pixel, [r, g, b]) = match encoding {
@@ -95,12 +99,24 @@ impl<'a> Raw<'a> {
         let big = self.big_endian;
         Ok(match self.encoding.as_str() {
             "32FC1" => {
-                let number = |bytes: [u8; 4]| if big { f32::from_be_bytes(bytes) } else { f32::from_le_bytes(bytes) };
+                let number = |bytes: [u8; 4]| {
+                    if big {
+                        f32::from_be_bytes(bytes)
+                    } else {
+                        f32::from_le_bytes(bytes)
+                    }
+                };
                 let rows = self.rows(4)?.flat_map(|row| row.as_chunks().0);
                 (rows.map(|bytes| number(*bytes)).collect(), false)
             }
             "16UC1" | "mono16" => {
-                let number = |bytes: [u8; 2]| if big { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) };
+                let number = |bytes: [u8; 2]| {
+                    if big {
+                        u16::from_be_bytes(bytes)
+                    } else {
+                        u16::from_le_bytes(bytes)
+                    }
+                };
                 let rows = self.rows(2)?.flat_map(|row| row.as_chunks().0);
                 (rows.map(|bytes| number(*bytes).into()).collect(), true)
             }
@@ -175,9 +191,9 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage> {
     }
     let known = |format| matches!(format, Some(ImageFormat::Jpeg | ImageFormat::Png));
     match reader {
-        Ok(reader) if known(reader.format()) => {
-            reader.decode().map_err(|e| damaged("holds a damaged JPEG or PNG").because(e))
-        }
+        Ok(reader) if known(reader.format()) => reader
+            .decode()
+            .map_err(|e| damaged("holds a damaged JPEG or PNG").because(e)),
         _ => Err(damaged("holds neither a JPEG nor a PNG")),
     }
 }
@@ -194,7 +210,9 @@ fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Numb
     };
     let (encoding, how) = format.split_once(';').unwrap_or((format, ""));
     if how.contains("rvl") {
-        return Err(damaged("is compressed by RVL, which is not read").hint("record it with format png"));
+        return Err(
+            damaged("is compressed by RVL, which is not read").hint("record it with format png")
+        );
     }
     let image = match decode(png)? {
         DynamicImage::ImageLuma16(image) => image,
@@ -208,7 +226,11 @@ fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Numb
             let metres = |&v: &u16| if v == 0 { 0.0 } else { a / (f32::from(v) - b) };
             (image.iter().map(metres).collect(), false)
         }
-        other => return Err(damaged(format!("is of compressed `{other}`, which holds no depths"))),
+        other => {
+            return Err(damaged(format!(
+                "is of compressed `{other}`, which holds no depths"
+            )));
+        }
     };
     Ok((size, numbers))
 }
@@ -229,16 +251,23 @@ pub fn write_depth(header: &Header, depth: &DepthMap, millimetres: bool) -> (Vec
     let mut lost = 0;
     let data: Vec<u8> = if millimetres {
         let stored = |&depth: &f32| {
-            let value = (depth * 1000.0).round();
+            let value = (f64::from(depth) * 1000.0).round();
             // What is seen is not made unseen by rounding.
             let value = if depth > 0.0 { value.max(1.0) } else { 0.0 };
-            let fits = value <= f32::from(u16::MAX);
+            let fits = value <= f64::from(u16::MAX);
             lost += usize::from(!fits);
             if fits { value as u16 } else { 0 }
         };
-        values.iter().map(stored).flat_map(u16::to_le_bytes).collect()
+        values
+            .iter()
+            .map(stored)
+            .flat_map(u16::to_le_bytes)
+            .collect()
     } else {
-        values.iter().flat_map(|depth| depth.to_le_bytes()).collect()
+        values
+            .iter()
+            .flat_map(|depth| depth.to_le_bytes())
+            .collect()
     };
     writer.bytes(data.into_iter());
     (writer.finish(), lost)
@@ -271,7 +300,13 @@ mod tests {
         assert!(read("rgba8").is_err());
         assert!(read("yuv422").unwrap_err().advice().is_some());
         assert!(colours(Kind::Image, &message("rgb8", (2, 3), 7, &data)).is_err());
-        assert!(colours(Kind::Image, &message("rgb8", (u32::MAX, u32::MAX), 7, &data)).is_err());
+        assert!(
+            colours(
+                Kind::Image,
+                &message("rgb8", (u32::MAX, u32::MAX), 7, &data)
+            )
+            .is_err()
+        );
         assert!(colours(Kind::Image, &message("mono8", (0, 0), 0, &[])).is_err());
     }
 
@@ -284,7 +319,10 @@ mod tests {
         };
         let (message, lost) = write_depth(&header, &depth, false);
         let found = depths(Kind::Image, &message, |_| 1.0).unwrap();
-        assert_eq!((found.depth.values(), found.whole, lost), (depth.values(), false, 0));
+        assert_eq!(
+            (found.depth.values(), found.whole, lost),
+            (depth.values(), false, 0)
+        );
         assert_eq!(Header::of(&message).unwrap(), header);
         let (message, lost) = write_depth(&header, &depth, true);
         let found = depths(Kind::Image, &message, |_| 1.0).unwrap();
@@ -298,7 +336,9 @@ mod tests {
         for encoding in ["bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8"] {
             let pattern = bayer::pattern(encoding).unwrap();
             let color = [200, 100, 50];
-            let data: Vec<u8> = (0..30).map(|i| color[pattern[i / 6 % 2][i % 6 % 2]]).collect();
+            let data: Vec<u8> = (0..30)
+                .map(|i| color[pattern[i / 6 % 2][i % 6 % 2]])
+                .collect();
             let (_, image) = colours(Kind::Image, &message(encoding, (6, 5), 6, &data)).unwrap();
             assert!(image.pixels().all(|pixel| pixel.0 == color), "{encoding}");
         }

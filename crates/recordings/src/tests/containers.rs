@@ -36,7 +36,11 @@ fn any_message_can_be_read_again() {
 #[test]
 fn chunks_without_what_is_wanted_are_passed_over() {
     let mut recording = Recording::open(&golden("drive.mcap")).unwrap();
-    let topics: Vec<String> = recording.topics().iter().map(|topic| topic.name.clone()).collect();
+    let topics: Vec<String> = recording
+        .topics()
+        .iter()
+        .map(|topic| topic.name.clone())
+        .collect();
     assert_eq!(topics.len(), 5);
     for name in &topics {
         let mut count = 0;
@@ -47,7 +51,10 @@ fn chunks_without_what_is_wanted_are_passed_over() {
         });
         wanted.unwrap();
         let all = survey(&golden("drive.mcap"));
-        let counted = all.topics.iter().find(|counted| counted.topic.name == *name);
+        let counted = all
+            .topics
+            .iter()
+            .find(|counted| counted.topic.name == *name);
         assert_eq!(counted.map(|counted| counted.count), Some(count), "{name}");
     }
 }
@@ -56,7 +63,13 @@ fn chunks_without_what_is_wanted_are_passed_over() {
 #[test]
 fn messages_are_counted() {
     let survey = survey(&golden("drive.mcap"));
-    let of = |name: &str| survey.topics.iter().find(|counted| counted.topic.name == name).unwrap();
+    let of = |name: &str| {
+        survey
+            .topics
+            .iter()
+            .find(|counted| counted.topic.name == name)
+            .unwrap()
+    };
     assert_eq!(of("/tf").count, 12);
     assert!((of("/tf").rate().unwrap() - 20.0).abs() < 1e-6);
     assert!((of("/camera/camera_info").rate().unwrap() - 10.0).abs() < 1e-6);
@@ -88,7 +101,10 @@ fn a_recording_that_is_cut_off_is_read_up_to_there() {
         assert!(counts.is_sorted(), "{name}: {counts:?}");
         // The tables of a bag lie behind what its types are made of.
         let last = counts[counts.len() - 1];
-        assert!(counts.iter().any(|count| (1..last).contains(count)), "{name}: {counts:?}");
+        assert!(
+            counts.iter().any(|count| (1..last).contains(count)),
+            "{name}: {counts:?}"
+        );
         assert!(last <= count(&whole), "{name}: {counts:?}");
     }
     let path = folder.path().join("drive.mcap");
@@ -96,7 +112,11 @@ fn a_recording_that_is_cut_off_is_read_up_to_there() {
     std::fs::write(&path, &bytes[..bytes.len() * 8 / 10]).unwrap();
     let mut recording = Recording::open(&path).unwrap();
     let frames = Frames::of(&mut recording, &Wanted::default()).unwrap();
-    assert!(frames.remarks[0].contains("cut off"), "{:?}", frames.remarks);
+    assert!(
+        frames.remarks[0].contains("cut off"),
+        "{:?}",
+        frames.remarks
+    );
     assert!(!frames.found.is_empty());
 }
 
@@ -105,12 +125,11 @@ fn what_is_written_appears_when_it_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.mcap");
     let message = write_cloud(&Header::default(), &[]);
-    let times = Times {
-        log: 7,
-        publish: 5,
-    };
+    let times = Times { log: 7, publish: 5 };
     let mut writer = Writer::create(&path).unwrap();
-    writer.write("/points", Kind::PointCloud2, times, &message).unwrap();
+    writer
+        .write("/points", Kind::PointCloud2, times, &message)
+        .unwrap();
     drop(writer);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     let mut source = Recording::open(&golden("bag")).unwrap();
@@ -121,16 +140,27 @@ fn what_is_written_appears_when_it_is_complete() {
         writer.copy(topic, message)
     });
     visited.unwrap();
-    writer.write("/points", Kind::PointCloud2, times, &message).unwrap();
+    writer
+        .write("/points", Kind::PointCloud2, times, &message)
+        .unwrap();
     copied.push(("/points".to_owned(), 7, message));
     assert!(!path.exists());
     writer.finish().unwrap();
     let mut found = Vec::new();
-    let visited = Recording::open(&path).unwrap().visit(&|_| true, &mut |topic, message| {
-        assert!(topic.definition.as_ref().is_some_and(|(_, text)| !text.is_empty()), "{}", topic.name);
-        found.push((topic.name.clone(), message.log_time, message.data.to_vec()));
-        Ok(())
-    });
+    let visited = Recording::open(&path)
+        .unwrap()
+        .visit(&|_| true, &mut |topic, message| {
+            assert!(
+                topic
+                    .definition
+                    .as_ref()
+                    .is_some_and(|(_, text)| !text.is_empty()),
+                "{}",
+                topic.name
+            );
+            found.push((topic.name.clone(), message.log_time, message.data.to_vec()));
+            Ok(())
+        });
     assert_eq!(visited.unwrap(), crate::Flaws::default());
     assert!(found == copied);
 }

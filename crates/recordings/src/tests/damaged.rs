@@ -10,10 +10,13 @@ use lsdc_rng::Rng;
 fn damaged_messages_do_no_harm() {
     let mut sound: Vec<(Kind, Vec<u8>)> = Vec::new();
     for name in ["zstd.mcap", "drive.mcap"] {
-        let visited = Recording::open(&golden(name)).unwrap().visit(&|_| true, &mut |topic, message| {
-            sound.extend(Kind::of(&topic.kind).map(|kind| (kind, message.data.to_vec())));
-            Ok(())
-        });
+        let visited =
+            Recording::open(&golden(name))
+                .unwrap()
+                .visit(&|_| true, &mut |topic, message| {
+                    sound.extend(Kind::of(&topic.kind).map(|kind| (kind, message.data.to_vec())));
+                    Ok(())
+                });
         visited.unwrap();
     }
     let mut refused = 0;

@@ -19,19 +19,34 @@ fn points_are_where_opencv_projects_them() {
     assert_eq!(frames.found.len(), wanted.len());
     for (frame, wanted) in frames.found.iter().zip(wanted) {
         assert_eq!(Some(frame.stamp), wanted["stamp"].as_i64());
-        let loaded = frames.read(&mut recording, frame).unwrap().decode(&frames).unwrap();
+        let loaded = frames
+            .read(&mut recording, frame)
+            .unwrap()
+            .decode(&frames)
+            .unwrap();
         assert_eq!(loaded.image.dimensions(), (96, 72));
-        let places: Vec<Vec<f64>> = wanted["points"].as_array().unwrap().iter().map(numbers).collect();
+        let places: Vec<Vec<f64>> = wanted["points"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+            .collect();
         let found = &loaded.points;
         // What lies at the very border may be on either side of it.
         let all = found.points.len() + found.hidden;
-        assert!(places.len() > 100 && all.abs_diff(places.len()) <= 2, "{all} {}", places.len());
+        assert!(
+            places.len() > 100 && all.abs_diff(places.len()) <= 2,
+            "{all} {}",
+            places.len()
+        );
         let mut off = 0.0_f64;
         for point in found.points.iter() {
             let distance = |place: &&Vec<f64>| (place[0] - point.u).hypot(place[1] - point.v);
             let by_distance = |a: &&Vec<f64>, b: &&Vec<f64>| distance(a).total_cmp(&distance(b));
             let nearest = places.iter().min_by(by_distance).unwrap();
-            off = off.max(distance(&nearest)).max((nearest[2] - f64::from(point.depth)).abs());
+            off = off
+                .max(distance(&nearest))
+                .max((nearest[2] - f64::from(point.depth)).abs());
         }
         assert!(off < 2e-3, "{off}");
     }
@@ -74,7 +89,11 @@ fn what_is_not_there_is_named_with_what_is() {
         image: topic("/camera/image_raw"),
         ..usual()
     };
-    refused(wanted, "no topic `/camera/image_raw`", "/camera/image_raw/compressed");
+    refused(
+        wanted,
+        "no topic `/camera/image_raw`",
+        "/camera/image_raw/compressed",
+    );
     let wanted = Wanted {
         points: topic("/tf"),
         ..usual()
@@ -89,7 +108,11 @@ fn what_is_not_there_is_named_with_what_is() {
         tf: vec!["/tf".to_owned()],
         ..usual()
     };
-    refused(wanted, "no transforms lead from `lidar` to `camera`", "base_link");
+    refused(
+        wanted,
+        "no transforms lead from `lidar` to `camera`",
+        "base_link",
+    );
     let wanted = Wanted {
         fixed: topic("map"),
         ..usual()

@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 
 /// A recording of `scripts/recordings.py`.
 fn golden(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/recordings").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../tests/golden/recordings")
+        .join(name)
 }
 
 /// What NumPy and OpenCV make of them.
@@ -20,5 +22,10 @@ fn expected() -> Value {
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|v| v.as_f64().unwrap())
+        .collect()
 }

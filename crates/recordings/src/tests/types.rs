@@ -40,7 +40,11 @@ fn colours_are_those_of_opencv() {
     for (name, values) in expected()["colours"].as_object().unwrap() {
         let (topic, data) = &messages[name];
         let (header, image) = colours(Kind::of(&topic.kind).unwrap(), data).unwrap();
-        assert_eq!((header.frame.as_str(), image.dimensions()), ("eye", (14, 10)), "{name}");
+        assert_eq!(
+            (header.frame.as_str(), image.dimensions()),
+            ("eye", (14, 10)),
+            "{name}"
+        );
         // Decoders of JPEG smooth colours differently, and means of four are rounded differently.
         let near = if name.contains("jpeg") {
             6.0
@@ -53,7 +57,10 @@ fn colours_are_those_of_opencv() {
             let inside = (1..13).contains(&x) && (1..9).contains(&y);
             let compared = inside || !name.contains("bayer");
             let off = (f64::from(found) - value).abs();
-            assert!(!compared || off <= near, "{name} at {x}, {y}: {found} {value}");
+            assert!(
+                !compared || off <= near,
+                "{name} at {x}, {y}: {found} {value}"
+            );
         }
     }
 }
@@ -70,7 +77,10 @@ fn depths_are_those_of_numpy() {
         let found = depths(Kind::of(&topic.kind).unwrap(), data, scale).unwrap();
         assert_eq!((found.depth.width(), found.depth.height()), (14, 10));
         for (found, value) in found.depth.values().iter().zip(numbers(values)) {
-            assert!((f64::from(*found) - value).abs() < 1e-5, "{name}: {found} {value}");
+            assert!(
+                (f64::from(*found) - value).abs() < 1e-5,
+                "{name}: {found} {value}"
+            );
         }
     }
 }
