@@ -261,6 +261,19 @@ def types() -> tuple[Log, dict]:
         else:
             seen = project(place, np.zeros(3), np.zeros(3), intrinsic, d)[0]
         expected["cameras"][f"/cameras/{name}/camera_info"] = [place[0].tolist(), seen.reshape(-1).tolist()]
+    # A second camera beside the first, that measures depths.
+    far = (2 + np.add.outer(0.05 * np.arange(size[1]), 0.02 * np.arange(size[0]))).astype(np.float32)
+    beside = ([0.0, 0.05, 0.0], [0.1, 0.0, 0.05])
+    log.add("/other/depth", time, image(time, "other", "32FC1", far))
+    log.add("/other/camera_info", time, camera(time, "other", size, "plumb_bob", k, [0.0] * 5))
+    log.add("/tf_static", time, transforms(transform(time, "eye", "other", *beside)))
+    v, u = np.indices(far.shape).reshape(2, -1)
+    far = far.reshape(-1).astype(float)
+    places = np.column_stack([(u - k[2]) / k[0] * far, (v - k[3]) / k[1] * far, far, np.ones(len(far))])
+    places = (matrix(*beside) @ places.T).T[:, :3]
+    seen = np.column_stack([places[:, :2] / places[:, 2:] * k[:2] + k[2:], places[:, 2]])
+    inside = (seen[:, :2] > -0.5).all(1) & (seen[:, :2] < np.array(size) - 0.5).all(1)
+    expected["beside"] = np.round(seen[inside], 6).tolist()
     text = T["std_msgs/msg/String"](data="other types are counted")
     log.add("/notes", time, text)
     return log, expected

@@ -13,9 +13,9 @@ pub(super) fn inspect(path: &Path, as_json: bool) -> Result<()> {
     if as_json {
         ui::print(&described(&recording, &survey).to_string());
     } else {
-        lines(&recording, &survey)
-            .iter()
-            .for_each(|line| ui::print(line));
+        for line in lines(&recording, &survey) {
+            ui::print(&line);
+        }
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use super::*;
 use lsdc::data::write_rgb;
 use lsdc_recordings::{Frames, Header, Recording, Wanted};
+use std::fmt::Write as _;
 
 fn golden(name: &str) -> String {
     let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/recordings");
@@ -40,7 +41,7 @@ fn recordings_are_inspected() {
         .assert()
         .success();
     let value: serde_json::Value = serde_json::from_slice(&run.get_output().stdout).unwrap();
-    assert_eq!(value["topics"].as_array().unwrap().len(), 25);
+    assert_eq!(value["topics"].as_array().unwrap().len(), 28);
     assert!(value["cut_off"].is_null());
     let bytes = std::fs::read(golden("drive.mcap")).unwrap();
     std::fs::write(at.join("cut.mcap"), &bytes[..bytes.len() / 2]).unwrap();
@@ -87,8 +88,8 @@ fn a_folder_holds_what_files_of_the_same_frames_give() {
             .unwrap();
         write_rgb(&at(&format!("images/{}.png", frame.stamp)), &loaded.image).unwrap();
         let mut lines = "u,v,depth\n".to_owned();
-        for point in loaded.points.points.iter() {
-            lines += &format!("{},{},{}\n", point.u, point.v, point.depth);
+        for point in &loaded.points.points {
+            let _ = writeln!(lines, "{},{},{}", point.u, point.v, point.depth);
         }
         std::fs::write(at(&format!("points/{}.csv", frame.stamp)), lines).unwrap();
     }
@@ -225,6 +226,10 @@ fn what_is_wrong_is_said() {
     refused(
         &["rgb.png"],
         &["is no recording", "an image and its points"],
+    );
+    refused(
+        &[&drive, "-o", "out", "--tolerance", "0"],
+        &["none of the 6 images", "--tolerance"],
     );
     refused(&["missing.mcap", "-o", "out"], &["missing.mcap"]);
 }

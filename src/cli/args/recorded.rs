@@ -6,18 +6,18 @@ use clap::{Args as ClapArgs, ValueEnum};
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = "Recordings")]
 pub(in crate::cli) struct Recorded {
-    /// Topic of the images, as `lsdc inspect` lists them (sensor_msgs/Image or CompressedImage) [default: the only one].
+    /// Topic of the images, as `lsdc inspect` lists them (images or compressed images) [default: the only one].
     #[arg(long, value_name = "TOPIC")]
     pub(in crate::cli) image: Option<String>,
-    /// Topic of the points: clouds (PointCloud2), or images of depths (16UC1 in --depth-unit, 32FC1, compressedDepth)
+    /// Topic of the points: clouds, or images of depths (16UC1 in --depth-unit, 32FC1, or compressed)
     /// [default: the only one of clouds].
     #[arg(long, value_name = "TOPIC")]
     pub(in crate::cli) points: Option<String>,
-    /// Topic of the camera of the images (CameraInfo) [default: camera_info beside the images]. --camera FILE replaces
+    /// Topic of the camera of the images [default: `camera_info` beside the images]. --camera FILE replaces
     /// it and the transforms: its pose is that of the camera in the frame of the points.
     #[arg(long, value_name = "TOPIC", hide_short_help = true)]
     pub(in crate::cli) camera_info: Option<String>,
-    /// Topic of transforms (TFMessage); may be repeated [default: all].
+    /// Topic of transforms, tf2's; may be repeated [default: all].
     #[arg(long, value_name = "TOPIC", hide_short_help = true)]
     pub(in crate::cli) tf: Vec<String>,
     /// Frame in which the motion between the times of points and image is measured [default: odom, or the topmost

@@ -16,7 +16,7 @@ use lsdc_recordings::{
     Frame, Header, Kind, Place, Recording, Times, Writer, write_cloud, write_depth,
 };
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
 
 /// Topics of results.
@@ -56,11 +56,12 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
     let bar = ui::bar(frames.len(), "frames");
     let failures = Failures::new(args.json).beside(&bar);
     let mut tally = Tally::new(&bar, args.json);
-    let mut lost = 0;
+    let (mut lost, mut broken) = (0, false);
 
-    let written = std::thread::scope(|scope| {
+    let bag = std::thread::scope(|scope| {
         let (send, done) = sync_channel(WAITING);
-        let writer = scope.spawn(move || write(bag, &done, source));
+        let stopped = &stop;
+        let writer = scope.spawn(move || write(bag, &done, source, stopped));
         let flown = flow::run(
             &frames,
             &engine,
@@ -77,6 +78,7 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
                 };
                 if send.send(done).is_err() {
                     // Why is said below, once.
+                    broken = true;
                     stop.store(true, Ordering::Relaxed);
                     return Ok(());
                 }
@@ -86,22 +88,22 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
             },
         );
         drop(send);
-        let bag = finished(writer)??;
+        let bag = finished(writer)?;
         flown.map(|()| bag)
     })?;
     bar.finish_and_clear();
-    let failed = failures.count();
-    if stop.load(Ordering::Relaxed) && tally.count() + failed < frames.len() {
+    if !broken && stop.load(Ordering::Relaxed) {
         ui::say("hint: nothing is written; give -o DIR for results that a later run goes on with");
         return Ok(Exit::Interrupted);
     }
-    if written.undefined() > 0 {
+    let (bag, failed) = (bag?, failures.count());
+    if bag.undefined() > 0 {
         ui::warn(&format!(
             "warning: {} topics are copied whose recording does not say what their messages are made of",
-            written.undefined()
+            bag.undefined()
         ));
     }
-    written.finish()?;
+    bag.finish()?;
     tally.tell(0, failed);
     let tell = if args.json { ui::say } else { ui::tell };
     if lost > 0 {
@@ -213,7 +215,12 @@ fn messages(
 }
 
 /// Writes frames as they come, each behind its image, if the recording that they are from is copied.
-fn write(mut bag: Writer, done: &Receiver<Done>, source: Option<Recording>) -> Result<Writer> {
+fn write(
+    mut bag: Writer,
+    done: &Receiver<Done>,
+    source: Option<Recording>,
+    stop: &AtomicBool,
+) -> Result<Writer> {
     let put = |bag: &mut Writer, done: Done| {
         let mut messages = done.messages.iter();
         messages.try_for_each(|(topic, kind, data)| bag.write(topic, *kind, done.times, data))
@@ -224,6 +231,9 @@ fn write(mut bag: Writer, done: &Receiver<Done>, source: Option<Recording>) -> R
     };
     let mut next = done.recv().ok();
     source.visit(&|_| true, &mut |topic, message| {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::new(Cause::Write, "the program was stopped"));
+        }
         bag.copy(topic, message)?;
         while let Some(frame) = next.take_if(|next| next.place <= message.place) {
             put(&mut bag, frame)?;

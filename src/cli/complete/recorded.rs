@@ -38,6 +38,19 @@ impl Recorded {
         for remark in &frames.remarks {
             ui::warn(&format!("warning: {remark}"));
         }
+        if frames.found.is_empty() {
+            return Err(match frames.dropped.first() {
+                None => Error::format(&path, "has no message of the topic of images"),
+                Some(Dropped { stamp, reason }) => {
+                    let count = frames.dropped.len();
+                    let what = format!(
+                        "none of the {count} images can be completed; the first, {stamp}: {reason}"
+                    );
+                    Error::format(&path, what)
+                        .hint("check topics and stamps by `lsdc inspect`; --tolerance allows for more time between")
+                }
+            });
+        }
         Ok(Self {
             path,
             frames,

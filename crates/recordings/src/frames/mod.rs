@@ -11,7 +11,7 @@ use crate::series::Series;
 use crate::transforms::{Gap, Route, Transforms};
 use crate::{Flaws, Recording};
 use choice::Topics;
-use lsdc_files::error::Result;
+use lsdc_files::error::{Error, Result};
 use lsdc_files::{Camera, Unit};
 use std::time::Duration;
 
@@ -190,6 +190,29 @@ impl Collected {
     }
 }
 
+/// The cameras that a topic describes, each once.
+#[derive(Default)]
+struct Cameras {
+    found: Vec<(Stamp, Camera)>,
+    /// What is wrong with the first that is none.
+    bad: Option<Error>,
+}
+
+impl Cameras {
+    fn add(&mut self, message: &[u8], rectified: bool) {
+        match camera_of(message, rectified) {
+            Ok((header, camera)) => {
+                if self.found.last().is_none_or(|(_, last)| *last != camera) {
+                    self.found.push((header.stamp, camera));
+                }
+            }
+            Err(error) => {
+                self.bad.get_or_insert(error);
+            }
+        }
+    }
+}
+
 impl Frames {
     /// Finds the frames of a recording, which is read once for it, but for topics that are not needed.
     ///
@@ -200,7 +223,7 @@ impl Frames {
         let topics = Topics::choose(recording, wanted)?;
         let rectified = topics.is_rectified();
         let (mut images, mut points) = (Collected::default(), Collected::default());
-        let (mut cameras, mut depth_cameras) = (Vec::new(), Vec::new());
+        let (mut cameras, mut depth_cameras) = (Cameras::default(), Cameras::default());
         let mut tree = Transforms::default();
         let mut unusable = 0;
         let flaws = recording.visit(&|topic| topics.has(&topic.name), &mut |topic, message| {
@@ -212,11 +235,10 @@ impl Frames {
                 points.add(message);
             }
             if topics.camera_info.as_deref() == Some(name) {
-                note_camera(&mut cameras, message.data, rectified)?;
+                cameras.add(message.data, rectified);
             }
             if topics.depth_info.as_deref() == Some(name) {
-                // That of a rectified image has no distortion.
-                note_camera(&mut depth_cameras, message.data, false)?;
+                depth_cameras.add(message.data, false);
             }
             if topics.tf.iter().any(|tf| tf == name) {
                 match transforms(message.data) {
@@ -239,19 +261,26 @@ impl Frames {
             remarks: remarks(&flaws, [&images, &points], unusable, &tree),
             unit: wanted.unit,
             given: wanted.camera.clone(),
-            cameras: Series::new(cameras),
-            depth_cameras: Series::new(depth_cameras),
+            cameras: Series::new(cameras.found),
+            depth_cameras: Series::new(depth_cameras.found),
             transforms: tree,
             route: None,
             topics,
         };
-        frames.route = frames.routed([&images, &points], wanted)?;
+        let bad = cameras.bad.or(depth_cameras.bad);
+        frames.route = frames.routed([&images, &points], wanted, bad)?;
         frames.pair(images, points, wanted.tolerance);
         Ok(frames)
     }
 
     /// The way from the points to the camera, unless the camera is given or its own depths are the points.
-    fn routed(&self, [images, points]: [&Collected; 2], wanted: &Wanted) -> Result<Option<Route>> {
+    /// `bad` is what is wrong with the first camera that is none.
+    fn routed(
+        &self,
+        [images, points]: [&Collected; 2],
+        wanted: &Wanted,
+        bad: Option<Error>,
+    ) -> Result<Option<Route>> {
         let (Some(image), Some(cloud)) = (&images.frame, &points.frame) else {
             return Ok(None);
         };
@@ -260,7 +289,11 @@ impl Frames {
             return Ok(None);
         }
         self.topics
-            .check_cameras(self.cameras.is_empty(), self.depth_cameras.is_empty())?;
+            .check_cameras(self.cameras.is_empty(), self.depth_cameras.is_empty())
+            .map_err(|missing| match (bad, missing.advice()) {
+                (Some(bad), Some(hint)) => bad.hint(hint),
+                _ => missing,
+            })?;
         self.transforms
             .route(cloud, image, wanted.fixed.as_deref())
             .map(Some)
@@ -324,15 +357,6 @@ impl Frames {
             tf.join(" ")
         )
     }
-}
-
-/// Keeps a camera, if it is not that before.
-fn note_camera(cameras: &mut Vec<(Stamp, Camera)>, message: &[u8], rectified: bool) -> Result<()> {
-    let (header, camera) = camera_of(message, rectified)?;
-    if cameras.last().is_none_or(|(_, last)| *last != camera) {
-        cameras.push((header.stamp, camera));
-    }
-    Ok(())
 }
 
 /// What should be said of a recording.

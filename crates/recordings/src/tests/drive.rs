@@ -40,7 +40,7 @@ fn points_are_where_opencv_projects_them() {
             places.len()
         );
         let mut off = 0.0_f64;
-        for point in found.points.iter() {
+        for point in &found.points {
             let distance = |place: &&Vec<f64>| (place[0] - point.u).hypot(place[1] - point.v);
             let by_distance = |a: &&Vec<f64>, b: &&Vec<f64>| distance(a).total_cmp(&distance(b));
             let nearest = places.iter().min_by(by_distance).unwrap();

@@ -2,7 +2,8 @@
 
 use super::{expected, golden, numbers};
 use crate::message::{Header, Kind, Points, camera_of, colours, depths};
-use crate::{Recording, Topic};
+use crate::{Frames, Recording, Topic, Wanted};
+use lsdc_files::Unit;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -24,7 +25,7 @@ const CONTAINERS: [&str; 3] = ["zstd.mcap", "alone.mcap", "bag"];
 #[test]
 fn every_container_holds_the_same() {
     let [first, others @ ..] = CONTAINERS.map(messages);
-    assert_eq!(first.len(), 25);
+    assert_eq!(first.len(), 28);
     for other in others {
         for (name, (topic, data)) in &first {
             let (same_topic, same) = &other[name];
@@ -125,5 +126,70 @@ fn cameras_project_as_opencv() {
         let (_, camera) = camera_of(&messages[name].1, true).unwrap();
         let (pixel, _) = camera.project(place).unwrap();
         assert_eq!(pixel, [12.0 * 0.2 + 6.4, 12.5 * -0.15 + 4.7]);
+    }
+}
+
+fn frames(image: &str, points: &str) -> (Recording, Frames) {
+    let mut recording = Recording::open(&golden("zstd.mcap")).unwrap();
+    let wanted = Wanted {
+        image: Some(image.to_owned()),
+        points: Some(points.to_owned()),
+        camera_info: Some("/cameras/straight/camera_info".to_owned()),
+        ..Wanted::default()
+    };
+    let frames = Frames::of(&mut recording, &wanted).unwrap();
+    assert_eq!((frames.found.len(), frames.dropped.len()), (1, 0));
+    (recording, frames)
+}
+
+/// A depth camera whose depths are registered to the image: a map.
+#[test]
+fn depths_of_the_same_frame_are_a_map() {
+    for (points, unit) in [
+        ("/depth/metres", Unit::METRE),
+        ("/depth/compressed_16UC1", Unit::MILLIMETRE),
+    ] {
+        let (mut recording, frames) = frames("/image/rgb8", points);
+        let loaded = frames
+            .read(&mut recording, &frames.found[0])
+            .unwrap()
+            .decode(&frames)
+            .unwrap();
+        let expected = numbers(&expected()["depths"][points]);
+        assert_eq!(loaded.points.unit, unit);
+        assert_eq!(
+            loaded.points.points.len(),
+            expected.iter().filter(|depth| **depth > 0.0).count()
+        );
+        for point in &loaded.points.points {
+            let depth = expected[point.v as usize * 14 + point.u as usize];
+            assert!((f64::from(point.depth) - depth).abs() < 1e-5);
+        }
+    }
+}
+
+/// A depth camera beside the other one: its pixels are points in space.
+#[test]
+fn depths_of_another_frame_are_points() {
+    let (mut recording, frames) = frames("/image/jpeg", "/other/depth");
+    let loaded = frames
+        .read(&mut recording, &frames.found[0])
+        .unwrap()
+        .decode(&frames)
+        .unwrap();
+    let expected = expected();
+    let expected: Vec<Vec<f64>> = expected["beside"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(numbers)
+        .collect();
+    let found = &loaded.points;
+    assert_eq!(found.points.len() + found.hidden, expected.len());
+    assert!(found.points.len() > 100, "{}", found.points.len());
+    for point in &found.points {
+        let same = |place: &&Vec<f64>| (place[0] - point.u).hypot(place[1] - point.v) < 1e-5;
+        let place = expected.iter().find(same).unwrap();
+        assert!((place[2] - f64::from(point.depth)).abs() < 1e-5);
     }
 }
