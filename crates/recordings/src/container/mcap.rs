@@ -316,17 +316,13 @@ impl Container for Mcap {
                 return Ok(flaws);
             };
             match code {
-                op::CHUNK => {
-                    if self.holds(at + HEAD + length, wanted)? {
-                        match self.chunk(at, length)? {
-                            Ok(records) => {
-                                let place = (file, at);
-                                self.visit_chunk(place, &records, wanted, each, &mut flaws)?;
-                            }
-                            Err(what) => flaws.damage(what),
-                        }
+                op::CHUNK if !self.holds(at + HEAD + length, wanted)? => {}
+                op::CHUNK => match self.chunk(at, length)? {
+                    Ok(records) => {
+                        self.visit_chunk((file, at), &records, wanted, each, &mut flaws)?;
                     }
-                }
+                    Err(what) => flaws.damage(what),
+                },
                 op::SCHEMA | op::CHANNEL | op::MESSAGE if length > LARGEST => {
                     flaws.damage(format!("the record at byte {at} is larger than a gigabyte"));
                 }

@@ -245,9 +245,9 @@ impl Frames {
                     Ok((found, bad)) => {
                         unusable += bad;
                         let is_static = name.ends_with("static");
-                        found
-                            .into_iter()
-                            .for_each(|found| tree.add(found, is_static));
+                        for found in found {
+                            tree.add(found, is_static);
+                        }
                     }
                     Err(_) => unusable += 1,
                 }

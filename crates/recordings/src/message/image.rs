@@ -214,9 +214,8 @@ fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Numb
             damaged("is compressed by RVL, which is not read").hint("record it with format png")
         );
     }
-    let image = match decode(png)? {
-        DynamicImage::ImageLuma16(image) => image,
-        _ => return Err(damaged("of compressed depths holds no PNG of 16 bits")),
+    let DynamicImage::ImageLuma16(image) = decode(png)? else {
+        return Err(damaged("of compressed depths holds no PNG of 16 bits"));
     };
     let size = (image.width() as usize, image.height() as usize);
     let numbers = match encoding.trim() {
