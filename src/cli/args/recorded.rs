@@ -7,11 +7,11 @@ use clap::{Args as ClapArgs, ValueEnum};
 #[command(next_help_heading = "Recordings")]
 pub(in crate::cli) struct Recorded {
     /// Topic of the images, as `lsdc inspect` lists them (images or compressed images) [default: the only one].
-    #[arg(long, value_name = "TOPIC")]
+    #[arg(long, value_name = "TOPIC", hide_short_help = true)]
     pub(in crate::cli) image: Option<String>,
     /// Topic of the points: clouds, or images of depths (16UC1 in --depth-unit, 32FC1, or compressed)
     /// [default: the only one of clouds].
-    #[arg(long, value_name = "TOPIC")]
+    #[arg(long, value_name = "TOPIC", hide_short_help = true)]
     pub(in crate::cli) points: Option<String>,
     /// Topic of the camera of the images [default: `camera_info` beside the images]. --camera FILE replaces
     /// it and the transforms: its pose is that of the camera in the frame of the points.
