@@ -56,6 +56,16 @@ pub fn file(path: &Path) -> Result<String> {
     Ok(hash.name())
 }
 
+/// What is in memory, by its contents and where one part ends and the next begins.
+pub fn bytes(parts: &[&[u8]]) -> String {
+    let mut hash = Hash::new();
+    for part in parts {
+        hash.add(&(part.len() as u64).to_le_bytes());
+        hash.add(part);
+    }
+    hash.name()
+}
+
 /// A file without reading it: its size in bytes, and when it was last written, in nanoseconds since
 /// 1970; nothing if it is missing.
 pub type Stamp = Option<(u64, u64)>;

@@ -15,6 +15,7 @@ use lsdc::data::{
 };
 use lsdc::pretrained::read_encoder;
 use lsdc::report::Report;
+use lsdc_recordings::{Flaws, Frames, Recording, Survey, Wanted};
 use lsdc_rng::Rng;
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, ValueKind, WriterInit};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -511,4 +512,32 @@ fn encoders() {
         std::fs::copy(golden.join(name), &path).unwrap();
         survive(&path, || read_encoder(&path).is_ok());
     }
+}
+
+#[test]
+fn recordings() {
+    let folder = tempfile::tempdir().unwrap();
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/recordings");
+    for name in ["zstd.mcap", "alone.mcap", "drive.mcap", "bag/bag.db3"] {
+        let path = folder.path().join(Path::new(name).file_name().unwrap());
+        std::fs::copy(golden.join(name), &path).unwrap();
+        survive(&path, || {
+            let survey =
+                Recording::open(&path).and_then(|mut recording| Survey::of(&mut recording));
+            survey.is_ok_and(|survey| survey.flaws == Flaws::default())
+        });
+    }
+    let path = folder.path().join("frames.mcap");
+    std::fs::copy(golden.join("drive.mcap"), &path).unwrap();
+    survive(&path, || {
+        let read = || {
+            let mut recording = Recording::open(&path)?;
+            let frames = Frames::of(&mut recording, &Wanted::default())?;
+            for frame in &frames.found {
+                frames.read(&mut recording, frame)?.decode(&frames)?;
+            }
+            Ok::<bool, lsdc::error::Error>(frames.found.len() == 4 && frames.remarks.is_empty())
+        };
+        read().unwrap_or(false)
+    });
 }

@@ -1,6 +1,7 @@
 //! What the targets share.
 
 use lsdc::data::{DataConfig, DatasetKind, Split};
+use lsdc_recordings::{Frames, Recording, Survey, Wanted};
 use std::path::Path;
 use std::sync::Once;
 
@@ -33,4 +34,18 @@ pub fn with_dataset(data: &[u8], name: &str, kind: DatasetKind) {
             }
         }
     });
+}
+
+/// Counts what is in a recording, and reads its frames.
+pub fn recording(path: &Path) {
+    let Ok(mut recording) = Recording::open(path) else {
+        return;
+    };
+    let _ = Survey::of(&mut recording);
+    let Ok(frames) = Frames::of(&mut recording, &Wanted::default()) else {
+        return;
+    };
+    for frame in &frames.found {
+        let _ = frames.read(&mut recording, frame).and_then(|stored| stored.decode(&frames));
+    }
 }

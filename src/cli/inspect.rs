@@ -1,13 +1,14 @@
 //! `lsdc inspect`: what is in files, folders and datasets.
 
 use super::args::Inspect;
-use super::{Exit, report, settings, ui, weights};
+use super::{Exit, recordings, report, settings, ui, weights};
 use crate::data::{Contents, DepthMap, Split, View, read_rgb, write_atomically};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::experiment::contact_sheet;
 use crate::predict::open_completer;
 use crate::report::coloured;
+use lsdc_recordings::Recording;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -31,6 +32,10 @@ pub(super) fn run(args: &Inspect) -> Result<Exit> {
         }
         if path.extension().is_some_and(|e| e == "safetensors") {
             weights::info(Some(path), args.json)?;
+            continue;
+        }
+        if Recording::is_at(path) {
+            recordings::inspect(path, args.json)?;
             continue;
         }
         let contents = Contents::read(path, args.depth_unit)?;

@@ -12,6 +12,7 @@ mod inspect;
 mod install;
 mod manual;
 mod names;
+mod recordings;
 mod report;
 #[cfg(feature = "serve")]
 mod serve;

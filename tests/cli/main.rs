@@ -15,6 +15,7 @@ mod looking;
 mod loopback;
 mod many;
 mod outputs;
+mod recordings;
 mod reuse;
 #[cfg(feature = "serve")]
 mod serve;

@@ -28,13 +28,13 @@ mod sparse;
 mod stored;
 mod unit;
 
-pub use camera::Camera;
+pub use camera::{Camera, CameraInfo};
 pub use cloud::Cloud;
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
 pub use files::{
-    Colored, Hdf5, check_writable, encode_depth_png, encode_exr, encode_npy, encode_npz,
-    encode_ply, from_planes, has_ending, image_size, images_below, is_image, png_unit,
+    Colored, Hdf5, Unfinished, check_writable, encode_depth_png, encode_exr, encode_npy,
+    encode_npz, encode_ply, from_planes, has_ending, image_size, images_below, is_image, png_unit,
     raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_pair, read_rgb,
     read_upright, reading_at_most, remove_leftovers, stored_unit, write_atomically,
     write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz, write_pfm,

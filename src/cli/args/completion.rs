@@ -1,7 +1,7 @@
 //! Arguments of `complete` and `bench`.
 
 use super::values::{Format, range, size, typed};
-use super::{FitFlags, Model};
+use super::{FitFlags, Model, Recorded};
 use crate::data::{Camera, GuideSource, Shard, Unit};
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
@@ -10,14 +10,16 @@ use std::path::PathBuf;
 
 #[derive(Clone, Debug, ClapArgs)]
 #[command(
+    // A single input is a recording, in the place of the points.
+    allow_missing_positional = true,
     after_help = "`lsdc complete --help` shows every option.",
     after_long_help = "See docs/guide.md for example commands for every kind of data."
 )]
 pub(in crate::cli) struct Complete {
     /// Colour image (JPEG, PNG, WebP, TIFF, BMP, PNM), or several: image files, a folder, a pattern such as
     /// 'left/*.png', or a list (txt) with one image per line, optionally followed by its points file (else
-    /// the points are taken from the folder of points); quote names with spaces. `-` is standard input.
-    #[arg(required = true)]
+    /// the points are taken from the folder of points); quote names with spaces. `-` is standard input. None with a
+    /// recording, which holds both.
     pub(in crate::cli) rgb: Vec<PathBuf>,
     /// Sparse depths: a depth map of the image's shape (npy, npz, 16-bit PNG, PGM, TIFF, EXR, PFM, HDF5); a
     /// table of points (csv, txt, npy of shape (points, 3 or 4)) with columns u, v, depth[, sigma], where u
@@ -26,10 +28,12 @@ pub(in crate::cli) struct Complete {
     /// most of its rows cannot be pixels; ambiguous tables are rejected); a point cloud (PLY, PCD, LAS, LAZ,
     /// xyz, KITTI's bin; needs --camera); or a COLMAP sparse model. 0, NaN, infinite and negative values
     /// mean no measurement. For several images: a folder of such files with matching names, or a model.
-    /// `-` is standard input.
+    /// `-` is standard input. Or, without an image, a recording of ROS 2: an MCAP file, a db3 file of rosbag2, or the
+    /// folder of a bag, of which --image and --points name topics.
+    #[arg(required = true)]
     pub(in crate::cli) sparse: PathBuf,
     /// Folder for the results; for a single image also a file, whose extension selects the format, or `-`
-    /// for standard output [default: the folder of the image].
+    /// for standard output; for a recording also an mcap file [default: the folder of the image].
     #[arg(short, long, value_name = "PATH", help_heading = "Output")]
     pub(in crate::cli) output: Option<PathBuf>,
     /// Unit of the sparse depths: m, cm, mm, kitti (1/256 m), tum (1/5000 m), vkitti (1/100 m), or the
@@ -128,6 +132,8 @@ pub(in crate::cli) struct Complete {
     /// Print one JSON object per frame.
     #[arg(long, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) json: bool,
+    #[command(flatten)]
+    pub(in crate::cli) recorded: Recorded,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
 }

@@ -9,7 +9,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(in crate::cli) struct Inspect {
-    /// Images, depth maps, point tables, point clouds, camera files, weights files, COLMAP model folders.
+    /// Images, depth maps, point tables, point clouds, camera files, weights files, COLMAP model folders, recordings
+    /// (MCAP, or rosbag2's db3, or the folder of a bag).
     #[arg(required_unless_present = "dataset")]
     pub(in crate::cli) files: Vec<PathBuf>,
     /// Unit of the stored depths, as for `complete` [default: mm for integers, m for other numbers].

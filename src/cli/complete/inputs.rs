@@ -2,14 +2,17 @@
 
 use super::Complete;
 use super::failures::Failures;
+use super::recorded::Recorded;
 use crate::cli::args::Format;
 use crate::cli::ui;
 use crate::data::{self, Camera, Colmap, Sparse, View};
 use crate::error::{Error, Result};
 use image::RgbImage;
 use lsdc_core::DepthGuide;
+use lsdc_recordings::Frame;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// An image and where its points are.
@@ -24,6 +27,26 @@ pub(super) struct Job {
 enum Points {
     File(PathBuf),
     View(Box<View>),
+    /// Image and points are messages.
+    Recorded(Arc<Recorded>, Box<Frame>),
+}
+
+/// What a frame is read from.
+pub(super) enum Input<'a> {
+    /// A file, or the folder of a model.
+    File(&'a Path),
+    /// Messages of a recording.
+    Frame(&'a Recorded, &'a Frame),
+}
+
+impl Input<'_> {
+    /// Where it is.
+    pub(super) fn path(&self) -> &Path {
+        match self {
+            Self::File(path) => path,
+            Self::Frame(recorded, _) => recorded.path(),
+        }
+    }
 }
 
 /// A frame in memory.
@@ -36,19 +59,40 @@ pub(super) struct Loaded {
 }
 
 impl Job {
-    /// The files that it is read from, each with what it is: those of a model as one folder.
-    pub(super) fn files<'a>(&'a self, args: &'a Complete) -> Vec<(&'static str, &'a Path)> {
+    /// What it is read from, each with what it is: the files of a model as one folder.
+    pub(super) fn inputs<'a>(&'a self, args: &'a Complete) -> Vec<(&'static str, Input<'a>)> {
         let points = match &self.points {
-            Points::File(path) => path,
-            Points::View(_) => &args.sparse,
+            Points::File(path) => Input::File(path),
+            Points::View(_) => Input::File(&args.sparse),
+            Points::Recorded(recorded, frame) => Input::Frame(recorded, frame),
         };
-        let guide = self.guide.as_deref().map(|guide| ("guide", guide));
-        let files = [("image", self.image.as_path()), ("points", points)];
-        files.into_iter().chain(guide).collect()
+        let alone = matches!(points, Input::Frame(..));
+        let image = (!alone).then_some(("image", Input::File(&self.image)));
+        let points = (if alone { "recording" } else { "points" }, points);
+        let guide = self
+            .guide
+            .as_deref()
+            .map(|guide| ("guide", Input::File(guide)));
+        image.into_iter().chain([points]).chain(guide).collect()
     }
 
     pub(super) fn load(&self, args: &Complete) -> Result<Loaded> {
         let started = Instant::now();
+        let mut loaded = match &self.points {
+            Points::Recorded(recorded, frame) => recorded.load(frame)?.1,
+            Points::File(_) | Points::View(_) => self.load_files(args)?,
+        };
+        if let (Some(source), Some(file)) = (&args.guide, &self.guide) {
+            let guide = source.read(file)?;
+            let size = (loaded.rgb.width() as usize, loaded.rgb.height() as usize);
+            loaded.points.remarks.extend(doubts(&guide, size));
+            loaded.guide = Some(guide);
+        }
+        loaded.reading = started.elapsed();
+        Ok(loaded)
+    }
+
+    fn load_files(&self, args: &Complete) -> Result<Loaded> {
         let (rgb, image) = data::read_upright(&self.image)?;
         let mut assumed = Vec::new();
         let camera = match (&args.camera, &self.points) {
@@ -58,30 +102,23 @@ impl Job {
                 Some(camera)
             }
             (None, Points::View(view)) => view.camera_of(&image, args.depth_unit)?,
-            (None, Points::File(_)) => None,
+            (None, _) => None,
         };
         let mut points = match &self.points {
             Points::File(path) => Sparse::read(path, args.depth_unit, camera.as_ref(), image)?,
             Points::View(view) => Sparse::of_view(view, image, args.depth_unit)?,
+            Points::Recorded(..) => return Err(Error::config("a message is in no file")),
         };
         if let Some(path) = &args.sigma {
             points = points.with_sigma(path, image)?;
         }
         points.remarks.extend(assumed);
-        let guide = match (&args.guide, &self.guide) {
-            (Some(source), Some(file)) => {
-                let guide = source.read(file)?;
-                points.remarks.extend(doubts(&guide, image.upright()));
-                Some(guide)
-            }
-            _ => None,
-        };
         Ok(Loaded {
             rgb,
             points,
             camera,
-            guide,
-            reading: started.elapsed(),
+            guide: None,
+            reading: Duration::ZERO,
         })
     }
 }
@@ -144,10 +181,23 @@ fn guide_of(args: &Complete, name: &Path) -> Result<Option<PathBuf>> {
     source.map(|source| source.file_for(name)).transpose()
 }
 
-/// Every image of folders, patterns and lists that belongs to the shard, each with its points. What
+/// Every image of folders, patterns, lists and recordings that belongs to the shard, each with its points. What
 /// has none, or no name of its own, has failed.
 pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Result<Vec<Job>> {
     let holds = |name: &Path| args.shard.holds(&name.to_string_lossy());
+    if args.rgb.is_empty() {
+        let recorded = Arc::new(Recorded::open(args)?);
+        recorded.tell(args.json);
+        let mut jobs = Jobs::new(args, failures);
+        for frame in recorded.frames() {
+            let name = Recorded::name(frame);
+            if holds(&name) {
+                let points = Points::Recorded(recorded.clone(), Box::new(frame.clone()));
+                jobs.add(recorded.path().to_owned(), name, Ok(points));
+            }
+        }
+        return Ok(jobs.found);
+    }
     let mut views = Vec::new();
     if Colmap::is_at(&args.sparse) {
         views = Colmap::read(&args.sparse)?.views;

@@ -1,13 +1,17 @@
 //! `lsdc complete`: images and their points to dense depth.
 
+mod bag;
 mod failures;
+mod flow;
 mod frame;
 mod inputs;
 mod many;
 mod outputs;
 mod pipes;
 mod record;
+mod recorded;
 mod summary;
+mod tally;
 mod video;
 
 use super::args::Complete;
@@ -15,12 +19,19 @@ use super::{Exit, ui};
 use crate::error::Result;
 use frame::Engine;
 use inputs::Job;
+use lsdc_files::has_ending;
 use outputs::Outputs;
 use pipes::Pipes;
 use std::path::Path;
 use summary::Summary;
 
 pub(super) fn run(args: &Complete) -> Result<Exit> {
+    recorded::check(args)?;
+    if let (true, Some(output)) = (args.rgb.is_empty(), &args.output)
+        && has_ending(output, "mcap")
+    {
+        return bag::run(args, output);
+    }
     let mut args = args.clone();
     let pipes = Pipes::open(&mut args)?;
     if !inputs::is_one(&args) {

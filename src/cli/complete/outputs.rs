@@ -146,8 +146,8 @@ impl<'a> Outputs<'a> {
     /// Checks that no file of the result is one that it is made from.
     pub(super) fn check_apart(&self, job: &Job) -> Result<()> {
         let real = |path: &Path| path.canonicalize().ok();
-        for (what, input) in job.files(self.args) {
-            let input = real(input);
+        for (what, input) in job.inputs(self.args) {
+            let input = real(input.path());
             let mut files = self.files.iter().map(|(_, path)| path);
             if let Some(path) = files.find(|path| input.is_some() && real(path) == input) {
                 let found = format!("`{}` is the {what}", path.display());

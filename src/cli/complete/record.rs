@@ -1,8 +1,9 @@
 //! What the results of a frame were made from: kept below their folder, so that a later run uses only
 //! those again that it would make itself.
 
-use super::inputs::Job;
+use super::inputs::{Input, Job};
 use super::outputs::formats;
+use super::recorded;
 use super::summary::Summary;
 use crate::cli::args::{Complete, Format};
 use crate::data::write_atomically;
@@ -87,11 +88,12 @@ impl Records {
         if let Some(first) = method.or(found.first()) {
             return Ok(Some(first.clone()));
         }
-        for (role, path) in job.files(args) {
+        for (role, input) in job.inputs(args) {
+            let path = input.path();
             let same = match before.inputs.get(role) {
                 Some(source) if source.ending != ending(path) => false,
                 Some(source) if source.stamp.is_some() && source.stamp == stamp(path) => true,
-                Some(source) => source.content == self.source(path)?.content,
+                Some(source) => source.content == self.source(&input)?.content,
                 None => false,
             };
             if !same {
@@ -103,8 +105,8 @@ impl Records {
 
     /// What a frame is about to be read from.
     pub(super) fn inputs(&self, args: &Complete, job: &Job) -> Result<Inputs> {
-        let files = job.files(args).into_iter();
-        let sources = files.map(|(role, path)| Ok((role.to_owned(), self.source(path)?)));
+        let inputs = job.inputs(args).into_iter();
+        let sources = inputs.map(|(role, input)| Ok((role.to_owned(), self.source(&input)?)));
         sources.collect::<Result<_>>().map(Inputs)
     }
 
@@ -135,7 +137,15 @@ impl Records {
         })
     }
 
-    fn source(&self, path: &Path) -> Result<Source> {
+    fn source(&self, input: &Input<'_>) -> Result<Source> {
+        let path = input.path();
+        if let Input::Frame(recorded, frame) = input {
+            return Ok(Source {
+                stamp: stamp(path),
+                ending: ending(path),
+                content: recorded.content(frame)?,
+            });
+        }
         if !path.is_dir() {
             return Ok(Source {
                 stamp: stamp(path),
@@ -212,6 +222,7 @@ fn settings(args: &Complete) -> Result<Value> {
         "guide": args.guide.as_ref().map(|guide| format!("{:?}", guide.kind)),
         "temporal": args.temporal,
         "depth_unit": args.depth_unit.map(|unit| unit.to_string()),
+        "recording": recorded::settings(args),
         "camera": args.camera.as_ref().map(|camera| format!("{camera:?}")),
         "size": args.size,
         "preserve_input": args.preserve_input.name(),

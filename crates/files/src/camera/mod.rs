@@ -3,6 +3,8 @@
 mod file;
 mod ros;
 
+pub use ros::CameraInfo;
+
 use super::Orientation;
 use super::grid::{pixel, same_shape};
 use crate::error::{Error, Result};
@@ -44,7 +46,10 @@ impl Camera {
         }
     }
 
-    pub(super) fn with_pose(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
+    /// The same camera at another place: a point of the world is first rotated (the matrix is given row by row), then
+    /// translated.
+    #[must_use]
+    pub fn with_pose(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
         Self {
             optics: self.optics.with_pose(rotation, translation),
             ..self

@@ -1,8 +1,104 @@
-//! The `camera_info` of ROS as YAML: what `camera_calibration` writes, and what `rostopic echo` and
+//! The `camera_info` of ROS, and as YAML: what `camera_calibration` writes, and what `rostopic echo` and
 //! `ros2 topic echo` print.
 
+use super::Camera;
 use super::file::{Model, Stored};
 use std::collections::HashMap;
+
+/// What ROS says of a camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraInfo {
+    /// Width and height of the image, if they are known.
+    pub size: Option<(usize, usize)>,
+    /// The name of the distortion.
+    pub model: String,
+    /// Its coefficients.
+    pub distortion: Vec<f64>,
+    /// K, row by row: of the whole sensor, before the image is rectified.
+    pub matrix: [f64; 9],
+    /// P, row by row: after that.
+    pub projection: Option<[f64; 12]>,
+    /// A window of the sensor: its first column and row, its width and its height; 0 stands for all.
+    pub window: [usize; 4],
+    /// Pixels of the sensor that are one of the image, across and down; 0 stands for 1.
+    pub binning: [usize; 2],
+}
+
+impl CameraInfo {
+    /// The camera of the image before it was rectified.
+    ///
+    /// # Errors
+    /// What is wrong with it, to be said after its name.
+    pub fn camera(&self) -> Result<Camera, String> {
+        self.stored()?.try_into()
+    }
+
+    /// The camera of the image after it was rectified, which has no distortion.
+    ///
+    /// # Errors
+    /// What is wrong with it, to be said after its name.
+    pub fn rectified(&self) -> Result<Camera, String> {
+        self.check_whole()?;
+        let [fx, _, cx, _, _, fy, cy, ..] = self
+            .projection
+            .ok_or("has no P, which rectified images need")?;
+        self.of(Model::Pinhole, &[], [fx, fy, cx, cy]).try_into()
+    }
+
+    fn stored(&self) -> Result<Stored, String> {
+        self.check_whole()?;
+        let [fx, _, cx, _, fy, cy, ..] = self.matrix;
+        let straight = self.distortion.iter().all(|&k| k == 0.0);
+        let (model, distortion) = match self.model.as_str() {
+            _ if straight => (Model::Pinhole, &[][..]),
+            "plumb_bob" | "rational_polynomial" | "" => (Model::Radtan, &self.distortion[..]),
+            "equidistant" | "fisheye" => (Model::Fisheye, &self.distortion[..]),
+            other => {
+                return Err(format!(
+                    "has the distortion_model `{other}`, which is not known"
+                ));
+            }
+        };
+        Ok(self.of(model, distortion, [fx, fy, cx, cy]))
+    }
+
+    fn of(&self, model: Model, distortion: &[f64], [fx, fy, cx, cy]: [f64; 4]) -> Stored {
+        Stored {
+            width: self.size.map(|(width, _)| width),
+            height: self.size.map(|(_, height)| height),
+            fx: Some(fx),
+            fy: Some(fy),
+            cx: Some(cx),
+            cy: Some(cy),
+            distortion: distortion.to_vec(),
+            model,
+            ..Stored::default()
+        }
+    }
+
+    /// Checks that the numbers are those of the images: a window and a binning have others.
+    fn check_whole(&self) -> Result<(), String> {
+        let [x, y, columns, rows] = self.window;
+        let [across, down] = self.binning;
+        let (width, height) = (self.size.map(|size| size.0), self.size.map(|size| size.1));
+        for (name, value, whole) in [
+            ("roi.x_offset", x, None),
+            ("roi.y_offset", y, None),
+            ("roi.width", columns, width),
+            ("roi.height", rows, height),
+            ("binning_x", across, Some(1)),
+            ("binning_y", down, Some(1)),
+        ] {
+            if value != 0 && Some(value) != whole {
+                return Err(format!(
+                    "has {name} {value}, so that its K is not that of the images: give fx, fy, cx, cy, \
+                     width and height of these"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
 
 /// Of the image before it was rectified: `K` and `D`, which are those of the whole sensor.
 pub(super) fn parse(text: &str) -> Result<Stored, String> {
@@ -19,55 +115,40 @@ pub(super) fn parse(text: &str) -> Result<Stored, String> {
     let length = |names: &[&str]| -> Result<Option<usize>, String> {
         Ok(numbers(names)?.and_then(|n| n.first().map(|&n| n as usize)))
     };
-    let (width, height) = (
+    let count = |name: &str| Ok::<_, String>(length(&[name])?.unwrap_or(0));
+    let window = [
+        count("roi.x_offset")?,
+        count("roi.y_offset")?,
+        count("roi.width")?,
+        count("roi.height")?,
+    ];
+    let binning = [count("binning_x")?, count("binning_y")?];
+    let sides = (
         length(&["image_width", "width"])?,
         length(&["image_height", "height"])?,
     );
-    // A window or a binning of the sensor; 0 stands for none.
-    for (name, whole) in [
-        ("roi.x_offset", None),
-        ("roi.y_offset", None),
-        ("roi.width", width),
-        ("roi.height", height),
-        ("binning_x", Some(1)),
-        ("binning_y", Some(1)),
-    ] {
-        let value = length(&[name])?.filter(|&value| value != 0 && Some(value) != whole);
-        if let Some(value) = value {
-            return Err(format!(
-                "has {name} {value}, so that its K is not that of the images: give fx, fy, cx, cy, \
-                 width and height of these"
-            ));
-        }
-    }
     let matrix = numbers(&["camera_matrix.data", "K", "k"])?;
-    let Some(&[fx, _, cx, _, fy, cy, _, _, _]) = matrix.as_deref() else {
+    let Some(&matrix) = matrix
+        .as_deref()
+        .and_then(|m| <&[f64; 9]>::try_from(m).ok())
+    else {
         return Err("has no camera_matrix or K of 9 numbers".to_owned());
     };
-    let distortion = numbers(&["distortion_coefficients.data", "D", "d"])?.unwrap_or_default();
     let named = find(&["distortion_model"]).and_then(|texts| texts.first());
-    let named = named.map_or("", String::as_str);
-    let straight = distortion.iter().all(|&k| k == 0.0);
-    let model = match named {
-        _ if straight => Model::Pinhole,
-        "plumb_bob" | "rational_polynomial" | "" => Model::Radtan,
-        "equidistant" | "fisheye" => Model::Fisheye,
-        other => {
-            return Err(format!(
-                "has the distortion_model `{other}`, which is not known"
-            ));
-        }
+    let info = CameraInfo {
+        size: sides.0.zip(sides.1),
+        model: named.cloned().unwrap_or_default(),
+        distortion: numbers(&["distortion_coefficients.data", "D", "d"])?.unwrap_or_default(),
+        matrix,
+        projection: None,
+        window,
+        binning,
     };
+    let stored = info.stored()?;
     Ok(Stored {
-        width,
-        height,
-        fx: Some(fx),
-        fy: Some(fy),
-        cx: Some(cx),
-        cy: Some(cy),
-        distortion: if straight { Vec::new() } else { distortion },
-        model,
-        ..Stored::default()
+        width: sides.0,
+        height: sides.1,
+        ..stored
     })
 }
 

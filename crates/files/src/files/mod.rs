@@ -33,7 +33,9 @@ pub use pfm::write_pfm;
 pub(super) use picture::{image_kind, read_grey};
 pub use picture::{image_size, read_depth_png, read_rgb, read_upright, write_rgb};
 pub use ply::{Colored, encode_ply, write_ply};
-pub use save::{check_writable, remove_leftovers, write_atomically, write_folder_atomically};
+pub use save::{
+    Unfinished, check_writable, remove_leftovers, write_atomically, write_folder_atomically,
+};
 pub(super) use table::{Columns, Row, Table, read_table};
 pub use tiff::write_tiff;
 pub(super) use tiff::{is_grey_tiff, read_tiff};

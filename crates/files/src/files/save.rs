@@ -2,8 +2,8 @@
 
 use crate::error::{Error, Result};
 use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// What the names of files begin and end with until they are complete.
@@ -20,18 +20,64 @@ pub fn write_atomically(
     path: &Path,
     fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<()> {
-    let folder = parent(path);
-    let attempt = || {
-        let mut file = temporary(folder)?;
-        let mut buffer = BufWriter::new(file.as_file_mut());
-        fill(&mut buffer)?;
-        buffer.flush()?;
-        drop(buffer);
-        file.as_file().sync_all()?;
-        file.persist(path).map_err(|e| e.error)?;
-        sync_folder(folder)
-    };
-    attempt().map_err(|e| Error::write(path, e))
+    let mut file = Unfinished::create(path)?;
+    let mut buffer = BufWriter::new(&mut file);
+    fill(&mut buffer)
+        .and_then(|()| buffer.flush())
+        .map_err(|e| Error::write(path, e))?;
+    drop(buffer);
+    file.finish()
+}
+
+/// A file on its way to its name: a temporary one in the same folder, which goes if it is not finished.
+#[derive(Debug)]
+pub struct Unfinished {
+    file: tempfile::NamedTempFile,
+    path: PathBuf,
+}
+
+impl Unfinished {
+    /// For a file that will be at `path`.
+    ///
+    /// # Errors
+    /// The folder cannot be written.
+    pub fn create(path: &Path) -> Result<Self> {
+        let file = temporary(parent(path)).map_err(|e| Error::write(path, e))?;
+        Ok(Self {
+            file,
+            path: path.to_owned(),
+        })
+    }
+
+    /// Puts it in its place, also of a file that is there. On return it outlives a power failure.
+    ///
+    /// # Errors
+    /// The file cannot be written; what was there is then untouched.
+    pub fn finish(self) -> Result<()> {
+        let Self { file, path } = self;
+        let attempt = || {
+            file.as_file().sync_all()?;
+            file.persist(&path).map_err(|e| e.error)?;
+            sync_folder(parent(&path))
+        };
+        attempt().map_err(|e| Error::write(&path, e))
+    }
+}
+
+impl Write for Unfinished {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for Unfinished {
+    fn seek(&mut self, place: SeekFrom) -> std::io::Result<u64> {
+        self.file.seek(place)
+    }
 }
 
 /// Writes the folder `path` through a temporary one beside it, renamed when complete. `fill` gets the

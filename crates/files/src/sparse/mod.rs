@@ -134,6 +134,48 @@ impl Sparse {
         Ok(points.sparse(unit, false, "keypoint"))
     }
 
+    /// What a camera sees of a cloud in metres in an image of this width and height. `name` is what the cloud is called.
+    ///
+    /// # Errors
+    /// A camera of images of another shape; no point in the image.
+    pub fn of_cloud(
+        name: &Path,
+        cloud: impl IntoIterator<Item = [f64; 3]>,
+        camera: &Camera,
+        size: (usize, usize),
+    ) -> Result<Self> {
+        check(size)?;
+        let camera = camera.resized(size)?;
+        let mut points = Points::new(size);
+        for point in cloud {
+            points.project(&camera, point, 1.0, None);
+        }
+        let metres = Some(Unit::METRE);
+        self::cloud(name, points, KnownUnit::new(metres, Numbers::Floats))
+    }
+
+    /// The depths of a map of an image's shape, in metres. `name` is what the map is called, and `unit` what it was
+    /// stored in.
+    ///
+    /// # Errors
+    /// A map of another shape.
+    pub fn of_depths(
+        name: &Path,
+        depth: DepthMap,
+        unit: Unit,
+        size: (usize, usize),
+    ) -> Result<Self> {
+        check(size)?;
+        let map = StoredMap {
+            depth,
+            sigma: None,
+            unit,
+            guessed: false,
+            remarks: Vec::new(),
+        };
+        Self::of_map(name, map, &size.into())
+    }
+
     /// The same depths with standard deviations from a map of the image's shape, in the same unit.
     ///
     /// # Errors

@@ -1,0 +1,392 @@
+//! MCAP (<https://mcap.dev/spec>): records one after the other, most of them in chunks.
+
+use super::record::{Channel, ChunkHead, Schema, Stored, op, summary_start};
+use super::{Container, Each, Flaws, LARGEST, Message, Place, Topic};
+use lsdc_files::error::{Cause, Error, Result};
+use mcap::MAGIC;
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{BufReader, Read as _, Seek as _};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// An operation code and a length come before each record.
+const HEAD: u64 = 9;
+/// At most so much comes before the compressed records of a chunk: numbers, and the name of a compression.
+const CHUNK_HEAD: u64 = 128;
+/// The last record, and the magic bytes after it.
+const FOOTER: u64 = HEAD + 20 + 8;
+/// Outside of any chunk.
+const ALONE: u64 = u64::MAX;
+/// Chunks that are kept: image and points of a frame are in different ones where topics were recorded by turns.
+const KEPT: usize = 3;
+
+/// An MCAP file.
+pub(crate) struct Mcap {
+    path: PathBuf,
+    file: BufReader<File>,
+    size: u64,
+    channels: Channels,
+    /// Whether the file has an end.
+    ended: bool,
+    /// Whether the channels of the whole file are known, so that chunks can be passed over.
+    summarised: bool,
+    /// The last chunks that were read, the latest first.
+    chunks: Vec<(u64, Arc<Vec<u8>>)>,
+}
+
+/// Channels and schemas by their numbers.
+#[derive(Default)]
+struct Channels {
+    schemas: HashMap<u16, Schema>,
+    topics: HashMap<u16, Arc<Topic>>,
+}
+
+impl Channels {
+    /// Takes in what a record says of them, if it can be read; the first that is said of a number stands.
+    fn note(&mut self, code: u8, body: &[u8]) -> Option<()> {
+        if code == op::SCHEMA {
+            let schema = Schema::read(body)?;
+            self.schemas.entry(schema.id).or_insert(schema);
+        } else if code == op::CHANNEL {
+            let channel = Channel::read(body)?;
+            let schema = self.schemas.get(&channel.schema);
+            self.topics.entry(channel.id).or_insert_with(|| {
+                Arc::new(Topic {
+                    name: channel.topic,
+                    kind: schema.map_or(String::new(), |schema| schema.name.clone()),
+                    encoding: channel.encoding,
+                    definition: schema.map(|schema| (schema.language.clone(), schema.text.clone())),
+                    metadata: channel.metadata,
+                })
+            });
+        }
+        Some(())
+    }
+}
+
+impl Mcap {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(|e| Error::read(path, e))?;
+        let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
+        let mut found = Self {
+            path: path.to_owned(),
+            file: BufReader::with_capacity(1 << 16, file),
+            size,
+            channels: Channels::default(),
+            ended: false,
+            summarised: false,
+            chunks: Vec::new(),
+        };
+        if size < MAGIC.len() as u64 || found.bytes(0, MAGIC.len() as u64)? != MAGIC {
+            return Err(Error::format(path, "is no MCAP file"));
+        }
+        if let Some(start) = found.summary()? {
+            found.read_summary(start)?;
+        }
+        Ok(found)
+    }
+
+    /// Where the summary begins, if the file has an end.
+    fn summary(&mut self) -> Result<Option<u64>> {
+        let Some(at) = self.footer() else {
+            return Ok(None);
+        };
+        let tail = self.bytes(at, FOOTER)?;
+        self.ended = tail.ends_with(MAGIC) && tail[0] == op::FOOTER;
+        let body = &tail[HEAD as usize..FOOTER as usize - MAGIC.len()];
+        let start = summary_start(body).filter(|start| self.ended && *start > 0);
+        Ok(start)
+    }
+
+    fn footer(&self) -> Option<u64> {
+        self.size
+            .checked_sub(FOOTER)
+            .filter(|at| *at >= MAGIC.len() as u64)
+    }
+
+    /// The channels that the summary lists. A damaged one is none.
+    fn read_summary(&mut self, start: u64) -> Result<()> {
+        let end = self.footer().unwrap_or(0);
+        let mut at = start;
+        while at < end {
+            let Some((code, length)) = self.head(at)? else {
+                return Ok(());
+            };
+            if matches!(code, op::SCHEMA | op::CHANNEL) {
+                let body = self.bytes(at + HEAD, length)?;
+                if self.channels.note(code, &body).is_none() {
+                    return Ok(());
+                }
+            }
+            at += HEAD + length;
+        }
+        self.summarised = at == end;
+        Ok(())
+    }
+
+    /// The operation code and the length of the record at a byte; nothing if the file ends before it does.
+    fn head(&mut self, at: u64) -> Result<Option<(u8, u64)>> {
+        let left = self.size.saturating_sub(at);
+        if left < HEAD {
+            return Ok(None);
+        }
+        let head = self.bytes(at, HEAD)?;
+        let (&code, length) = head.split_first().unwrap_or((&0, &[]));
+        let length = u64::from_le_bytes(length.try_into().unwrap_or_default());
+        Ok((length <= left - HEAD).then_some((code, length)))
+    }
+
+    /// Bytes that the file has.
+    fn bytes(&mut self, at: u64, length: u64) -> Result<Vec<u8>> {
+        let mut bytes = vec![0; length as usize];
+        let here = self.file.stream_position();
+        let read = here.and_then(|here| {
+            // Keeps what is buffered, unlike a plain seek.
+            self.file.seek_relative(at as i64 - here as i64)?;
+            self.file.read_exact(&mut bytes)
+        });
+        read.map_err(|e| Error::read(&self.path, e))?;
+        Ok(bytes)
+    }
+
+    /// Whether a chunk that ends at `end` holds messages of a topic that is wanted, as far as the records behind it say.
+    fn holds(&mut self, end: u64, wanted: &dyn Fn(&Topic) -> bool) -> Result<bool> {
+        if !self.summarised {
+            return Ok(true);
+        }
+        let (mut at, mut indexed) = (end, false);
+        while let Some((op::MESSAGE_INDEX, length)) = self.head(at)? {
+            let number = self.bytes(at + HEAD, length.min(2))?;
+            let number = number.try_into().map_or(0, u16::from_le_bytes);
+            match self.channels.topics.get(&number) {
+                Some(topic) if !wanted(topic) => {}
+                _ => return Ok(true),
+            }
+            indexed = true;
+            at += HEAD + length;
+        }
+        Ok(!indexed)
+    }
+
+    /// The records of a chunk at a byte, whose body is so long; or what is wrong with it.
+    fn chunk(&mut self, at: u64, length: u64) -> Result<std::result::Result<Vec<u8>, String>> {
+        let start = at + HEAD;
+        let strange = |what: &str| Ok(Err(format!("the chunk at byte {at} {what}")));
+        let head = self.bytes(start, length.min(CHUNK_HEAD))?;
+        let Some(head) = ChunkHead::read(&head) else {
+            return strange("has no sound beginning");
+        };
+        if head.stored != length - head.length {
+            return strange("is of another length than it says");
+        }
+        if !is_plausible(head.unfolded, length) {
+            let size = head.unfolded;
+            return strange(&format!(
+                "says that it unfolds to {size} bytes, more than is read of it"
+            ));
+        }
+        if head.stored > LARGEST {
+            return strange("is larger than a gigabyte");
+        }
+        let stored = self.bytes(start + head.length, head.stored)?;
+        let unfolded = match head.compression.as_str() {
+            "" => Some(stored),
+            "zstd" => zstd::bulk::decompress(&stored, head.unfolded as usize).ok(),
+            "lz4" => unfold_lz4(&stored, head.unfolded),
+            other => return strange(&format!("is compressed by `{other}`, which is not read")),
+        };
+        let Some(unfolded) = unfolded else {
+            return strange("cannot be unfolded");
+        };
+        let sound = unfolded.len() as u64 == head.unfolded;
+        let crc = head.crc;
+        if !sound || crc != 0 && crc32fast::hash(&unfolded) != crc {
+            return strange("does not match its check sum");
+        }
+        Ok(Ok(unfolded))
+    }
+
+    /// Visits the messages among the records of a chunk.
+    fn visit_chunk(
+        &mut self,
+        (file, at): (usize, u64),
+        records: &[u8],
+        wanted: &dyn Fn(&Topic) -> bool,
+        each: &mut Each<'_>,
+        flaws: &mut Flaws,
+    ) -> Result<()> {
+        let mut within = 0;
+        while within < records.len() {
+            let Some((code, body)) = record(records, within) else {
+                flaws.damage(format!("the chunk at byte {at} ends within a record"));
+                return Ok(());
+            };
+            let place = Place {
+                file,
+                at,
+                within: within as u64,
+            };
+            self.visit_record(place, code, body, wanted, each, flaws)?;
+            within += HEAD as usize + body.len();
+        }
+        Ok(())
+    }
+
+    fn visit_record(
+        &mut self,
+        place: Place,
+        code: u8,
+        body: &[u8],
+        wanted: &dyn Fn(&Topic) -> bool,
+        each: &mut Each<'_>,
+        flaws: &mut Flaws,
+    ) -> Result<()> {
+        let damaged = || format!("a record at byte {} cannot be read", place.at);
+        if code != op::MESSAGE {
+            if self.channels.note(code, body).is_none() {
+                flaws.damage(damaged());
+            }
+            return Ok(());
+        }
+        let Some(found) = Stored::read(body) else {
+            flaws.damage(damaged());
+            return Ok(());
+        };
+        let Some(topic) = self.channels.topics.get(&found.channel) else {
+            flaws.damage(format!(
+                "a message at byte {} is of no known topic",
+                place.at
+            ));
+            return Ok(());
+        };
+        if !wanted(topic) {
+            return Ok(());
+        }
+        let message = Message {
+            place,
+            log_time: found.log_time,
+            publish_time: found.publish_time,
+            sequence: found.sequence,
+            data: found.data,
+        };
+        each(topic, &message)
+    }
+
+    /// The records of a chunk, of those that were read last, or read again.
+    fn kept(&mut self, at: u64) -> Result<Arc<Vec<u8>>> {
+        if let Some(i) = self.chunks.iter().position(|(place, _)| *place == at) {
+            let found = self.chunks.remove(i);
+            self.chunks.insert(0, found);
+        } else {
+            let head = self.head(at)?;
+            let changed = || Error::format(&self.path, "has become shorter");
+            let (_, length) = head.ok_or_else(changed)?;
+            let chunk = self.chunk(at, length)?;
+            let chunk = chunk.map_err(|what| Error::format(&self.path, what))?;
+            self.chunks.truncate(KEPT - 1);
+            self.chunks.insert(0, (at, Arc::new(chunk)));
+        }
+        Ok(self.chunks[0].1.clone())
+    }
+}
+
+impl Container for Mcap {
+    fn topics(&self) -> Vec<Arc<Topic>> {
+        if !self.summarised {
+            return Vec::new();
+        }
+        self.channels.topics.values().cloned().collect()
+    }
+
+    fn visit(
+        &mut self,
+        file: usize,
+        wanted: &dyn Fn(&Topic) -> bool,
+        each: &mut Each<'_>,
+    ) -> Result<Flaws> {
+        let mut flaws = Flaws::default();
+        let mut at = MAGIC.len() as u64;
+        loop {
+            let Some((code, length)) = self.head(at)? else {
+                flaws.cut = Some(format!(
+                    "the record at byte {at} of {} is incomplete, and the end of the file is missing",
+                    self.size
+                ));
+                return Ok(flaws);
+            };
+            match code {
+                op::CHUNK if !self.holds(at + HEAD + length, wanted)? => {}
+                op::CHUNK => match self.chunk(at, length)? {
+                    Ok(records) => {
+                        self.visit_chunk((file, at), &records, wanted, each, &mut flaws)?;
+                    }
+                    Err(what) => flaws.damage(what),
+                },
+                op::SCHEMA | op::CHANNEL | op::MESSAGE if length > LARGEST => {
+                    flaws.damage(format!("the record at byte {at} is larger than a gigabyte"));
+                }
+                op::SCHEMA | op::CHANNEL | op::MESSAGE => {
+                    let body = self.bytes(at + HEAD, length)?;
+                    let place = Place {
+                        file,
+                        at,
+                        within: ALONE,
+                    };
+                    self.visit_record(place, code, &body, wanted, each, &mut flaws)?;
+                }
+                op::DATA_END | op::FOOTER => {
+                    let cut =
+                        || "all messages are there, but the end of the file is missing".to_owned();
+                    flaws.cut = (!self.ended).then(cut);
+                    return Ok(flaws);
+                }
+                _ => {}
+            }
+            at += HEAD + length;
+        }
+    }
+
+    fn read(&mut self, place: Place) -> Result<Vec<u8>> {
+        let (chunk, alone);
+        let body = if place.within == ALONE {
+            let length = self.head(place.at)?.map_or(0, |(_, length)| length);
+            alone = self.bytes(place.at + HEAD, length)?;
+            Some(&alone[..])
+        } else {
+            chunk = self.kept(place.at)?;
+            record(&chunk, place.within as usize).map(|(_, body)| body)
+        };
+        match body.and_then(Stored::read) {
+            Some(found) => Ok(found.data.to_vec()),
+            None => Err(Error::new(
+                Cause::Read,
+                format!("`{}` has changed while it was read", self.path.display()),
+            )),
+        }
+    }
+}
+
+/// The operation code and the body of the record at a place among others.
+fn record(records: &[u8], at: usize) -> Option<(u8, &[u8])> {
+    let (head, rest) = records.get(at..)?.split_at_checked(HEAD as usize)?;
+    let (code, length) = head.split_first()?;
+    let length = u64::from_le_bytes(length.try_into().ok()?);
+    Some((*code, rest.get(..usize::try_from(length).ok()?)?))
+}
+
+/// Whether a chunk of so many bytes can unfold to so many; damaged ones promise much more.
+fn is_plausible(unfolded: u64, length: u64) -> bool {
+    unfolded <= LARGEST.min((32 << 20).max(length.saturating_mul(1100)))
+}
+
+fn unfold_lz4(stored: &[u8], size: u64) -> Option<Vec<u8>> {
+    let mut unfolded = Vec::with_capacity(size as usize);
+    let mut decoder = lz4::Decoder::new(stored).ok()?;
+    decoder
+        .by_ref()
+        .take(size + 1)
+        .read_to_end(&mut unfolded)
+        .ok()?;
+    Some(unfolded)
+}

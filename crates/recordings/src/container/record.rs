@@ -1,0 +1,147 @@
+//! The records of MCAP that are read. What is damaged is no record, and takes no more memory than it has bytes.
+
+use std::collections::BTreeMap;
+
+/// Operation codes.
+pub(super) mod op {
+    pub(in super::super) const FOOTER: u8 = 0x02;
+    pub(in super::super) const SCHEMA: u8 = 0x03;
+    pub(in super::super) const CHANNEL: u8 = 0x04;
+    pub(in super::super) const MESSAGE: u8 = 0x05;
+    pub(in super::super) const CHUNK: u8 = 0x06;
+    pub(in super::super) const MESSAGE_INDEX: u8 = 0x07;
+    pub(in super::super) const DATA_END: u8 = 0x0f;
+}
+
+/// A type of messages.
+pub(super) struct Schema {
+    pub(super) id: u16,
+    pub(super) name: String,
+    pub(super) language: String,
+    pub(super) text: Vec<u8>,
+}
+
+/// A topic by a number.
+pub(super) struct Channel {
+    pub(super) id: u16,
+    pub(super) schema: u16,
+    pub(super) topic: String,
+    pub(super) encoding: String,
+    pub(super) metadata: BTreeMap<String, String>,
+}
+
+/// A message.
+pub(super) struct Stored<'a> {
+    pub(super) channel: u16,
+    pub(super) sequence: u32,
+    pub(super) log_time: u64,
+    pub(super) publish_time: u64,
+    pub(super) data: &'a [u8],
+}
+
+/// What comes before the compressed records of a chunk.
+pub(super) struct ChunkHead {
+    pub(super) unfolded: u64,
+    pub(super) crc: u32,
+    pub(super) compression: String,
+    /// How many bytes follow.
+    pub(super) stored: u64,
+    /// How long this head is.
+    pub(super) length: u64,
+}
+
+impl Schema {
+    pub(super) fn read(body: &[u8]) -> Option<Self> {
+        let mut fields = Fields(body);
+        Some(Self {
+            id: fields.u16()?,
+            name: fields.text()?,
+            language: fields.text()?,
+            text: fields.bytes()?.to_vec(),
+        })
+    }
+}
+
+impl Channel {
+    pub(super) fn read(body: &[u8]) -> Option<Self> {
+        let mut fields = Fields(body);
+        Some(Self {
+            id: fields.u16()?,
+            schema: fields.u16()?,
+            topic: fields.text()?,
+            encoding: fields.text()?,
+            metadata: fields.pairs()?,
+        })
+    }
+}
+
+impl<'a> Stored<'a> {
+    pub(super) fn read(body: &'a [u8]) -> Option<Self> {
+        let mut fields = Fields(body);
+        Some(Self {
+            channel: fields.u16()?,
+            sequence: fields.u32()?,
+            log_time: fields.u64()?,
+            publish_time: fields.u64()?,
+            data: fields.0,
+        })
+    }
+}
+
+impl ChunkHead {
+    /// From the beginning of the body.
+    pub(super) fn read(body: &[u8]) -> Option<Self> {
+        let mut fields = Fields(body);
+        let _times = (fields.u64()?, fields.u64()?);
+        Some(Self {
+            unfolded: fields.u64()?,
+            crc: fields.u32()?,
+            compression: fields.text()?,
+            stored: fields.u64()?,
+            length: (body.len() - fields.0.len()) as u64,
+        })
+    }
+}
+
+/// Where the summary begins, of the body of a footer; 0 if there is none.
+pub(super) fn summary_start(body: &[u8]) -> Option<u64> {
+    Fields(body).u64()
+}
+
+/// The fields of a record that are left: numbers with their low bytes first, the rest after its length.
+struct Fields<'a>(&'a [u8]);
+
+macro_rules! numbers {
+    ($($kind:ident)*) => {$(
+        fn $kind(&mut self) -> Option<$kind> {
+            let (bytes, rest) = self.0.split_first_chunk()?;
+            self.0 = rest;
+            Some($kind::from_le_bytes(*bytes))
+        }
+    )*};
+}
+
+impl<'a> Fields<'a> {
+    numbers!(u16 u32 u64);
+
+    fn bytes(&mut self) -> Option<&'a [u8]> {
+        let length = self.u32()? as usize;
+        let (bytes, rest) = self.0.split_at_checked(length)?;
+        self.0 = rest;
+        Some(bytes)
+    }
+
+    fn text(&mut self) -> Option<String> {
+        self.bytes()
+            .map(|bytes| String::from_utf8_lossy(bytes).into_owned())
+    }
+
+    fn pairs(&mut self) -> Option<BTreeMap<String, String>> {
+        let mut fields = Self(self.bytes()?);
+        let mut pairs = BTreeMap::new();
+        while !fields.0.is_empty() {
+            pairs.insert(fields.text()?, fields.text()?);
+        }
+        Some(pairs)
+    }
+}

@@ -1,0 +1,389 @@
+//! The frames of a recording: each image with the points that are nearest in time.
+
+mod choice;
+mod loaded;
+
+pub use loaded::{Loaded, Stored};
+
+use crate::container::Place;
+use crate::message::{Header, Kind, Stamp, camera_of, transforms};
+use crate::series::Series;
+use crate::transforms::{Gap, Route, Transforms};
+use crate::{Flaws, Recording};
+use choice::Topics;
+use lsdc_files::error::{Error, Result};
+use lsdc_files::{Camera, Unit};
+use std::time::Duration;
+
+/// Which frames are wanted of a recording.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// The topic of images; not needed where there is one.
+    pub image: Option<String>,
+    /// The topic of points, clouds or images of depths; not needed where there is one of clouds.
+    pub points: Option<String>,
+    /// The topic of the camera; else `camera_info` beside the images.
+    pub camera_info: Option<String>,
+    /// Topics of transforms; else all. Those of a name that ends with `static` are valid at all times.
+    pub tf: Vec<String>,
+    /// The frame that motion is measured in; else as [`Transforms::route`] chooses it.
+    pub fixed: Option<String>,
+    /// How far points may be from an image in time.
+    pub tolerance: Duration,
+    /// The camera, at its place in the frame of the points, instead of what the recording says of both.
+    pub camera: Option<Camera>,
+    /// What depths are stored in; else millimetres for whole numbers and metres for others.
+    pub unit: Option<Unit>,
+}
+
+impl Default for Wanted {
+    fn default() -> Self {
+        Self {
+            image: None,
+            points: None,
+            camera_info: None,
+            tf: Vec::new(),
+            fixed: None,
+            // Half the time between two turns of most scanners.
+            tolerance: Duration::from_millis(50),
+            camera: None,
+            unit: None,
+        }
+    }
+}
+
+/// The frames of a recording. As many images as there are messages are either found or dropped.
+pub struct Frames {
+    topics: Topics,
+    /// In the order of the recording.
+    pub found: Vec<Frame>,
+    /// Images that cannot be used, in the order of the recording.
+    pub dropped: Vec<Dropped>,
+    /// What was assumed or left out and should be checked, a sentence each.
+    pub remarks: Vec<String>,
+    unit: Option<Unit>,
+    given: Option<Camera>,
+    cameras: Series<Camera>,
+    /// Of images of depths that are not of the camera's frame.
+    depth_cameras: Series<Camera>,
+    transforms: Transforms,
+    /// From the points to the camera, unless that is given.
+    route: Option<Route>,
+}
+
+/// An image and its points.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// When the image was taken.
+    pub stamp: Stamp,
+    /// Where the image is in the recording.
+    pub place: Place,
+    /// When the image was recorded and published, in nanoseconds.
+    pub times: crate::Times,
+    points: Place,
+    /// When the points were measured.
+    points_stamp: Stamp,
+}
+
+/// An image that cannot be used.
+#[derive(Clone, Debug)]
+pub struct Dropped {
+    /// When it was taken.
+    pub stamp: Stamp,
+    /// Why it cannot be used.
+    pub reason: Reason,
+}
+
+/// Why an image cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// The nearest points are so many nanoseconds away, if there are any.
+    NoPoints(Option<u64>),
+    /// It is not known where camera and points were.
+    NoTransform(Gap),
+    /// It is of another frame of reference than the first image, or its points than the first points.
+    OtherFrame(String),
+    /// The message is damaged.
+    Damaged(String),
+}
+
+impl Reason {
+    /// Which kind of reason it is, for counting.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::NoPoints(_) => "without points near their time",
+            Self::NoTransform(_) => "without transforms at their time",
+            Self::OtherFrame(_) => "of another frame of reference",
+            Self::Damaged(_) => "damaged",
+        }
+    }
+}
+
+impl std::fmt::Display for Reason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NoPoints(None) => write!(f, "there are no points"),
+            Self::NoPoints(Some(away)) => {
+                write!(
+                    f,
+                    "the nearest points are {:.3} s away",
+                    *away as f64 * 1e-9
+                )
+            }
+            Self::NoTransform(gap) => write!(f, "{gap}"),
+            Self::OtherFrame(frame) => write!(f, "it, or its points, are in the frame `{frame}`"),
+            Self::Damaged(what) => write!(f, "{what}"),
+        }
+    }
+}
+
+/// A message that something was measured in.
+#[derive(Clone, Debug)]
+struct Measured {
+    place: Place,
+    times: crate::Times,
+    /// The frame of reference, if it is not that of the first.
+    other_frame: Option<String>,
+}
+
+/// What a pass over a recording collects of a topic.
+#[derive(Default)]
+struct Collected {
+    found: Vec<(Stamp, Measured)>,
+    /// The frame of reference of the first.
+    frame: Option<String>,
+    damaged: Vec<Dropped>,
+    /// Messages without a stamp, which are taken at the time that they were recorded.
+    unstamped: usize,
+}
+
+impl Collected {
+    fn add(&mut self, message: &crate::Message<'_>) {
+        let times = crate::Times {
+            log: message.log_time,
+            publish: message.publish_time,
+        };
+        let recorded = i64::try_from(message.log_time).unwrap_or(0);
+        let header = match Header::of(message.data) {
+            Ok(header) => header,
+            Err(error) => {
+                self.damaged.push(Dropped {
+                    stamp: recorded,
+                    reason: Reason::Damaged(error.with_causes()),
+                });
+                return;
+            }
+        };
+        let stamp = if header.stamp == 0 {
+            self.unstamped += 1;
+            recorded
+        } else {
+            header.stamp
+        };
+        let first = self.frame.get_or_insert_with(|| header.frame.clone());
+        let measured = Measured {
+            place: message.place,
+            times,
+            other_frame: (*first != header.frame).then_some(header.frame),
+        };
+        self.found.push((stamp, measured));
+    }
+}
+
+/// The cameras that a topic describes, each once.
+#[derive(Default)]
+struct Cameras {
+    found: Vec<(Stamp, Camera)>,
+    /// What is wrong with the first that is none.
+    bad: Option<Error>,
+}
+
+impl Cameras {
+    fn add(&mut self, message: &[u8], rectified: bool) {
+        match camera_of(message, rectified) {
+            Ok((header, camera)) => {
+                if self.found.last().is_none_or(|(_, last)| *last != camera) {
+                    self.found.push((header.stamp, camera));
+                }
+            }
+            Err(error) => {
+                self.bad.get_or_insert(error);
+            }
+        }
+    }
+}
+
+impl Frames {
+    /// Finds the frames of a recording, which is read once for it, but for topics that are not needed.
+    ///
+    /// # Errors
+    /// Topics that are not there or are of another type; a camera or transforms that are missing; a recording that
+    /// cannot be read.
+    pub fn of(recording: &mut Recording, wanted: &Wanted) -> Result<Self> {
+        let topics = Topics::choose(recording, wanted)?;
+        let rectified = topics.is_rectified();
+        let (mut images, mut points) = (Collected::default(), Collected::default());
+        let (mut cameras, mut depth_cameras) = (Cameras::default(), Cameras::default());
+        let mut tree = Transforms::default();
+        let mut unusable = 0;
+        let flaws = recording.visit(&|topic| topics.has(&topic.name), &mut |topic, message| {
+            let name = topic.name.as_str();
+            if name == topics.image.0 {
+                images.add(message);
+            }
+            if name == topics.points.0 {
+                points.add(message);
+            }
+            if topics.camera_info.as_deref() == Some(name) {
+                cameras.add(message.data, rectified);
+            }
+            if topics.depth_info.as_deref() == Some(name) {
+                depth_cameras.add(message.data, false);
+            }
+            if topics.tf.iter().any(|tf| tf == name) {
+                match transforms(message.data) {
+                    Ok((found, bad)) => {
+                        unusable += bad;
+                        let is_static = name.ends_with("static");
+                        for found in found {
+                            tree.add(found, is_static);
+                        }
+                    }
+                    Err(_) => unusable += 1,
+                }
+            }
+            Ok(())
+        })?;
+        tree.sort();
+        let mut frames = Self {
+            found: Vec::new(),
+            dropped: std::mem::take(&mut images.damaged),
+            remarks: remarks(&flaws, [&images, &points], unusable, &tree),
+            unit: wanted.unit,
+            given: wanted.camera.clone(),
+            cameras: Series::new(cameras.found),
+            depth_cameras: Series::new(depth_cameras.found),
+            transforms: tree,
+            route: None,
+            topics,
+        };
+        let bad = cameras.bad.or(depth_cameras.bad);
+        frames.route = frames.routed([&images, &points], wanted, bad)?;
+        frames.pair(images, points, wanted.tolerance);
+        Ok(frames)
+    }
+
+    /// The way from the points to the camera, unless the camera is given or its own depths are the points.
+    /// `bad` is what is wrong with the first camera that is none.
+    fn routed(
+        &self,
+        [images, points]: [&Collected; 2],
+        wanted: &Wanted,
+        bad: Option<Error>,
+    ) -> Result<Option<Route>> {
+        let (Some(image), Some(cloud)) = (&images.frame, &points.frame) else {
+            return Ok(None);
+        };
+        let is_map = self.topics.points.1 != Kind::PointCloud2;
+        if self.given.is_some() || is_map && image == cloud {
+            return Ok(None);
+        }
+        self.topics
+            .check_cameras(self.cameras.is_empty(), self.depth_cameras.is_empty())
+            .map_err(|missing| match (bad, missing.advice()) {
+                (Some(bad), Some(hint)) => bad.hint(hint),
+                _ => missing,
+            })?;
+        self.transforms
+            .route(cloud, image, wanted.fixed.as_deref())
+            .map(Some)
+    }
+
+    /// Gives each image the points that are nearest in time.
+    fn pair(&mut self, images: Collected, points: Collected, tolerance: Duration) {
+        let clouds = Series::new(points.found);
+        for (stamp, image) in images.found {
+            let found = self.paired(stamp, &image, &clouds, tolerance);
+            match found {
+                Ok(frame) => self.found.push(frame),
+                Err(reason) => self.dropped.push(Dropped { stamp, reason }),
+            }
+        }
+    }
+
+    fn paired(
+        &self,
+        stamp: Stamp,
+        image: &Measured,
+        clouds: &Series<Measured>,
+        tolerance: Duration,
+    ) -> std::result::Result<Frame, Reason> {
+        let (time, cloud) = clouds.nearest(stamp).ok_or(Reason::NoPoints(None))?;
+        let away = time.abs_diff(stamp);
+        if u128::from(away) > tolerance.as_nanos() {
+            return Err(Reason::NoPoints(Some(away)));
+        }
+        if let Some(frame) = image.other_frame.as_ref().or(cloud.other_frame.as_ref()) {
+            return Err(Reason::OtherFrame(frame.clone()));
+        }
+        if let Some(route) = &self.route {
+            let moved = self.transforms.between(route, [*time, stamp]);
+            moved.map_err(Reason::NoTransform)?;
+        }
+        Ok(Frame {
+            stamp,
+            place: image.place,
+            times: image.times,
+            points: cloud.place,
+            points_stamp: *time,
+        })
+    }
+
+    /// What the frames are made of, as text: two recordings of which it is the same give the same frames.
+    pub fn about(&self) -> String {
+        let Topics {
+            image,
+            points,
+            camera_info,
+            tf,
+            ..
+        } = &self.topics;
+        let camera = camera_info.as_deref().unwrap_or("none");
+        let fixed = self.route.as_ref().map_or("none", Route::fixed);
+        format!(
+            "{} with {}, camera {camera}, transforms {}, motion in {fixed}",
+            image.0,
+            points.0,
+            tf.join(" ")
+        )
+    }
+}
+
+/// What should be said of a recording.
+fn remarks(
+    flaws: &Flaws,
+    [images, points]: [&Collected; 2],
+    unusable: usize,
+    tree: &Transforms,
+) -> Vec<String> {
+    let mut remarks: Vec<String> = flaws.lines().collect();
+    let unstamped = images.unstamped + points.unstamped;
+    let counts = [
+        (
+            unstamped,
+            "messages without a stamp are taken at the time that they were recorded",
+        ),
+        (
+            points.damaged.len(),
+            "messages of points are damaged and left out",
+        ),
+        (unusable, "transforms are damaged and left out"),
+        (
+            tree.elsewhere,
+            "transforms are left out, as their frames were in another one before",
+        ),
+    ];
+    let counts = counts.into_iter().filter(|(count, _)| *count > 0);
+    remarks.extend(counts.map(|(count, what)| format!("{count} {what}")));
+    remarks
+}

@@ -1,0 +1,24 @@
+//! What fuzzers and tests call: the readers of messages, without a recording.
+
+use crate::message::{Header, Kind, Points, camera_of, colours, depths, transforms};
+
+/// Reads a message of the type of that number, as what it may be. Says whether all of it could be read.
+pub fn message(number: u8, data: &[u8]) -> bool {
+    let kind = Kind::ALL[usize::from(number) % Kind::ALL.len()];
+    read(kind, data)
+}
+
+/// Reads a message as what it says to be, and what it could be taken for.
+pub(crate) fn read(kind: Kind, data: &[u8]) -> bool {
+    let _ = Header::of(data);
+    match kind {
+        Kind::Image | Kind::CompressedImage => {
+            let colours = colours(kind, data).is_ok();
+            let depths = depths(kind, data, |_| 0.001).is_ok();
+            colours || depths
+        }
+        Kind::CameraInfo => camera_of(data, false).is_ok() && camera_of(data, true).is_ok(),
+        Kind::PointCloud2 => Points::of(data).is_ok_and(|points| points.iter().count() > 0),
+        Kind::Transforms => transforms(data).is_ok(),
+    }
+}

@@ -1,0 +1,47 @@
+//! `sensor_msgs/msg/CameraInfo`: the camera of an image.
+
+use super::{Header, Kind, unusable};
+use crate::cdr::{Reader, damaged};
+use lsdc_files::error::Result;
+use lsdc_files::{Camera, CameraInfo};
+
+/// The camera that a message describes: of the image before it was rectified, or after.
+///
+/// # Errors
+/// A damaged message, and a camera that is not calibrated or of a lens that is not known.
+pub(crate) fn camera_of(message: &[u8], rectified: bool) -> Result<(Header, Camera)> {
+    let read = || {
+        let mut reader = Reader::new(message)?;
+        let header = Header::read(&mut reader)?;
+        let info = read_info(&mut reader)?;
+        let camera = if rectified {
+            info.rectified()
+        } else {
+            info.camera()
+        };
+        Ok((header, camera.map_err(damaged)?))
+    };
+    read().map_err(|e| unusable(Kind::CameraInfo, e))
+}
+
+fn read_info(reader: &mut Reader<'_>) -> Result<CameraInfo> {
+    let [height, width] = [reader.u32()?, reader.u32()?].map(|v| v as usize);
+    let model = reader.string()?;
+    let count = reader.length(8)?;
+    let distortion = (0..count).map(|_| reader.f64()).collect::<Result<_>>()?;
+    let matrix = reader.array()?;
+    let _rectification: [f64; 9] = reader.array()?;
+    let projection = reader.array()?;
+    let binning = [reader.u32()?, reader.u32()?].map(|v| v as usize);
+    let [x, y, rows, columns] =
+        [reader.u32()?, reader.u32()?, reader.u32()?, reader.u32()?].map(|v| v as usize);
+    Ok(CameraInfo {
+        size: (width > 0 && height > 0).then_some((width, height)),
+        model,
+        distortion,
+        matrix,
+        projection: Some(projection),
+        window: [x, y, columns, rows],
+        binning,
+    })
+}

@@ -1,0 +1,223 @@
+//! `sensor_msgs/msg/PointCloud2`: points with any fields.
+
+use super::{Header, Kind, unusable};
+use crate::cdr::{Reader, Writer, damaged};
+use lsdc_files::Colored;
+use lsdc_files::error::Result;
+
+/// The points of a message, read one by one.
+pub(crate) struct Points<'a> {
+    data: &'a [u8],
+    /// Bytes from a point to the next, and from a row to the next.
+    steps: [usize; 2],
+    size: [usize; 2],
+    axes: [Axis; 3],
+    big_endian: bool,
+}
+
+/// A coordinate in the bytes of a point.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    offset: usize,
+    double: bool,
+}
+
+/// Types of fields.
+const FLOAT32: u8 = 7;
+const FLOAT64: u8 = 8;
+
+impl<'a> Points<'a> {
+    /// Of a message.
+    ///
+    /// # Errors
+    /// A damaged message, and one without fields x, y and z of 32 or 64-bit floating-point numbers.
+    pub(crate) fn of(message: &'a [u8]) -> Result<Self> {
+        Self::read(message).map_err(|e| unusable(Kind::PointCloud2, e))
+    }
+
+    fn read(message: &'a [u8]) -> Result<Self> {
+        /// Of a field without a name.
+        const LEAST: usize = 16;
+        let mut reader = Reader::new(message)?;
+        Header::read(&mut reader)?;
+        let [height, width] = [reader.u32()?, reader.u32()?].map(|v| v as usize);
+        let count = reader.length(LEAST)?;
+        let mut axes = [None; 3];
+        for _ in 0..count {
+            let name = reader.string()?;
+            let (offset, kind, _) = (reader.u32()? as usize, reader.u8()?, reader.u32()?);
+            let Some(axis) = ["x", "y", "z"].iter().position(|axis| *axis == name) else {
+                continue;
+            };
+            let double = match kind {
+                FLOAT32 => false,
+                FLOAT64 => true,
+                _ => {
+                    return Err(damaged(format!(
+                        "has a field {name} that is no floating-point number"
+                    )));
+                }
+            };
+            axes[axis] = Some(Axis { offset, double });
+        }
+        let [Some(x), Some(y), Some(z)] = axes else {
+            return Err(damaged("has no fields x, y and z"));
+        };
+        let big_endian = reader.u8()? != 0;
+        let (step, row) = (reader.u32()? as usize, reader.u32()? as usize);
+        let points = Self {
+            data: reader.bytes()?,
+            steps: [step, row],
+            size: [width, height],
+            axes: [x, y, z],
+            big_endian,
+        };
+        points.check()?;
+        Ok(points)
+    }
+
+    /// Checks that every point lies in the data.
+    fn check(&self) -> Result<()> {
+        let ends = self
+            .axes
+            .iter()
+            .map(|axis| axis.offset.saturating_add(axis.bytes()));
+        let [step, row] = self.steps;
+        if ends.max().is_some_and(|end| end > step) {
+            return Err(damaged(format!(
+                "has fields beyond the {step} bytes of a point"
+            )));
+        }
+        let [width, height] = self.size;
+        let long = width
+            .checked_mul(step)
+            .filter(|long| height <= 1 || *long <= row);
+        let all =
+            long.and_then(|long| row.checked_mul(height.saturating_sub(1))?.checked_add(long));
+        match all {
+            _ if width == 0 || height == 0 => Ok(()),
+            Some(all) if all <= self.data.len() => Ok(()),
+            _ => Err(damaged(format!(
+                "has {} bytes, too few for {width}x{height} points of {step}",
+                self.data.len()
+            ))),
+        }
+    }
+
+    /// The x, y, z of each, which need not be finite, in the order of the message.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = [f64; 3]> {
+        let [width, height] = self.size;
+        let [step, row] = self.steps;
+        let starts = (0..height).flat_map(move |j| (0..width).map(move |i| j * row + i * step));
+        starts.map(|start| {
+            self.axes
+                .map(|axis| self.number(start + axis.offset, axis.double))
+        })
+    }
+
+    fn number(&self, at: usize, double: bool) -> f64 {
+        let bytes = &self.data[at..];
+        let narrow = bytes.first_chunk().filter(|_| !double);
+        let wide = bytes.first_chunk();
+        match (narrow, wide) {
+            (Some(bytes), _) if self.big_endian => f32::from_be_bytes(*bytes).into(),
+            (Some(bytes), _) => f32::from_le_bytes(*bytes).into(),
+            (None, Some(bytes)) if self.big_endian => f64::from_be_bytes(*bytes),
+            (None, Some(bytes)) => f64::from_le_bytes(*bytes),
+            (None, None) => f64::NAN,
+        }
+    }
+}
+
+impl Axis {
+    fn bytes(self) -> usize {
+        if self.double { 8 } else { 4 }
+    }
+}
+
+/// A message of points with colours: x, y, z and the packed `rgb` that RViz shows.
+pub fn write_cloud(header: &Header, points: &[Colored]) -> Vec<u8> {
+    const STEP: usize = 16;
+    let mut writer = Writer::with_capacity(256 + points.len() * STEP);
+    header.write(&mut writer);
+    writer.u32(1);
+    writer.u32(points.len() as u32);
+    writer.u32(4);
+    for (number, name) in ["x", "y", "z", "rgb"].into_iter().enumerate() {
+        writer.string(name);
+        writer.u32(4 * number as u32);
+        writer.u8(FLOAT32);
+        writer.u32(1);
+    }
+    writer.u8(0);
+    writer.u32(STEP as u32);
+    writer.u32((STEP * points.len()) as u32);
+    let mut data = Vec::with_capacity(STEP * points.len());
+    for point in points {
+        for value in point.place {
+            data.extend((value as f32).to_le_bytes());
+        }
+        let [r, g, b] = point.color;
+        data.extend([b, g, r, 0]);
+    }
+    writer.bytes(data.into_iter());
+    writer.u8(1);
+    writer.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read() {
+        let header = Header {
+            stamp: -1_500_000_000,
+            frame: "camera".to_owned(),
+        };
+        let point = |z: f64| Colored {
+            place: [0.5, -1.0, z],
+            color: [1, 2, 3],
+            sigma: None,
+        };
+        let message = write_cloud(&header, &[point(2.0), point(3.0)]);
+        let points = Points::of(&message).unwrap();
+        assert_eq!(Header::of(&message).unwrap(), header);
+        let places: Vec<_> = points.iter().collect();
+        assert_eq!(places, [[0.5, -1.0, 2.0], [0.5, -1.0, 3.0]]);
+    }
+
+    /// Doubles, the high bytes first, in rows with a gap, x after z.
+    #[test]
+    fn any_layout_is_read() {
+        let mut writer = Writer::with_capacity(0);
+        Header::default().write(&mut writer);
+        writer.u32(2);
+        writer.u32(1);
+        writer.u32(4);
+        for (name, offset, kind) in [("z", 0, 8), ("y", 8, 7), ("ring", 12, 4), ("x", 14, 8)] {
+            writer.string(name);
+            writer.u32(offset);
+            writer.u8(kind);
+            writer.u32(1);
+        }
+        writer.u8(1);
+        writer.u32(22);
+        writer.u32(30);
+        let mut data = Vec::new();
+        for z in [1.0_f64, 2.0] {
+            data.extend(z.to_be_bytes());
+            data.extend(0.25_f32.to_be_bytes());
+            data.extend([0, 7]);
+            data.extend((-z).to_be_bytes());
+            data.extend([0; 8]);
+        }
+        data.truncate(52);
+        writer.bytes(data.clone().into_iter());
+        let message = writer.finish();
+        let points = Points::of(&message).unwrap();
+        let places: Vec<_> = points.iter().collect();
+        assert_eq!(places, [[-1.0, 0.25, 1.0], [-2.0, 0.25, 2.0]]);
+        assert!(Points::of(&message[..message.len() - 1]).is_err());
+    }
+}

@@ -1,0 +1,109 @@
+//! The messages that are read and written: one type a file.
+
+mod bayer;
+mod camera_info;
+mod cloud;
+mod image;
+mod transform;
+
+pub(crate) use camera_info::camera_of;
+pub(crate) use cloud::Points;
+pub use cloud::write_cloud;
+pub use image::write_depth;
+pub(crate) use image::{DepthImage, colours, depths};
+pub use transform::TransformStamped;
+pub(crate) use transform::transforms;
+
+use crate::cdr::{Reader, Writer};
+use lsdc_files::error::{Error, Result};
+
+/// The types of messages that are known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// `sensor_msgs/msg/Image`.
+    Image,
+    /// `sensor_msgs/msg/CompressedImage`, of colours or of depths.
+    CompressedImage,
+    /// `sensor_msgs/msg/CameraInfo`.
+    CameraInfo,
+    /// `sensor_msgs/msg/PointCloud2`.
+    PointCloud2,
+    /// `tf2_msgs/msg/TFMessage`.
+    Transforms,
+}
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Image,
+        Self::CompressedImage,
+        Self::CameraInfo,
+        Self::PointCloud2,
+        Self::Transforms,
+    ];
+
+    /// As it is called in recordings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Image => "sensor_msgs/msg/Image",
+            Self::CompressedImage => "sensor_msgs/msg/CompressedImage",
+            Self::CameraInfo => "sensor_msgs/msg/CameraInfo",
+            Self::PointCloud2 => "sensor_msgs/msg/PointCloud2",
+            Self::Transforms => "tf2_msgs/msg/TFMessage",
+        }
+    }
+
+    /// By the name in a recording.
+    pub fn of(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+/// When a message was measured: nanoseconds since 1970.
+pub type Stamp = i64;
+
+/// What most messages begin with.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Header {
+    /// When it was measured.
+    pub stamp: Stamp,
+    /// The frame of reference.
+    pub frame: String,
+}
+
+const SECOND: i64 = 1_000_000_000;
+
+impl Header {
+    /// Of a message that begins with one.
+    ///
+    /// # Errors
+    /// A message that does not.
+    pub fn of(message: &[u8]) -> Result<Self> {
+        Self::read(&mut Reader::new(message)?)
+    }
+
+    pub(crate) fn read(reader: &mut Reader<'_>) -> Result<Self> {
+        let (seconds, rest) = (reader.i32()?, reader.u32()?);
+        Ok(Self {
+            stamp: i64::from(seconds) * SECOND + i64::from(rest),
+            // Names of the first version of tf begin so.
+            frame: reader.string()?.trim_start_matches('/').to_owned(),
+        })
+    }
+
+    pub(crate) fn write(&self, writer: &mut Writer) {
+        writer.i32(self.stamp.div_euclid(SECOND) as i32);
+        writer.u32(self.stamp.rem_euclid(SECOND) as u32);
+        writer.string(&self.frame);
+    }
+}
+
+/// A message that cannot be used, and which it is.
+pub(crate) fn unusable(kind: Kind, error: Error) -> Error {
+    let what = format!("a message of {} {}", kind.name(), error.with_causes());
+    let found = Error::new(error.cause(), what);
+    match error.advice() {
+        Some(hint) => found.hint(hint),
+        None => found,
+    }
+}

@@ -1,0 +1,80 @@
+//! What is in a recording: counted, message by message.
+
+use crate::{Flaws, Recording, Topic};
+use lsdc_files::error::Result;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// What is in a recording.
+#[derive(Clone, Debug)]
+pub struct Survey {
+    /// By name.
+    pub topics: Vec<Counted>,
+    /// What is wrong with it.
+    pub flaws: Flaws,
+}
+
+/// The messages of a topic.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Counted {
+    /// The topic.
+    pub topic: Arc<Topic>,
+    /// How many messages there are.
+    pub count: u64,
+    /// How many bytes they have, before any compression.
+    pub bytes: u64,
+    /// When the first and the last were recorded, in nanoseconds.
+    pub times: Option<(u64, u64)>,
+}
+
+impl Survey {
+    /// Reads a recording from its beginning to its end.
+    ///
+    /// # Errors
+    /// A recording that cannot be read at all.
+    pub fn of(recording: &mut Recording) -> Result<Self> {
+        let empty = |topic: &Arc<Topic>| Counted {
+            topic: topic.clone(),
+            count: 0,
+            bytes: 0,
+            times: None,
+        };
+        let mut found: BTreeMap<String, Counted> = recording
+            .topics()
+            .iter()
+            .map(|topic| (topic.name.clone(), empty(topic)))
+            .collect();
+        let flaws = recording.visit(&|_| true, &mut |topic, message| {
+            if !found.contains_key(&topic.name) {
+                found.insert(topic.name.clone(), empty(topic));
+            }
+            if let Some(counted) = found.get_mut(&topic.name) {
+                let time = message.log_time;
+                counted.count += 1;
+                counted.bytes += message.data.len() as u64;
+                let (first, last) = counted.times.unwrap_or((time, time));
+                counted.times = Some((first.min(time), last.max(time)));
+            }
+            Ok(())
+        })?;
+        Ok(Self {
+            topics: found.into_values().collect(),
+            flaws,
+        })
+    }
+
+    /// When the first and the last message were recorded, in nanoseconds.
+    pub fn times(&self) -> Option<(u64, u64)> {
+        let times = self.topics.iter().filter_map(|counted| counted.times);
+        times.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+}
+
+impl Counted {
+    /// Messages a second, if there are two.
+    pub fn rate(&self) -> Option<f64> {
+        let (first, last) = self.times?;
+        let seconds = (last - first) as f64 * 1e-9;
+        (self.count > 1 && seconds > 0.0).then(|| (self.count - 1) as f64 / seconds)
+    }
+}

@@ -1,0 +1,195 @@
+//! A message of every type and encoding, as NumPy and OpenCV read it.
+
+use super::{expected, golden, numbers};
+use crate::message::{Header, Kind, Points, camera_of, colours, depths};
+use crate::{Frames, Recording, Topic, Wanted};
+use lsdc_files::Unit;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The messages of a recording by topic, each with its type.
+fn messages(name: &str) -> BTreeMap<String, (Arc<Topic>, Vec<u8>)> {
+    let mut found = BTreeMap::new();
+    let mut recording = Recording::open(&golden(name)).unwrap();
+    let flaws = recording.visit(&|_| true, &mut |topic, message| {
+        found.insert(topic.name.clone(), (topic.clone(), message.data.to_vec()));
+        Ok(())
+    });
+    assert_eq!(flaws.unwrap(), crate::Flaws::default());
+    found
+}
+
+/// The containers that hold them.
+const CONTAINERS: [&str; 3] = ["zstd.mcap", "alone.mcap", "bag"];
+
+#[test]
+fn every_container_holds_the_same() {
+    let [first, others @ ..] = CONTAINERS.map(messages);
+    assert_eq!(first.len(), 28);
+    for other in others {
+        for (name, (topic, data)) in &first {
+            let (same_topic, same) = &other[name];
+            assert_eq!((&topic.kind, data), (&same_topic.kind, same), "{name}");
+        }
+        assert_eq!(first.len(), other.len());
+    }
+}
+
+#[test]
+fn colours_are_those_of_opencv() {
+    let messages = messages("zstd.mcap");
+    for (name, values) in expected()["colours"].as_object().unwrap() {
+        let (topic, data) = &messages[name];
+        let (header, image) = colours(Kind::of(&topic.kind).unwrap(), data).unwrap();
+        assert_eq!(
+            (header.frame.as_str(), image.dimensions()),
+            ("eye", (14, 10)),
+            "{name}"
+        );
+        // Decoders of JPEG smooth colours differently, and means of four are rounded differently.
+        let near = if name.contains("jpeg") {
+            6.0
+        } else {
+            f64::from(u8::from(name.contains("bayer")))
+        };
+        for (i, (&found, value)) in image.as_raw().iter().zip(numbers(values)).enumerate() {
+            let (x, y) = (i / 3 % 14, i / 42);
+            // OpenCV copies the colours next to the border of a mosaic.
+            let inside = (1..13).contains(&x) && (1..9).contains(&y);
+            let compared = inside || !name.contains("bayer");
+            let off = (f64::from(found) - value).abs();
+            assert!(
+                !compared || off <= near,
+                "{name} at {x}, {y}: {found} {value}"
+            );
+        }
+    }
+}
+
+#[test]
+fn depths_are_those_of_numpy() {
+    let messages = messages("zstd.mcap");
+    let topics = expected();
+    let topics = topics["depths"].as_object().unwrap();
+    assert_eq!(topics.len(), 5);
+    for (name, values) in topics {
+        let (topic, data) = &messages[name];
+        let scale = |whole| if whole { 0.001 } else { 1.0 };
+        let found = depths(Kind::of(&topic.kind).unwrap(), data, scale).unwrap();
+        assert_eq!((found.depth.width(), found.depth.height()), (14, 10));
+        for (found, value) in found.depth.values().iter().zip(numbers(values)) {
+            assert!(
+                (f64::from(*found) - value).abs() < 1e-5,
+                "{name}: {found} {value}"
+            );
+        }
+    }
+}
+
+#[test]
+fn points_of_any_layout_are_read() {
+    let messages = messages("zstd.mcap");
+    let topics = expected();
+    let topics = topics["clouds"].as_object().unwrap();
+    assert_eq!(topics.len(), 4);
+    for (name, places) in topics {
+        let data = &messages[name].1;
+        assert_eq!(Header::of(data).unwrap().frame, "eye");
+        let found: Vec<_> = Points::of(data).unwrap().iter().collect();
+        let places = places.as_array().unwrap();
+        assert_eq!(found.len(), places.len());
+        for (found, place) in found.iter().zip(places) {
+            if place.is_null() {
+                assert!(found.iter().all(|v| v.is_nan()));
+            } else {
+                assert_eq!(found[..], numbers(place)[..], "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn cameras_project_as_opencv() {
+    let messages = messages("zstd.mcap");
+    let topics = expected();
+    let topics = topics["cameras"].as_object().unwrap();
+    assert_eq!(topics.len(), 4);
+    for (name, found) in topics {
+        let (header, camera) = camera_of(&messages[name].1, false).unwrap();
+        assert_eq!(header.frame, "eye");
+        let place: [f64; 3] = numbers(&found[0]).try_into().unwrap();
+        let (pixel, depth) = camera.project(place).unwrap();
+        let expected = numbers(&found[1]);
+        let off = (pixel[0] - expected[0]).hypot(pixel[1] - expected[1]);
+        assert!(off < 1e-9 && depth == 2.0, "{name}: {pixel:?} {expected:?}");
+        // Once the image is rectified, the lens is straight.
+        let (_, camera) = camera_of(&messages[name].1, true).unwrap();
+        let (pixel, _) = camera.project(place).unwrap();
+        assert_eq!(pixel, [12.0 * 0.2 + 6.4, 12.5 * -0.15 + 4.7]);
+    }
+}
+
+fn frames(image: &str, points: &str) -> (Recording, Frames) {
+    let mut recording = Recording::open(&golden("zstd.mcap")).unwrap();
+    let wanted = Wanted {
+        image: Some(image.to_owned()),
+        points: Some(points.to_owned()),
+        camera_info: Some("/cameras/straight/camera_info".to_owned()),
+        ..Wanted::default()
+    };
+    let frames = Frames::of(&mut recording, &wanted).unwrap();
+    assert_eq!((frames.found.len(), frames.dropped.len()), (1, 0));
+    (recording, frames)
+}
+
+/// A depth camera whose depths are registered to the image: a map.
+#[test]
+fn depths_of_the_same_frame_are_a_map() {
+    for (points, unit) in [
+        ("/depth/metres", Unit::METRE),
+        ("/depth/compressed_16UC1", Unit::MILLIMETRE),
+    ] {
+        let (mut recording, frames) = frames("/image/rgb8", points);
+        let loaded = frames
+            .read(&mut recording, &frames.found[0])
+            .unwrap()
+            .decode(&frames)
+            .unwrap();
+        let expected = numbers(&expected()["depths"][points]);
+        assert_eq!(loaded.points.unit, unit);
+        assert_eq!(
+            loaded.points.points.len(),
+            expected.iter().filter(|depth| **depth > 0.0).count()
+        );
+        for point in &loaded.points.points {
+            let depth = expected[point.v as usize * 14 + point.u as usize];
+            assert!((f64::from(point.depth) - depth).abs() < 1e-5);
+        }
+    }
+}
+
+/// A depth camera beside the other one: its pixels are points in space.
+#[test]
+fn depths_of_another_frame_are_points() {
+    let (mut recording, frames) = frames("/image/jpeg", "/other/depth");
+    let loaded = frames
+        .read(&mut recording, &frames.found[0])
+        .unwrap()
+        .decode(&frames)
+        .unwrap();
+    let expected = expected();
+    let expected: Vec<Vec<f64>> = expected["beside"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(numbers)
+        .collect();
+    let found = &loaded.points;
+    assert_eq!(found.points.len() + found.hidden, expected.len());
+    assert!(found.points.len() > 100, "{}", found.points.len());
+    for point in &found.points {
+        let same = |place: &&Vec<f64>| (place[0] - point.u).hypot(place[1] - point.v) < 1e-5;
+        let place = expected.iter().find(same).unwrap();
+        assert!((place[2] - f64::from(point.depth)).abs() < 1e-5);
+    }
+}

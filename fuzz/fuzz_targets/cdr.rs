@@ -1,0 +1,12 @@
+//! Messages of recordings, of the type that the first byte says.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use lsdc_recordings::fuzzing::message;
+
+fuzz_target!(|data: &[u8]| {
+    if let Some((&kind, data)) = data.split_first() {
+        message(kind, data);
+    }
+});

@@ -1,0 +1,516 @@
+#!/usr/bin/env python3
+"""Recordings of other programs read by lsdc, and its recordings read by them.
+
+    pip install rosbags mcap mcap-ros2-support numpy opencv-python-headless
+    python3 scripts/recordings.py golden             writes tests/golden/recordings
+    python3 scripts/recordings.py check [PROGRAM]    reads back what lsdc writes
+    python3 scripts/recordings.py drive FRAMES OUT   makes a recording of rendered frames (docs/recordings.md)
+
+`golden` writes `types`, a message of every type and encoding, in every container, and `drive`, a car with a camera and a
+scanner, with what NumPy and OpenCV make of them in `expected.json`: colours, depths, and where OpenCV projects the points.
+"""
+
+import json
+import struct
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.typesys import Stores, get_typestore
+
+ROOT = Path(__file__).resolve().parent.parent
+GOLDEN = ROOT / "tests/golden/recordings"
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+T = STORE.types
+START = 1_700_000_000_000_000_000
+
+
+def header(stamp: int, frame: str):
+    time = T["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return T["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+
+
+def image(stamp: int, frame: str, encoding: str, pixels: np.ndarray, padding: int = 0):
+    """An image whose rows end with bytes of no meaning."""
+    rows = pixels.reshape(pixels.shape[0], -1).view(np.uint8)
+    rows = np.hstack([rows, np.full((rows.shape[0], padding), 99, np.uint8)])
+    return T["sensor_msgs/msg/Image"](
+        header=header(stamp, frame),
+        height=pixels.shape[0],
+        width=pixels.shape[1],
+        encoding=encoding,
+        is_bigendian=int(pixels.dtype.byteorder == ">"),
+        step=rows.shape[1],
+        data=rows.reshape(-1),
+    )
+
+
+def compressed(stamp: int, frame: str, form: str, data: bytes):
+    message = T["sensor_msgs/msg/CompressedImage"]
+    return message(header=header(stamp, frame), format=form, data=np.frombuffer(data, np.uint8))
+
+
+def camera(stamp: int, frame: str, size, model: str, k, d):
+    fx, fy, cx, cy = k
+    return T["sensor_msgs/msg/CameraInfo"](
+        header=header(stamp, frame),
+        height=size[1],
+        width=size[0],
+        distortion_model=model,
+        d=np.array(d, np.float64),
+        k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1], np.float64),
+        r=np.eye(3).reshape(-1),
+        p=np.array([fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0], np.float64),
+        binning_x=0,
+        binning_y=0,
+        roi=T["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
+    )
+
+
+def cloud(stamp: int, frame: str, points: np.ndarray, layout: np.dtype, big: bool = False, rows: int = 1):
+    """Points in any layout; fields that are not x, y, z hold numbers of no meaning."""
+    kinds = {"u1": 2, "u2": 4, "f4": 7, "f8": 8}
+    data = np.zeros(len(points), layout)
+    for axis, name in enumerate("xyz"):
+        data[name] = points[:, axis]
+    fields = [
+        T["sensor_msgs/msg/PointField"](name=name, offset=offset, datatype=kinds[kind.str[1:]], count=1)
+        for name, (kind, offset) in layout.fields.items()
+    ]
+    return T["sensor_msgs/msg/PointCloud2"](
+        header=header(stamp, frame),
+        height=rows,
+        width=len(points) // rows,
+        fields=fields,
+        is_bigendian=big,
+        point_step=layout.itemsize,
+        row_step=layout.itemsize * (len(points) // rows),
+        data=np.frombuffer(data.tobytes(), np.uint8),
+        is_dense=False,
+    )
+
+
+def transform(stamp: int, parent: str, child: str, rotation, translation):
+    """`rotation` is a vector whose length is the angle."""
+    x, y, z = map(float, translation)
+    angle = float(np.linalg.norm(rotation))
+    axis = np.array(rotation, float) / max(angle, 1e-300)
+    qx, qy, qz = (axis * np.sin(angle / 2)).tolist()
+    move = T["geometry_msgs/msg/Transform"](
+        translation=T["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),
+        rotation=T["geometry_msgs/msg/Quaternion"](x=qx, y=qy, z=qz, w=float(np.cos(angle / 2))),
+    )
+    return T["geometry_msgs/msg/TransformStamped"](header=header(stamp, parent), child_frame_id=child, transform=move)
+
+
+def transforms(*found):
+    return T["tf2_msgs/msg/TFMessage"](transforms=list(found))
+
+
+def matrix(rotation, translation) -> np.ndarray:
+    found = np.eye(4)
+    found[:3, :3] = cv2.Rodrigues(np.array(rotation, float))[0]
+    found[:3, 3] = translation
+    return found
+
+
+class Log(list):
+    """Messages in the order of a recording: topic, time in nanoseconds, type, bytes."""
+
+    def add(self, topic: str, time: int, message, little: bool = True):
+        kind = message.__msgtype__
+        self.append((topic, time, kind, bytes(STORE.serialize_cdr(message, kind, little_endian=little))))
+
+    def mcap(self, path: Path, compression, chunks: bool = True, index: bool = True, size: int = 1 << 14):
+        kinds = IndexType.ALL if index else IndexType.NONE
+        with open(path, "wb") as file:
+            writer = Writer(file, chunk_size=size, compression=compression, use_chunking=chunks, index_types=kinds)
+            writer.start(profile="ros2")
+            schemas, channels = {}, {}
+            for number, (topic, time, kind, data) in enumerate(self):
+                if kind not in schemas:
+                    text = STORE.generate_msgdef(kind, ros_version=2)[0].encode()
+                    schemas[kind] = writer.register_schema(kind, "ros2msg", text)
+                if topic not in channels:
+                    channels[topic] = writer.register_channel(topic, "cdr", schemas[kind], {"offered_qos_profiles": ""})
+                writer.add_message(channels[topic], time, data, time, number)
+            writer.finish()
+
+    def bag(self, folder: Path, plugin):
+        with BagWriter(folder, version=9, storage_plugin=plugin) as bag:
+            known = {}
+            for topic, time, kind, data in self:
+                if topic not in known:
+                    known[topic] = bag.add_connection(topic, kind, typestore=STORE)
+                bag.write(known[topic], time, data)
+
+
+def compressed_depth(depth: np.ndarray, encoding: str) -> bytes:
+    """As compressed_depth_image_transport writes it, with its usual parameters."""
+    if encoding == "16UC1":
+        return struct.pack("<iff", 0, 0, 0) + cv2.imencode(".png", depth)[1].tobytes()
+    farthest, quantisation = 10.0, 100.0
+    a = np.float32(quantisation * (quantisation + 1))
+    b = np.float32(1 - a / farthest)
+    seen = (depth > 0) & (depth < farthest)
+    inverse = np.zeros(depth.shape, np.uint16)
+    inverse[seen] = (a / depth[seen] + b).astype(np.uint16)
+    return struct.pack("<iff", 0, a, b) + cv2.imencode(".png", inverse)[1].tobytes()
+
+
+def types() -> tuple[Log, dict]:
+    """A message of every type and encoding, and what is in them."""
+    rng = np.random.default_rng(7)
+    log, expected = Log(), {"colours": {}, "depths": {}, "clouds": {}, "cameras": {}}
+    size = (14, 10)
+    smooth = cv2.resize(rng.integers(0, 256, (4, 5, 3), np.uint8), size, interpolation=cv2.INTER_CUBIC)
+    alpha = np.full((*smooth.shape[:2], 1), 7, np.uint8)
+    grey = smooth[..., 1]
+    encodings = {
+        "rgb8": (smooth, smooth),
+        "bgr8": (smooth[..., ::-1], smooth),
+        "rgba8": (np.dstack([smooth, alpha]), smooth),
+        "bgra8": (np.dstack([smooth[..., ::-1], alpha]), smooth),
+        "mono8": (grey, np.dstack([grey] * 3)),
+    }
+    time = START
+    # OpenCV calls a mosaic by its second row and column.
+    mosaics = {"rggb": "BayerBG", "bggr": "BayerRG", "gbrg": "BayerGR", "grbg": "BayerGB"}
+    for name, other in mosaics.items():
+        mosaic = np.empty(smooth.shape[:2], np.uint8)
+        for place, color in enumerate(name):
+            mosaic[place // 2 :: 2, place % 2 :: 2] = smooth[place // 2 :: 2, place % 2 :: 2, "rgb".index(color)]
+        code = getattr(cv2, f"COLOR_{other}2RGB")
+        encodings[f"bayer_{name}8"] = (mosaic, cv2.cvtColor(mosaic, code))
+    for number, (encoding, (pixels, seen)) in enumerate(encodings.items()):
+        log.add(f"/image/{encoding}", time, image(time, "eye", encoding, np.ascontiguousarray(pixels), number))
+        expected["colours"][f"/image/{encoding}"] = seen.reshape(-1).tolist()
+        time += 10**6
+    for form in ("jpeg", "png"):
+        data = cv2.imencode(f".{form}", smooth[..., ::-1])[1].tobytes()
+        log.add(f"/image/{form}", time, compressed(time, "eye", f"bgr8; {form} compressed bgr8", data))
+        seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        expected["colours"][f"/image/{form}"] = seen.reshape(-1).tolist()
+        time += 10**6
+    metres = (1 + 6 * rng.random(smooth.shape[:2])).astype(np.float32)
+    metres[2, 3:6] = [np.nan, 0, np.inf]
+    whole = np.nan_to_num(np.round(metres * 1000), nan=0, posinf=0).astype(np.uint16)
+    seen = np.where(np.isfinite(metres), metres, 0)
+    depths = {
+        "metres": (image(time, "eye", "32FC1", metres, 4), seen),
+        "whole": (image(time, "eye", "16UC1", whole), whole / 1000),
+        "big": (image(time, "eye", "16UC1", whole.astype(">u2")), whole / 1000),
+    }
+    for encoding, depth in (("16UC1", whole), ("32FC1", np.nan_to_num(metres, posinf=0))):
+        data = compressed_depth(depth, encoding)
+        kind, a, b = struct.unpack("<iff", data[:12])
+        stored = cv2.imdecode(np.frombuffer(data[12:], np.uint8), cv2.IMREAD_UNCHANGED).astype(np.float32)
+        with np.errstate(divide="ignore"):
+            back = stored / 1000 if encoding == "16UC1" else np.where(stored > 0, a / (stored - b), 0)
+        form = f"{encoding}; compressedDepth png"
+        depths[f"compressed_{encoding}"] = (compressed(time, "eye", form, data), back)
+    for name, (message, seen) in depths.items():
+        log.add(f"/depth/{name}", time, message)
+        expected["depths"][f"/depth/{name}"] = seen.reshape(-1).tolist()
+    points = np.round(rng.normal(0, 3, (12, 3)), 3)
+    points[5] = np.nan
+    layouts = {
+        "plain": (np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")]), False, 1),
+        "ouster": (
+            np.dtype(
+                {
+                    "names": ["x", "y", "z", "intensity", "ring"],
+                    "formats": ["<f4", "<f4", "<f4", "<f4", "<u2"],
+                    "offsets": [0, 4, 8, 16, 26],
+                    "itemsize": 32,
+                }
+            ),
+            False,
+            3,
+        ),
+        "doubles": (np.dtype([("ring", "<u1"), ("z", "<f8"), ("y", "<f8"), ("x", "<f8")]), False, 1),
+        "big": (np.dtype([("x", ">f4"), ("y", ">f4"), ("z", ">f4"), ("pad", ">f4")]), True, 2),
+    }
+    for name, (layout, big, rows) in layouts.items():
+        log.add(f"/points/{name}", time, cloud(time, "eye", points, layout, big, rows), little=not big)
+        kept = points.astype(np.float64 if name == "doubles" else np.float32).astype(np.float64)
+        expected["clouds"][f"/points/{name}"] = [None if np.isnan(p).any() else p.tolist() for p in kept]
+    place = np.array([[0.4, -0.3, 2.0]])
+    k = (12.0, 12.5, 6.4, 4.7)
+    lenses = {
+        "straight": ("plumb_bob", [0.0] * 5),
+        "plumb_bob": ("plumb_bob", [-0.2, 0.05, 0.001, -0.002, 0.01]),
+        "rational": ("rational_polynomial", [0.3, -0.1, 0.001, 0.002, 0.02, 0.4, -0.05, 0.01]),
+        "equidistant": ("equidistant", [0.02, -0.01, 0.003, -0.001]),
+    }
+    for name, (model, d) in lenses.items():
+        log.add(f"/cameras/{name}/camera_info", time, camera(time, "eye", size, model, k, d))
+        intrinsic = np.array([[k[0], 0, k[2]], [0, k[1], k[3]], [0, 0, 1]])
+        project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+        d = np.array(d, float)
+        if model == "equidistant":
+            seen = project(place[None], np.zeros(3), np.zeros(3), intrinsic, d)[0]
+        else:
+            seen = project(place, np.zeros(3), np.zeros(3), intrinsic, d)[0]
+        expected["cameras"][f"/cameras/{name}/camera_info"] = [place[0].tolist(), seen.reshape(-1).tolist()]
+    # A second camera beside the first, that measures depths.
+    far = (2 + np.add.outer(0.05 * np.arange(size[1]), 0.02 * np.arange(size[0]))).astype(np.float32)
+    beside = ([0.0, 0.05, 0.0], [0.1, 0.0, 0.05])
+    log.add("/other/depth", time, image(time, "other", "32FC1", far))
+    log.add("/other/camera_info", time, camera(time, "other", size, "plumb_bob", k, [0.0] * 5))
+    log.add("/tf_static", time, transforms(transform(time, "eye", "other", *beside)))
+    v, u = np.indices(far.shape).reshape(2, -1)
+    far = far.reshape(-1).astype(float)
+    places = np.column_stack([(u - k[2]) / k[0] * far, (v - k[3]) / k[1] * far, far, np.ones(len(far))])
+    places = (matrix(*beside) @ places.T).T[:, :3]
+    seen = np.column_stack([places[:, :2] / places[:, 2:] * k[:2] + k[2:], places[:, 2]])
+    inside = (seen[:, :2] > -0.5).all(1) & (seen[:, :2] < np.array(size) - 0.5).all(1)
+    expected["beside"] = np.round(seen[inside], 6).tolist()
+    text = T["std_msgs/msg/String"](data="other types are counted")
+    log.add("/notes", time, text)
+    return log, expected
+
+
+# Where the sensors are on the car: in ROS, a car looks along x, with y to the left; a camera along z.
+LIDAR = ([0.0, 0.0, 0.3], [0.5, 0.0, 1.6])
+CAMERA = ([-1.2091996, 1.2091996, -1.2091996], [0.8, 0.1, 1.4])
+
+
+def car(seconds: float):
+    """The pose of the car in odom: it drives 8 m/s and turns. Between the samples of TF, every 50 ms, it goes straight."""
+    before = np.floor(seconds / 0.05 + 1e-9) * 0.05
+    share = (seconds - before) / 0.05
+
+    def sample(t):
+        return np.array([0, 0, 0.4 * t + 0.3 * t * t]), np.array([8 * t, 2 * t * t, 0])
+
+    (a, b), (c, d) = sample(before), sample(before + 0.05)
+    # About one axis, the shortest rotation at an even speed is that of the angle.
+    return a + (c - a) * share, b + (d - b) * share
+
+
+def drive() -> tuple[Log, dict]:
+    """A car that passes a wall; a frame without transforms, and one without points."""
+    size, k, d = (96, 72), (80.0, 80.0, 47.5, 35.5), [-0.1, 0.02, 0.001, -0.0005, 0.0]
+    room = cv2.resize(cv2.imread(str(ROOT / "assets/room/rgb.png")), size, interpolation=cv2.INTER_AREA)
+    rng = np.random.default_rng(3)
+    # A wall with bumps ahead of the car: in odom.
+    y, z = rng.uniform(-8, 8, 320), rng.uniform(-2, 5, 320)
+    wall = np.column_stack([16 + 0.3 * np.sin(y), y, z, np.ones(len(y))])
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+    events = []
+    lidar, eye = matrix(*LIDAR), matrix(*CAMERA)
+    static = transforms(transform(START, "base_link", "lidar", *LIDAR), transform(START, "base_link", "camera", *CAMERA))
+    events.append((0.0, "/tf_static", static))
+    for step in range(1, 13):
+        seconds = 0.05 * step
+        stamp = START + step * 50_000_000
+        events.append((seconds + 0.004, "/tf", transforms(transform(stamp, "odom", "base_link", *car(seconds)))))
+    clouds = {}
+    for turn in (0, 1, 2, 4, 5):
+        seconds = 0.1 * turn + 0.02
+        points = (np.linalg.inv(matrix(*car(seconds)) @ lidar) @ wall.T).T[:, :3].astype(np.float32)
+        clouds[seconds] = points.astype(np.float64)
+        events.append((seconds + 0.06, "/lidar/points", cloud(START + round(seconds * 1e9), "lidar", points, layout)))
+    expected = {"frames": [], "dropped": []}
+    intrinsic = np.array([[k[0], 0, k[2]], [0, k[1], k[3]], [0, 0, 1]])
+    for shot in range(6):
+        seconds = 0.1 * shot
+        stamp = START + shot * 100_000_000
+        shown = np.roll(room, 2 * shot, axis=1)
+        data = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
+        events.append((seconds + 0.03, "/camera/image_raw/compressed", compressed(stamp, "camera", "bgr8; jpeg", data)))
+        events.append((seconds + 0.03, "/camera/camera_info", camera(stamp, "camera", size, "plumb_bob", k, d)))
+        nearest = min(clouds, key=lambda time: abs(time - seconds))
+        if shot == 0 or abs(nearest - seconds) > 0.05:
+            expected["dropped"].append(stamp)
+            continue
+        seen = np.column_stack([clouds[nearest], np.ones(len(wall))])
+        moved = np.linalg.inv(matrix(*car(seconds)) @ eye) @ matrix(*car(nearest)) @ lidar
+        places = (moved @ seen.T).T[:, :3]
+        places = places[places[:, 2] > 0.1]
+        pixels = cv2.projectPoints(places, np.zeros(3), np.zeros(3), intrinsic, np.array(d))[0].reshape(-1, 2)
+        inside = (pixels > -0.49).all(1) & (pixels < np.array(size) - 0.51).all(1)
+        found = np.column_stack([pixels, places[:, 2]])[inside]
+        expected["frames"].append({"stamp": stamp, "points": np.round(found, 4).tolist()})
+    log = Log()
+    for seconds, topic, message in sorted(events, key=lambda event: event[0]):
+        log.add(topic, START + round(seconds * 1e9), message)
+    return log, expected
+
+
+def golden() -> None:
+    GOLDEN.mkdir(parents=True, exist_ok=True)
+    log, kinds = types()
+    log.mcap(GOLDEN / "zstd.mcap", CompressionType.ZSTD, size=1 << 12)
+    log.mcap(GOLDEN / "alone.mcap", CompressionType.NONE, chunks=False, index=False)
+    with tempfile.TemporaryDirectory() as folder:
+        log.bag(Path(folder) / "bag", StoragePlugin.SQLITE3)
+        (GOLDEN / "bag").mkdir(exist_ok=True)
+        for file in (Path(folder) / "bag").iterdir():
+            (GOLDEN / "bag" / file.name).write_bytes(file.read_bytes())
+    log, frames = drive()
+    log.mcap(GOLDEN / "drive.mcap", CompressionType.LZ4)
+    (GOLDEN / "expected.json").write_text(json.dumps({**kinds, **frames}, separators=(",", ":")) + "\n")
+    total = sum(file.stat().st_size for file in GOLDEN.rglob("*") if file.is_file())
+    print(f"{total} bytes in {GOLDEN}")
+
+
+def check(program: str) -> None:
+    """Depths in a recording that lsdc writes are those that it writes to files, at the stamps and frames of the images."""
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        source = str(GOLDEN / "drive.mcap")
+        for output in (["files", "--formats", "npy"], ["out.mcap", "--copy", "--cloud"], ["mm.mcap", "--units", "mm"]):
+            subprocess.run([program, "complete", source, "-o", *output], cwd=folder, check=True)
+        expected = {int(file.name.split("_")[0]): np.load(file) for file in (folder / "files").glob("*.npy")}
+        seen = 0
+        with open(folder / "out.mcap", "rb") as file:
+            reader = make_reader(file, decoder_factories=[DecoderFactory()])
+            for _, channel, message, decoded in reader.iter_decoded_messages():
+                if not channel.topic.startswith("/lsdc/"):
+                    continue
+                stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
+                assert decoded.header.frame_id == "camera" and message.log_time == stamp + 30_000_000
+                depth = expected[stamp]
+                if channel.topic == "/lsdc/depth":
+                    found = np.frombuffer(decoded.data, np.float32).reshape(decoded.height, decoded.width)
+                    assert (found == depth).all()
+                else:
+                    points = np.frombuffer(decoded.data, np.float32).reshape(-1, 4)
+                    assert np.allclose(points[:, 2], depth[depth > 0])
+                seen += 1
+        assert seen == 2 * len(expected) == 8
+        # Another library, with its own definitions of the types.
+        with make_any(folder / "mm.mcap") as reader:
+            for connection, _, data in reader.messages():
+                message = STORE.deserialize_cdr(data, connection.msgtype)
+                stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+                found = message.data.view(np.uint16).reshape(message.height, message.width)
+                assert np.abs(found / 1000 - expected[stamp]).max() < 0.0005001
+    print("all are the same")
+
+
+def make_any(path: Path):
+    from rosbags.highlevel import AnyReader
+
+    return AnyReader([path], default_typestore=STORE)
+
+
+# A room with boxes, in metres: corners of each, and its colour.
+SIZE, FOCAL, MIDDLE = (640, 480), 525.0, (319.5, 239.5)
+ROOM = np.array([[-6, -5, 0], [6, 5, 3]], float)
+BOXES = np.array(
+    [
+        [[-3, 1, 0], [-2, 2.5, 1.2]],
+        [[1, 2, 0], [2.5, 3, 0.8]],
+        [[3, -3, 0], [4, -1, 2.2]],
+        [[-1, -4, 0], [0.5, -3, 1.5]],
+        [[-5, -2, 0], [-4.2, 0, 2.0]],
+        [[4.5, 1, 0], [5.5, 4, 0.75]],
+        [[-0.4, 3.8, 0], [0.4, 4.6, 1.9]],
+    ],
+    float,
+)
+
+
+def cast(origins: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far each ray goes, and what it hits: 0 for the room, else the number of a box."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = (ROOM[:, None] - origins) / rays
+        far, hit = np.nanmin(sides.max(0), axis=-1), np.zeros(len(rays), int)
+        for number, box in enumerate(BOXES, 1):
+            sides = (box[:, None] - origins) / rays
+            near, last = sides.min(0).max(-1), sides.max(0).min(-1)
+            nearer = (near > 0) & (near < last) & (near < far)
+            far, hit = np.where(nearer, near, far), np.where(nearer, number, hit)
+    return far, hit
+
+
+def walk(seconds: float) -> np.ndarray:
+    """The pose of a robot that walks a circle through the room, looking ahead and a little about."""
+    angle = 0.15 * seconds
+    heading = angle + np.pi / 2 + 0.4 * np.sin(0.7 * seconds)
+    return matrix([0, 0, heading], [2.6 * np.cos(angle), 0.3 + 1.6 * np.sin(angle), 0.5])
+
+
+def spinning(seconds: float) -> np.ndarray:
+    """A turn of a scanner of 16 lasers while it moves, in its own frame at the middle of the turn."""
+    turns = np.linspace(-0.5, 0.5, 900, endpoint=False)
+    elevations = np.radians(np.linspace(-15, 15, 16))
+    lidar, points = matrix([0, 0, 0], [0.1, 0, 0.4]), []
+    back = np.linalg.inv(walk(seconds) @ lidar)
+    for turn in turns:
+        pose = walk(seconds + 0.1 * turn) @ lidar
+        azimuth = 2 * np.pi * turn
+        level = np.cos(elevations)
+        rays = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevations)]) @ pose[:3, :3].T
+        far, _ = cast(pose[:3, 3], rays)
+        points.append(pose[:3, 3] + rays * far[:, None])
+    points = np.concatenate(points)
+    return points @ back[:3, :3].T + back[:3, 3]
+
+
+def rendered(pose: np.ndarray) -> np.ndarray:
+    u, v = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    rays = np.stack([(u - MIDDLE[0]) / FOCAL, (v - MIDDLE[1]) / FOCAL, np.ones(u.shape)], -1).reshape(-1, 3)
+    rays = rays @ pose[:3, :3].T
+    far, hit = cast(pose[:3, 3], rays)
+    places = pose[:3, 3] + rays * far[:, None]
+    pattern = np.sin(7 * places).sum(1) + 0.5 * np.sin(23 * places + hit[:, None]).sum(1)
+    base = np.array([[150, 140, 120], [170, 60, 50], [60, 120, 160], [90, 150, 70]])[hit % 4]
+    shaded = base * (1 + 0.12 * pattern[:, None]) / (1 + 0.04 * far[:, None])
+    return np.clip(shaded, 0, 255).astype(np.uint8).reshape(SIZE[1], SIZE[0], 3)
+
+
+def room_drive(frames: int, output: Path) -> None:
+    """Images and turns of the scanner, ten a second, 20 ms apart; and the same frames as files, but for what is hidden."""
+    (output / "images").mkdir(parents=True)
+    (output / "points").mkdir()
+    lidar = ([0.0, 0.0, 0.0], [0.1, 0.0, 0.4])
+    eye = (CAMERA[0], [0.15, 0.0, 0.3])
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+    log = Log()
+    fixed = [transform(START, "base_link", "lidar", *lidar), transform(START, "base_link", "camera", *eye)]
+    log.add("/tf_static", START, transforms(*fixed))
+    for step in range(5 * frames + 10):
+        seconds = 0.02 * step - 0.1
+        stamp, pose = START + round(seconds * 1e9), walk(seconds)
+        turned = cv2.Rodrigues(pose[:3, :3])[0].reshape(-1)
+        log.add("/tf", stamp, transforms(transform(stamp, "odom", "base_link", turned, pose[:3, 3])))
+        if step < 5 or step % 5 or step // 5 > frames:
+            continue
+        scan, shot = walk(seconds + 0.02) @ matrix(*lidar), pose @ matrix(*eye)
+        shown, points = rendered(shot), spinning(seconds + 0.02)
+        log.add("/camera/image_raw", stamp, image(stamp, "camera", "rgb8", shown))
+        info = camera(stamp, "camera", SIZE, "plumb_bob", (FOCAL, FOCAL, *MIDDLE), [0.0] * 5)
+        log.add("/camera/camera_info", stamp, info)
+        log.add("/lidar/points", stamp + 70_000_000, cloud(stamp + 20_000_000, "lidar", points, layout))
+        moved = np.linalg.inv(shot) @ scan
+        places = points @ moved[:3, :3].T + moved[:3, 3]
+        places = places[places[:, 2] > 0]
+        seen = np.column_stack([FOCAL * places[:, :2] / places[:, 2:] + MIDDLE, places[:, 2]])
+        inside = (seen[:, :2] > -0.5).all(1) & (seen[:, :2] < np.array(SIZE) - 0.5).all(1)
+        cv2.imwrite(str(output / f"images/{stamp}.png"), shown[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        np.save(output / f"points/{stamp}.npy", seen[inside])
+    log.sort(key=lambda message: message[1])
+    log.mcap(output / "drive.mcap", CompressionType.LZ4, size=4 << 20)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["golden"]:
+        golden()
+    elif sys.argv[1:2] == ["check"]:
+        check(str(Path(sys.argv[2] if len(sys.argv) > 2 else ROOT / "target/release/lsdc").resolve()))
+    elif sys.argv[1:2] == ["drive"] and len(sys.argv) == 4:
+        room_drive(int(sys.argv[2]), Path(sys.argv[3]))
+    else:
+        sys.exit(__doc__)

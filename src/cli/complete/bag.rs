@@ -1,0 +1,251 @@
+//! A recording whose depths go into another recording.
+
+use super::failures::Failures;
+use super::flow::{self, finished};
+use super::frame::{Completed, Engine};
+use super::inputs::Loaded;
+use super::outputs::Forms;
+use super::recorded::Recorded;
+use super::summary::Summary;
+use super::tally::Tally;
+use crate::cli::args::Complete;
+use crate::cli::{Exit, ui};
+use crate::data::{self, Cloud, Shard};
+use crate::error::{Cause, Error, Result};
+use lsdc_recordings::{
+    Frame, Header, Kind, Place, Recording, Times, Writer, write_cloud, write_depth,
+};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, sync_channel};
+
+/// Topics of results.
+const DEPTH: &str = "/lsdc/depth";
+const SIGMA: &str = "/lsdc/sigma";
+const POINTS: &str = "/lsdc/points";
+
+/// Frames that wait to be written.
+const WAITING: usize = 2;
+
+/// The messages of a frame, and where its image is in the recording that it is from.
+struct Done {
+    place: Place,
+    times: Times,
+    messages: Vec<(&'static str, Kind, Vec<u8>)>,
+}
+
+pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
+    check(args, output)?;
+    let recorded = Recorded::open(args)?;
+    let source = if args.recorded.copy {
+        let source = Recording::open(&args.sparse)?;
+        check_names(&source)?;
+        Some(source)
+    } else {
+        None
+    };
+    recorded.tell(args.json);
+    let engine = Engine::new(args, args.json)?;
+    let bag = Writer::create(output)?;
+    let stop = ui::stop_flag();
+    let frames: Vec<(PathBuf, &Frame)> = recorded
+        .frames()
+        .iter()
+        .map(|frame| (Recorded::name(frame), frame))
+        .collect();
+    let bar = ui::bar(frames.len(), "frames");
+    let failures = Failures::new(args.json).beside(&bar);
+    let mut tally = Tally::new(&bar, args.json);
+    let (mut lost, mut broken) = (0, false);
+
+    let bag = std::thread::scope(|scope| {
+        let (send, done) = sync_channel(WAITING);
+        let stopped = &stop;
+        let writer = scope.spawn(move || write(bag, &done, source, stopped));
+        let flown = flow::run(
+            &frames,
+            &engine,
+            (&failures, &stop),
+            |(name, _)| name,
+            |(_, frame)| recorded.load(frame),
+            |_, loaded, prepared| prepared.fit(&loaded.points, None),
+            |(name, frame), header, loaded, completed| {
+                let (forms, messages, beyond) = messages(args, &header, loaded, completed)?;
+                let done = Done {
+                    place: frame.place,
+                    times: frame.times,
+                    messages,
+                };
+                if send.send(done).is_err() {
+                    // Why is said below, once.
+                    broken = true;
+                    stop.store(true, Ordering::Relaxed);
+                    return Ok(());
+                }
+                lost += beyond;
+                tally.add(name, &Summary::new(name, loaded, completed, &forms));
+                Ok(())
+            },
+        );
+        drop(send);
+        let bag = finished(writer)?;
+        flown.map(|()| bag)
+    })?;
+    bar.finish_and_clear();
+    if !broken && stop.load(Ordering::Relaxed) {
+        ui::say("hint: nothing is written; give -o DIR for results that a later run goes on with");
+        return Ok(Exit::Interrupted);
+    }
+    let (bag, failed) = (bag?, failures.count());
+    if bag.undefined() > 0 {
+        ui::warn(&format!(
+            "warning: {} topics are copied whose recording does not say what their messages are made of",
+            bag.undefined()
+        ));
+    }
+    bag.finish()?;
+    tally.tell(0, failed);
+    let tell = if args.json { ui::say } else { ui::tell };
+    if lost > 0 {
+        tell(&format!(
+            "16UC1     {lost} pixels beyond 65.535 m hold no depth; give --units m"
+        ));
+    }
+    tell(&format!("written   {}", output.display()));
+    Ok(if failed > 0 {
+        Exit::Partial
+    } else {
+        Exit::Done
+    })
+}
+
+/// Checks that what is asked for goes into a recording.
+fn check(args: &Complete, output: &Path) -> Result<()> {
+    let alien = [
+        ("`--formats`", args.formats.is_some()),
+        ("`--range`", args.range.is_some()),
+        ("`--outliers`", args.outliers),
+        ("`--temporal`", args.temporal),
+        ("`--sigma`", args.sigma.is_some()),
+        ("`--guide`", args.guide.is_some()),
+        ("`--shard`", args.shard != Shard::WHOLE),
+    ];
+    if let Some((option, _)) = alien.into_iter().find(|(_, given)| *given) {
+        let what = format!("{option} is not for results in a recording");
+        return Err(Error::config(what).hint("leave it out, or give -o DIR"));
+    }
+    if args.max_sigma.is_some() && !args.recorded.cloud {
+        return Err(Error::config("`--max-sigma` is for clouds").hint("give --cloud"));
+    }
+    let real = |path: &Path| path.canonicalize().ok();
+    if output.exists() && real(output) == real(&args.sparse) {
+        let what = format!("`{}` is the recording", output.display());
+        return Err(Error::config(what).hint("give another file with -o"));
+    }
+    if output.exists() && !args.force {
+        return Err(Error::config(format!("`{}` exists", output.display()))
+            .hint("give --force to replace it, or another file with -o"));
+    }
+    let folder = output
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    data::check_writable(folder)?;
+    data::remove_leftovers(folder);
+    Ok(())
+}
+
+/// Checks that no topic that is copied is called as one of the results.
+fn check_names(source: &Recording) -> Result<()> {
+    let topics = source.topics();
+    let taken = topics
+        .iter()
+        .find(|topic| [DEPTH, SIGMA, POINTS].contains(&topic.name.as_str()));
+    match taken {
+        Some(topic) => {
+            let what = format!("the recording has a topic `{}` already", topic.name);
+            Err(Error::config(what)
+                .hint("leave --copy out, or complete the recording that it was made from"))
+        }
+        None => Ok(()),
+    }
+}
+
+/// The messages of a frame, and how many depths are too far for them.
+#[allow(clippy::type_complexity)]
+fn messages(
+    args: &Complete,
+    header: &Header,
+    loaded: &Loaded,
+    completed: &Completed,
+) -> Result<(Forms, Vec<(&'static str, Kind, Vec<u8>)>, usize)> {
+    let millimetres = args.recorded.units.is_millimetres();
+    let diagnostics = completed.diagnostics.as_ref();
+    let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
+    let (depth, lost) = write_depth(header, &completed.depth, millimetres);
+    let mut messages = vec![(DEPTH, Kind::Image, depth)];
+    if let Some(sigma) = deviations.filter(|_| args.uncertainty) {
+        messages.push((SIGMA, Kind::Image, write_depth(header, sigma, false).0));
+    }
+    let mut forms = Forms {
+        png: None,
+        cloud: None,
+    };
+    if args.recorded.cloud {
+        let camera = loaded.camera.as_ref().ok_or_else(|| {
+            Error::config("`--cloud` needs the camera of the images")
+                .hint("name it by --camera-info")
+        })?;
+        let cloud = Cloud::new(
+            &completed.depth,
+            deviations,
+            &loaded.rgb,
+            camera,
+            args.max_sigma,
+        );
+        messages.push((
+            POINTS,
+            Kind::PointCloud2,
+            write_cloud(header, &cloud.points),
+        ));
+        forms.cloud = Some(cloud);
+    }
+    Ok((forms, messages, lost))
+}
+
+/// Writes frames as they come, each behind its image, if the recording that they are from is copied.
+fn write(
+    mut bag: Writer,
+    done: &Receiver<Done>,
+    source: Option<Recording>,
+    stop: &AtomicBool,
+) -> Result<Writer> {
+    let put = |bag: &mut Writer, done: Done| {
+        let mut messages = done.messages.iter();
+        messages.try_for_each(|(topic, kind, data)| bag.write(topic, *kind, done.times, data))
+    };
+    let Some(mut source) = source else {
+        done.iter().try_for_each(|done| put(&mut bag, done))?;
+        return Ok(bag);
+    };
+    let mut next = done.recv().ok();
+    source.visit(&|_| true, &mut |topic, message| {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::new(Cause::Write, "the program was stopped"));
+        }
+        bag.copy(topic, message)?;
+        while let Some(frame) = next.take_if(|next| next.place <= message.place) {
+            put(&mut bag, frame)?;
+            next = done.recv().ok();
+        }
+        Ok(())
+    })?;
+    if next.is_some() {
+        return Err(Error::new(
+            Cause::Read,
+            "the recording has changed while it was read",
+        ));
+    }
+    Ok(bag)
+}

@@ -1,0 +1,110 @@
+//! Many frames: reading, network, fit and writing at the same time, each of another frame.
+
+use super::failures::Failures;
+use super::frame::{Completed, Engine, Fitted, Prepared};
+use super::inputs::Loaded;
+use crate::error::{Cause, Error, Result};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::sync_channel;
+use std::thread::ScopedJoinHandle;
+
+/// Frames that wait between two stages.
+const WAITING: usize = 2;
+
+/// Brings frames through four stages in their order, each on a thread of its own. `load` may find something that `write`
+/// needs. What fails in a stage is left out of those after it.
+pub(super) fn run<F: Sync, L: Send>(
+    frames: &[F],
+    engine: &Engine<'_>,
+    (failures, stop): (&Failures, &AtomicBool),
+    name: impl Fn(&F) -> &Path + Sync,
+    load: impl Fn(&F) -> Result<(L, Loaded)> + Send,
+    mut fit: impl FnMut(&F, &Loaded, Prepared) -> Result<Fitted>,
+    mut write: impl FnMut(&F, L, &Loaded, &Completed) -> Result<()> + Send,
+) -> Result<()> {
+    let name = &name;
+    std::thread::scope(|scope| {
+        let (send_read, read) = sync_channel::<(&F, L, Loaded)>(WAITING);
+        let (send_prepared, prepared) = sync_channel::<(&F, L, Loaded, Prepared)>(1);
+        let (send_fitted, fitted) = sync_channel::<(&F, L, Loaded, Fitted)>(1);
+        let reader = scope.spawn(move || {
+            for frame in frames {
+                if stop.load(Ordering::Relaxed) {
+                    break;
+                }
+                match load(frame) {
+                    Ok((found, loaded)) => {
+                        if send_read.send((frame, found, loaded)).is_err() {
+                            break;
+                        }
+                    }
+                    Err(error) => failures.add(name(frame), &error),
+                }
+            }
+        });
+        let network = scope.spawn(move || {
+            for (frame, found, loaded) in read {
+                match engine.prepare(&loaded) {
+                    Ok(prepared) => {
+                        if send_prepared
+                            .send((frame, found, loaded, prepared))
+                            .is_err()
+                        {
+                            break;
+                        }
+                    }
+                    Err(error) => failures.add(name(frame), &error),
+                }
+            }
+        });
+        let writer = scope.spawn(move || {
+            for (frame, found, loaded, fitted) in fitted {
+                let completed = engine.finish(&loaded.rgb, &loaded.points, fitted);
+                let written = completed.and_then(|done| write(frame, found, &loaded, &done));
+                if let Err(error) = written {
+                    failures.add(name(frame), &error);
+                }
+            }
+        });
+        for (frame, found, loaded, prepared) in prepared {
+            match fit(frame, &loaded, prepared) {
+                Ok(fitted) => {
+                    if send_fitted.send((frame, found, loaded, fitted)).is_err() {
+                        break;
+                    }
+                }
+                Err(error) => failures.add(name(frame), &error),
+            }
+        }
+        drop(send_fitted);
+        finished(writer)?;
+        finished(network)?;
+        finished(reader)
+    })
+}
+
+/// What a thread returns.
+pub(super) fn finished<T>(thread: ScopedJoinHandle<'_, T>) -> Result<T> {
+    thread.join().map_err(|_| {
+        Error::new(
+            Cause::Write,
+            "a part of the program broke off, so that frames are missing",
+        )
+        .hint("the lines above say where; the same command goes on with what is left")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_panics_is_an_error() {
+        let result =
+            std::thread::scope(|scope| finished(scope.spawn(|| -> usize { panic!("full") })));
+        assert_eq!(result.unwrap_err().cause(), Cause::Write);
+        let result = std::thread::scope(|scope| finished(scope.spawn(|| 3)));
+        assert_eq!(result.unwrap(), 3);
+    }
+}

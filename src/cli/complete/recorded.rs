@@ -1,0 +1,180 @@
+//! Frames of a recording.
+
+use super::inputs::Loaded;
+use crate::cli::args::Complete;
+use crate::cli::ui;
+use crate::error::{Error, Result};
+use crate::provenance;
+use lsdc_recordings::{Dropped, Frame, Frames, Header, Recording, Stored, Wanted};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// A recording and its frames.
+pub(super) struct Recorded {
+    path: PathBuf,
+    frames: Frames,
+    recording: Mutex<Recording>,
+}
+
+impl Recorded {
+    /// Finds the frames of the recording that is named, and says what cannot be used of it.
+    pub(super) fn open(args: &Complete) -> Result<Self> {
+        let asked = &args.recorded;
+        let path = args.sparse.clone();
+        let mut recording = Recording::open(&path)?;
+        let wanted = Wanted {
+            image: asked.image.clone(),
+            points: asked.points.clone(),
+            camera_info: asked.camera_info.clone(),
+            tf: asked.tf.clone(),
+            fixed: asked.fixed_frame.clone(),
+            tolerance: Duration::from_secs_f64(asked.tolerance),
+            camera: args.camera.clone(),
+            unit: args.depth_unit,
+        };
+        let frames = Frames::of(&mut recording, &wanted)?;
+        for remark in &frames.remarks {
+            ui::warn(&format!("warning: {remark}"));
+        }
+        if frames.found.is_empty() {
+            return Err(match frames.dropped.first() {
+                None => Error::format(&path, "has no message of the topic of images"),
+                Some(Dropped { stamp, reason }) => {
+                    let count = frames.dropped.len();
+                    let what = format!(
+                        "none of the {count} images can be completed; the first, {stamp}: {reason}"
+                    );
+                    Error::format(&path, what)
+                        .hint("check topics and stamps by `lsdc inspect`; --tolerance allows for more time between")
+                }
+            });
+        }
+        Ok(Self {
+            path,
+            frames,
+            recording: Mutex::new(recording),
+        })
+    }
+
+    /// Says how many images there are, and which of them are left out, and why.
+    pub(super) fn tell(&self, json: bool) {
+        let Frames { found, dropped, .. } = &self.frames;
+        let tell = if json { ui::say } else { ui::tell };
+        tell(&format!(
+            "recording {} images: {} with points, {} left out",
+            found.len() + dropped.len(),
+            found.len(),
+            dropped.len()
+        ));
+        let mut kinds: Vec<&str> = dropped
+            .iter()
+            .map(|dropped| dropped.reason.kind())
+            .collect();
+        kinds.sort_unstable();
+        kinds.dedup();
+        for kind in kinds {
+            let of_kind = |dropped: &&Dropped| dropped.reason.kind() == kind;
+            let all: Vec<&Dropped> = dropped.iter().filter(of_kind).collect();
+            let (first, reason) = (all[0].stamp, &all[0].reason);
+            tell(&format!(
+                "left out  {} {kind}; the first: {first}: {reason}",
+                all.len()
+            ));
+        }
+        if json {
+            for Dropped { stamp, reason } in dropped {
+                let value = json!({
+                    "image": stamp.to_string(), "status": "left out", "reason": reason.to_string(),
+                });
+                ui::print(&value.to_string());
+            }
+        }
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// In the order of the recording.
+    pub(super) fn frames(&self) -> &[Frame] {
+        &self.frames.found
+    }
+
+    /// What a frame is called in results.
+    pub(super) fn name(frame: &Frame) -> PathBuf {
+        frame.stamp.to_string().into()
+    }
+
+    fn read(&self, frame: &Frame) -> Result<Stored> {
+        let mut recording = self
+            .recording
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        self.frames.read(&mut recording, frame)
+    }
+
+    /// A frame, and when and where its image was taken.
+    pub(super) fn load(&self, frame: &Frame) -> Result<(Header, Loaded)> {
+        let started = Instant::now();
+        let found = self.read(frame)?.decode(&self.frames)?;
+        let loaded = Loaded {
+            rgb: found.image,
+            points: found.points,
+            camera: found.camera,
+            guide: None,
+            reading: started.elapsed(),
+        };
+        Ok((found.header, loaded))
+    }
+
+    /// What a frame is made from, by its contents.
+    pub(super) fn content(&self, frame: &Frame) -> Result<String> {
+        let stored = self.read(frame)?;
+        let projection = self.frames.projection(frame);
+        Ok(provenance::bytes(&[
+            &stored.image,
+            &stored.points,
+            projection.as_bytes(),
+        ]))
+    }
+}
+
+/// What was asked for, as far as it decides what is in results.
+pub(super) fn settings(args: &Complete) -> Option<Value> {
+    let asked = &args.recorded;
+    args.rgb.is_empty().then(|| {
+        json!({
+            "image": asked.image, "points": asked.points, "camera_info": asked.camera_info, "tf": asked.tf,
+            "fixed_frame": asked.fixed_frame, "tolerance": asked.tolerance,
+        })
+    })
+}
+
+/// Checks that a recording is meant where no image is given, and that its options are given for one alone.
+pub(super) fn check(args: &Complete) -> Result<()> {
+    let given = args.recorded.given();
+    if !args.rgb.is_empty() {
+        return match given.first() {
+            Some(option) => Err(Error::config(format!("`{option}` is for a recording"))
+                .hint("give the recording alone: lsdc complete drive.mcap --image TOPIC --points TOPIC -o DIR")),
+            None => Ok(()),
+        };
+    }
+    let path = &args.sparse;
+    if Recording::is_at(path) {
+        return if path.exists() {
+            Ok(())
+        } else {
+            Err(Error::read(path, std::io::ErrorKind::NotFound.into()))
+        };
+    }
+    Err(Error::config(format!(
+        "one input alone, `{}`, is no recording",
+        path.display()
+    ))
+    .hint(
+        "give an image and its points, or a recording of ROS 2: mcap, db3, or the folder of a bag",
+    ))
+}

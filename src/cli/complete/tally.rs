@@ -1,0 +1,89 @@
+//! What is said of many completed frames.
+
+use super::summary::{Summary, left_out_of_clouds, left_out_of_points, raised};
+use crate::cli::ui;
+use indicatif::ProgressBar;
+use std::collections::{BTreeMap, HashSet};
+use std::path::Path;
+
+/// What was written of many frames: said as it goes on, and counted for the end.
+pub(super) struct Tally<'a> {
+    bar: &'a ProgressBar,
+    json: bool,
+    /// What holds for many frames is said once.
+    said: HashSet<String>,
+    count: usize,
+    unusual_png_units: BTreeMap<String, usize>,
+    png_raised: usize,
+    left_out_of_points: [usize; 3],
+    left_out_of_clouds: [usize; 2],
+}
+
+impl<'a> Tally<'a> {
+    /// Beside a bar, which steps with every frame; with `json` each is an object on stdout too.
+    pub(super) fn new(bar: &'a ProgressBar, json: bool) -> Self {
+        Self {
+            bar,
+            json,
+            said: HashSet::new(),
+            count: 0,
+            unusual_png_units: BTreeMap::new(),
+            png_raised: 0,
+            left_out_of_points: [0; 3],
+            left_out_of_clouds: [0; 2],
+        }
+    }
+
+    /// Takes in a frame that is written.
+    pub(super) fn add(&mut self, name: &Path, summary: &Summary) {
+        for remark in summary.remarks() {
+            if self.said.insert(remark.clone()) {
+                let name = name.display();
+                self.bar
+                    .suspend(|| ui::warn(&format!("warning: {name}: {remark}")));
+            }
+        }
+        self.count += 1;
+        if let Some(unit) = summary.unusual_png_unit() {
+            *self.unusual_png_units.entry(unit.to_string()).or_default() += 1;
+        }
+        self.png_raised += summary.png_raised();
+        let pairs = self.left_out_of_points.iter_mut();
+        let pairs = pairs.zip(summary.left_out_of_points());
+        pairs.for_each(|(sum, count)| *sum += count);
+        let pairs = self.left_out_of_clouds.iter_mut();
+        let pairs = pairs.zip(summary.left_out_of_cloud());
+        pairs.for_each(|(sum, count)| *sum += count);
+        self.bar.inc(1);
+        if self.json {
+            self.bar.suspend(|| ui::print(&summary.value().to_string()));
+        }
+    }
+
+    /// How many frames were written.
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Says how many frames there are, and what was left out of them.
+    pub(super) fn tell(&self, there: usize, failed: usize) {
+        let tell = if self.json { ui::say } else { ui::tell };
+        let done = self.count;
+        tell(&format!(
+            "frames    {done} completed, {there} there already, {failed} failed"
+        ));
+        if let Some(points) = left_out_of_points(self.left_out_of_points) {
+            tell(&format!("points    {points}"));
+        }
+        for (unit, count) in &self.unusual_png_units {
+            tell(&format!(
+                "png       {count} hold {unit} to a value: their depths do not fit in millimetres"
+            ));
+        }
+        let lost = left_out_of_clouds(self.left_out_of_clouds);
+        let lost = lost.map(|lost| format!("clouds    {lost}"));
+        for line in raised(self.png_raised).into_iter().chain(lost) {
+            tell(&line);
+        }
+    }
+}
