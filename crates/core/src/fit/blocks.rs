@@ -33,15 +33,14 @@ impl Blocks {
         self.side * self.side
     }
 
-    /// The block of a pixel (x, y).
-    pub(super) fn of(self, (x, y): (usize, usize)) -> usize {
-        y / self.side * self.counts().1 + x / self.side
-    }
-
     /// The blocks of the pixels that a position is read from.
     pub(super) fn taps(self, taps: &Taps) -> Taps {
-        let width = self.size.1;
-        taps.merged(|pixel| self.of((pixel as usize % width, pixel as usize / width)) as u32)
+        let (width, across) = (self.size.1, self.counts().1);
+        let block = |pixel: u32| {
+            let (x, y) = (pixel as usize % width, pixel as usize / width);
+            (y / self.side * across + x / self.side) as u32
+        };
+        taps.merged(block)
     }
 
     /// The pixels of each block, folded row by row.

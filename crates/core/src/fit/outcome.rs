@@ -176,7 +176,7 @@ impl Fit {
         self.field.as_ref().map(of).transpose()
     }
 
-    /// The same, but roughly, at blocks of pixels: clues in a fraction of the time.
+    /// The same, but roughly, at blocks of pixels and without what cosines add: clues in a fraction of the time.
     ///
     /// # Errors
     /// Equations that are not positive definite.

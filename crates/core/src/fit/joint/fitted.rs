@@ -105,8 +105,17 @@ impl FieldFit {
         };
         let own = field.pixel_variances();
         let coarse = Coarse::new(self.size, FINE);
-        let at = coarse.pixels().map(|(x, y)| own[y * self.size.1 + x]);
-        let weights = self.added(solution, &coarse, at, bases);
+        let added = self.added(solution, &coarse, bases);
+        let own_at = coarse.pixels().map(|(x, y)| own[y * self.size.1 + x]);
+        let weights: Vec<f64> = match &self.form {
+            Form::Few(_) => {
+                let pairs = added.into_iter().zip(own_at);
+                pairs
+                    .map(|((all, squares), own)| (all - own).max(0.0) + squares)
+                    .collect()
+            }
+            Form::Many { .. } => added.into_iter().map(|(_, squares)| squares).collect(),
+        };
         Ok(Variances {
             size: self.size,
             field: own,
@@ -114,7 +123,7 @@ impl FieldFit {
         })
     }
 
-    /// The same of the field of blocks of pixels, in a fraction of the time.
+    /// The same of the field of blocks of pixels, and without what cosines add, in a fraction of the time.
     ///
     /// # Errors
     /// Equations that are not positive definite.
@@ -128,31 +137,30 @@ impl FieldFit {
         let taps = self.sites.taps.iter().map(|taps| blocks.taps(taps));
         let taps: Vec<Taps> = taps.collect();
         let field = smoothness.observed(&taps, &self.sites.weights)?;
-        let own = field.pixel_variances();
         let coarse = Coarse::new(self.size, ROUGH);
-        let at = coarse.pixels().map(|pixel| own[blocks.of(pixel)]);
-        let weights = self.added(solution, &coarse, at, bases);
+        let added = self.added(solution, &coarse, bases);
+        let weights: Vec<f64> = added.into_iter().map(|(_, squares)| squares).collect();
         Ok(Variances {
             size: blocks.counts(),
-            field: own,
+            field: field.pixel_variances(),
             weights: coarse.spread_over(&weights, blocks.counts()),
         })
     }
 
-    /// The variance that basis functions and cosines add at pixels of the coarse grid, where that of the field is `own`.
+    /// At pixels of the coarse grid, the variance of field and cosines where there are few sites, and that of what the
+    /// weights multiply, less the field's response to it.
     fn added(
         &self,
         solution: &Solution,
         coarse: &Coarse,
-        own: impl Iterator<Item = f64>,
         bases: impl FnOnce(&[[f64; 2]]) -> Vec<f32>,
-    ) -> Vec<f64> {
-        let (field, few) = match &self.form {
-            Form::Few(field) => (field, true),
-            Form::Many { start, .. } => match start {
-                Some(field) => (field, false),
-                None => return vec![0.0; coarse.pixels().count()],
-            },
+    ) -> Vec<(f64, f64)> {
+        let field = match &self.form {
+            Form::Few(field)
+            | Form::Many {
+                start: Some(field), ..
+            } => field,
+            Form::Many { start: None, .. } => return vec![(0.0, 0.0); coarse.pixels().count()],
         };
         let places: Vec<[f64; 2]> = coarse.pixels().map(|(x, y)| [x as f64, y as f64]).collect();
         let pixel = |(x, y): (usize, usize)| Taps::pixel((y * self.size.1 + x) as u32);
@@ -168,13 +176,7 @@ impl FieldFit {
         });
         let along = rows * factor - responses;
         let squares = along.row_iter().map(|row| row.squared_norm_l2());
-        let all = variances.into_iter().zip(squares).zip(own);
-        // The field of few sites has the cosines in it.
-        all.map(|((variance, squares), own)| {
-            let cosines = if few { (variance - own).max(0.0) } else { 0.0 };
-            cosines + squares
-        })
-        .collect()
+        variances.into_iter().zip(squares).collect()
     }
 }
 
