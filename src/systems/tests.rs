@@ -25,6 +25,8 @@ struct Golden {
 #[derive(Deserialize)]
 struct Case {
     config: SystemConfig,
+    /// Which of the ways of filling tensors.
+    way: usize,
     /// Name, shape, scale, offset.
     tensors: Vec<(String, Vec<usize>, f64, f64)>,
     evaluated: Vec<f32>,
@@ -81,7 +83,7 @@ impl Case {
     fn net(&self, device: &Device) -> Net {
         let tensors = self.tensors.iter().enumerate();
         let tensors = tensors.map(|(index, (name, shape, scale, offset))| {
-            let values = chirp(index, shape.iter().product());
+            let values = chirp(index + 1000 * self.way, shape.iter().product());
             let values: Vec<f64> = values.iter().map(|v| offset + scale * v).collect();
             let table = Table::new(shape.clone(), floats(&values)).unwrap();
             (name.clone(), table)
