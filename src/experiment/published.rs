@@ -96,11 +96,14 @@ pub(super) const TABLE_5: [(&str, f64, f64); 4] = [
 pub(super) const TABLE_5_NOTES: [&str; 1] =
     ["Published times are of GPUs; the others are of this machine, on the device that is named."];
 
+/// RMSE in metres, REL, and the share below 1.25 in per cent.
+type Scores = (f64, f64, Option<f64>);
+
 /// What was published of a system on NYU Depth v2.
 pub(super) struct System {
     pub(super) kind: SystemKind,
-    /// RMSE in metres, REL, and the share below 1.25 in per cent.
-    pub(super) rows: &'static [(&'static str, (f64, f64, Option<f64>))],
+    /// By name.
+    pub(super) rows: &'static [(&'static str, Scores)],
     /// How it was trained.
     pub(super) training: &'static str,
 }

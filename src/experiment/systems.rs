@@ -22,6 +22,7 @@ use crate::train::{Event, Outcome, Trainer};
 use burn::tensor::Device;
 use serde_json::json;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -128,7 +129,7 @@ type Change<'a> = Box<dyn Fn(Measured<'a>) -> Measured<'a> + 'a>;
 
 /// All of them under one condition, once they are trained.
 struct Side<'a> {
-    field: Arc<Field<'a>>,
+    field: Rc<Field<'a>>,
     name: String,
     label: String,
     change: Change<'a>,
@@ -138,7 +139,7 @@ struct Side<'a> {
 
 impl<'a> Side<'a> {
     fn new(
-        field: &Arc<Field<'a>>,
+        field: &Rc<Field<'a>>,
         name: impl Into<String>,
         label: impl Into<String>,
         change: impl Fn(Measured<'a>) -> Measured<'a> + 'a,
@@ -321,7 +322,7 @@ impl Cell for TrainedSystem<'_> {
 
 /// The time of one of them, once it is trained.
 struct Clock<'a> {
-    field: Arc<Field<'a>>,
+    field: Rc<Field<'a>>,
     /// Which of the systems; none: `lsdc`.
     entrant: Option<usize>,
     name: String,
@@ -359,18 +360,16 @@ impl Cell for Clock<'_> {
     }
 
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
-        match self.timed()? {
-            Some(timed) => timed.run(progress),
-            None => {
-                let _ = progress(0.0);
-                Ok(())
-            }
+        if let Some(timed) = self.timed()? {
+            return timed.run(progress);
         }
+        let _ = progress(0.0);
+        Ok(())
     }
 }
 
 pub(super) struct Systems<'a> {
-    field: Arc<Field<'a>>,
+    field: Rc<Field<'a>>,
     trained: Side<'a>,
     counts: Vec<Side<'a>>,
     patterns: Vec<Side<'a>>,
@@ -383,7 +382,7 @@ pub(super) struct Systems<'a> {
 
 impl<'a> Systems<'a> {
     pub(super) fn new(lab: &'a Lab) -> Result<Self> {
-        let field = Arc::new(field(lab)?);
+        let field = Rc::new(field(lab)?);
         let mut cameras = vec![Side::new(&field, "narrow", "half the view", move |cell| {
             let frames = Narrow(lab.frames.clone());
             cell.on(format!("{}, the middle", lab.dataset), Arc::new(frames))
@@ -488,7 +487,7 @@ impl<'a> Systems<'a> {
                 section.findings.push(format!(
                     "{}: published RMSE {best:.3} m, here {here:.3} m: {}",
                     entrant.name(),
-                    self.why(entrant)
+                    Self::why(entrant)
                 ));
             }
         }
@@ -496,7 +495,7 @@ impl<'a> Systems<'a> {
     }
 
     /// Why a published number may be better.
-    fn why(&self, entrant: &Entrant<'_>) -> String {
+    fn why(entrant: &Entrant<'_>) -> String {
         let start = match entrant.config().pretrained() {
             Some(_) => "an encoder trained on ImageNet",
             None => "random weights, where the authors start from an encoder trained on ImageNet",

@@ -67,6 +67,7 @@ pub fn to_bytes(weights: &Weights, precision: Precision) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// More bytes than a file can hold.
+#[expect(clippy::implicit_hasher, reason = "the map that safetensors takes")]
 pub fn stored_bytes<'a>(
     tensors: impl Iterator<Item = (String, &'a Table, Precision)>,
     metadata: HashMap<String, String>,

@@ -193,26 +193,25 @@ impl Block {
 
 /// The name that `torchvision` gives a tensor of this network; nothing for names of anything else.
 pub(super) fn torchvision(name: &str) -> Option<String> {
-    let (place, last) = match name.strip_suffix(".conv.weight") {
-        Some(place) => (place, ("conv", "weight")),
-        None => {
-            let (place, kind) = name.split_once(".norm.Batch.")?;
-            let kind = match kind {
-                "gain" => "weight",
-                "shift" => "bias",
-                "running_mean" => "running_mean",
-                "running_variance" => "running_var",
-                _ => return None,
-            };
-            (place, ("bn", kind))
-        }
+    let (place, last) = if let Some(place) = name.strip_suffix(".conv.weight") {
+        (place, ("conv", "weight"))
+    } else {
+        let (place, kind) = name.split_once(".norm.Batch.")?;
+        let kind = match kind {
+            "gain" => "weight",
+            "shift" => "bias",
+            "running_mean" => "running_mean",
+            "running_variance" => "running_var",
+            _ => return None,
+        };
+        (place, ("bn", kind))
     };
     let (part, kind) = last;
     if place == "stem" {
         return Some(format!("{part}1.{kind}"));
     }
     if let Some(block) = place.strip_suffix(".shortcut") {
-        let part = if part == "conv" { 0 } else { 1 };
+        let part = usize::from(part != "conv");
         return Some(format!("{block}.downsample.{part}.{kind}"));
     }
     let (block, number) = place.split_once(".convs.")?;

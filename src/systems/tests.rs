@@ -1,4 +1,4 @@
-//! The systems beside PyTorch and torchvision: `scripts/golden_systems.py` makes the file, `scripts/peers/systems.py`
+//! The systems beside `PyTorch` and torchvision: `scripts/golden_systems.py` makes the file, `scripts/peers/systems.py`
 //! restates the publications.
 
 use super::{Net, Seen, System as _, SystemConfig, begin};
@@ -183,7 +183,7 @@ fn depths_and_gradients_are_those_of_pytorch() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// A tiny encoder that PyTorch saved.
+/// A tiny encoder that `PyTorch` saved.
 const ENCODER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/resnet18.pth");
 
 fn named_values(net: &Net) -> BTreeMap<String, Vec<f32>> {

@@ -93,7 +93,7 @@ enum Subject {
     /// Basis functions.
     Bases(Box<Bases>),
     /// A system that the paper compares itself with.
-    System(SystemConfig),
+    System(Box<SystemConfig>),
 }
 
 /// Basis functions, and what belongs to them.
@@ -202,7 +202,7 @@ impl Trainer {
             sampler: sampler(mixture, &config)?,
             held_out,
             normalisation: system.normalisation(input),
-            subject: Subject::System(system),
+            subject: Subject::System(Box::new(system)),
             config,
             frames,
             devices: devices.to_vec(),
@@ -270,7 +270,7 @@ impl Trainer {
                 };
                 let learner = Learner::of_system(net, &self.config);
                 let measure = |net: &Net| {
-                    let empty = Trained::empty(system.clone(), self.normalisation);
+                    let empty = Trained::empty(*system.clone(), self.normalisation);
                     self.measure(&Predictor::with(empty, net.valid(), self.device()))
                 };
                 let (learner, outcome) = self.go_on(learner, measure, stop, report)?;

@@ -14,7 +14,9 @@ fn problem(pixels: usize) -> [Vec<f64>; 3] {
     let mut weights = random(NEIGHBOURS * pixels, "weights");
     for of_pixel in weights.chunks_exact_mut(NEIGHBOURS) {
         let sum: f64 = of_pixel.iter().map(|w| w.abs()).sum();
-        of_pixel.iter_mut().for_each(|w| *w /= sum);
+        for weight in of_pixel {
+            *weight /= sum;
+        }
     }
     let start = random(pixels, "start").iter().map(|d| 3.0 + d).collect();
     let known = random(pixels, "known");
