@@ -6,6 +6,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use burn::tensor::Device;
 use hdf5_pure::FileBuilder;
 use image::{Rgb, RgbImage};
 use lsdc::data::{
@@ -13,8 +14,10 @@ use lsdc::data::{
     read_mask, read_rgb, write_depth_png, write_exr, write_npy, write_npz, write_pfm, write_ply,
     write_rgb, write_tiff,
 };
+use lsdc::model::Precision;
 use lsdc::pretrained::read_encoder;
 use lsdc::report::Report;
+use lsdc::systems::{Predictor, SystemConfig, Trained};
 use lsdc_recordings::{Flaws, Frames, Recording, Survey, Wanted};
 use lsdc_rng::Rng;
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, ValueKind, WriterInit};
@@ -501,6 +504,25 @@ fn lists() {
     let report = Report::new(lsdc::report::Heading::default());
     report.write_json(&path).unwrap();
     survive(&path, || Report::read_json(&path).is_ok());
+}
+
+#[test]
+fn systems() {
+    let folder = tempfile::tempdir().unwrap();
+    for config in [
+        r#"{"method":"s2d","encoder":"resnet18","width":2}"#,
+        r#"{"method":"lsk","width":1,"refine":false}"#,
+    ] {
+        let config: SystemConfig = serde_json::from_str(config).unwrap();
+        let path = folder
+            .path()
+            .join(format!("{}.safetensors", config.kind().name()));
+        let net = config.init(0, &Device::flex()).unwrap();
+        let normalisation = config.normalisation([48, 64]);
+        let trained = Trained::of(&net, config, normalisation);
+        std::fs::write(&path, trained.to_bytes(Precision::Half).unwrap()).unwrap();
+        survive(&path, || Predictor::open(&path, &Device::flex()).is_ok());
+    }
 }
 
 #[test]

@@ -130,7 +130,7 @@ pub(super) fn stretched(map: Tensor<4>, (rows, columns): (usize, usize)) -> Tens
     let [n, height, width, channels] = map.dims();
     let matrix = |from: usize, to: usize| {
         let data = TensorData::new(stretch(from, to), [to, from]);
-        Tensor::<2>::from_data(data, &map.device()).unsqueeze::<3>()
+        Tensor::<2>::from_data(data, (&map.device(), map.dtype())).unsqueeze::<3>()
     };
     let (vertical, horizontal) = (matrix(height, rows), matrix(width, columns));
     let map = vertical.matmul(map.reshape([n, height, width * channels]));

@@ -181,7 +181,7 @@ fn plain(images: &Tensor<4>) -> Tensor<4> {
     let row = |values: [f32; 3]| {
         Tensor::<4>::from_data(
             TensorData::new(values.to_vec(), [1, 1, 1, 3]),
-            &images.device(),
+            (&images.device(), images.dtype()),
         )
     };
     images.clone() * row(deviation) + row(mean)
@@ -307,7 +307,7 @@ impl Refinement {
             .map(|i| (i as f64 * step - LARGEST) as f32)
             .collect();
         let changes = TensorData::new(changes, [1, 1, CHANGES, 1]);
-        let changes = likely.matmul(Tensor::from_data(changes, &depth.device()));
+        let changes = likely.matmul(Tensor::from_data(changes, (&depth.device(), depth.dtype())));
         depth + (changes + rest).squeeze_dim(3)
     }
 }

@@ -31,7 +31,7 @@ impl Neighbourhood {
     /// Of sparse maps `[n, height, width]`; an image without points has a single one of depth 0.
     pub(super) fn new(sparse: &Tensor<3>, most: usize) -> Self {
         let [n, height, width] = sparse.dims();
-        let device = sparse.device();
+        let (device, dtype) = (sparse.device(), sparse.dtype());
         let values: Vec<f32> = sparse.clone().into_data().iter().collect();
         let lists: Vec<Vec<u32>> = values.chunks_exact(height * width).map(points).collect();
         let longest = lists.iter().map(Vec::len).max().unwrap_or(1);
@@ -43,7 +43,7 @@ impl Neighbourhood {
         let shape = [n, height * width, count];
         let all = |of: fn(&Found) -> &Vec<f32>| -> Tensor<3> {
             let values: Vec<f32> = found.iter().flat_map(|f| of(f).iter().copied()).collect();
-            Tensor::from_data(TensorData::new(values, shape), &device)
+            Tensor::from_data(TensorData::new(values, shape), (&device, dtype))
         };
         let nearest: Vec<i32> = found.iter().flat_map(|f| f.nearest.clone()).collect();
         let nearest = TensorData::new(nearest, [n, height * width * count]);
@@ -59,7 +59,7 @@ impl Neighbourhood {
             pixels,
             nearest: Tensor::from_data(nearest, &device),
             offsets: [all(|f| &f.rows), all(|f| &f.columns)],
-            spacing: Tensor::from_data(spacing, &device),
+            spacing: Tensor::from_data(spacing, (&device, dtype)),
             depths: all(|f| &f.depths),
             there: all(|f| &f.there),
         }
