@@ -200,6 +200,30 @@ impl Filler {
     }
 }
 
+/// The values of a table for a parameter, or what is wrong with its shape.
+pub(crate) fn fits<const D: usize>(
+    param: &Param<Tensor<D>>,
+    table: &Table,
+) -> std::result::Result<TensorData, String> {
+    let (found, shape) = (table.shape(), param.val().dims());
+    if found == shape {
+        Ok(TensorData::new(table.values().to_vec(), shape))
+    } else {
+        Err(format!("has shape {found:?}, expected {shape:?}"))
+    }
+}
+
+/// A parameter with other values, learned if it was.
+pub(crate) fn with_values<const D: usize>(
+    param: Param<Tensor<D>>,
+    data: TensorData,
+) -> Param<Tensor<D>> {
+    let learned = param.is_require_grad();
+    param
+        .map(|tensor| Tensor::from_data(data, &tensor.device()))
+        .set_require_grad(learned)
+}
+
 impl ModuleMapper for Filler {
     fn enter_module(&mut self, name: &str, _: &str) {
         self.path.push(name.to_owned());
@@ -211,19 +235,12 @@ impl ModuleMapper for Filler {
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let name = self.path.join(".");
-        let shape = param.val().dims();
-        match self.tensors.remove(&name) {
-            Some(table) if table.shape() == shape => {
+        match self.tensors.remove(&name).map(|table| fits(&param, &table)) {
+            Some(Ok(data)) => {
                 self.filled += 1;
-                let learned = param.is_require_grad();
-                let data = TensorData::new(table.values().to_vec(), shape);
-                param
-                    .map(|tensor| Tensor::from_data(data, &tensor.device()))
-                    .set_require_grad(learned)
+                with_values(param, data)
             }
-            Some(table) => {
-                let found = table.shape();
-                let what = format!("has shape {found:?}, expected {shape:?}");
+            Some(Err(what)) => {
                 self.wrong.push((name, what));
                 param
             }

@@ -3,9 +3,10 @@
 use super::resnet::torchvision;
 use super::{Net, SystemConfig};
 use crate::error::{Error, Result};
+use crate::model::weights::{fits, with_values};
 use crate::pretrained::read_tensors;
 use burn::module::{Module, ModuleMapper, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use lsdc_core::weights::Tensor as Table;
 use std::collections::BTreeMap;
 
@@ -70,21 +71,17 @@ impl ModuleMapper for Taken {
         else {
             return param;
         };
-        let shape = param.val().dims();
-        match self.tensors.remove(&theirs) {
-            Some(table) if table.shape() == shape => {
+        match self
+            .tensors
+            .remove(&theirs)
+            .map(|table| fits(&param, &table))
+        {
+            Some(Ok(data)) => {
                 self.count += 1;
-                let learned = param.is_require_grad();
-                let data = TensorData::new(table.values().to_vec(), shape);
-                param
-                    .map(|tensor| Tensor::from_data(data, &tensor.device()))
-                    .set_require_grad(learned)
+                with_values(param, data)
             }
-            Some(table) => {
-                let found = table.shape();
-                self.missing.get_or_insert(format!(
-                    "`{theirs}` has shape {found:?}, expected {shape:?}"
-                ));
+            Some(Err(what)) => {
+                self.missing.get_or_insert(format!("`{theirs}` {what}"));
                 param
             }
             // The first layer, which is left random.

@@ -31,8 +31,11 @@ const WAITING: usize = 2;
 struct Done {
     place: Place,
     times: Times,
-    messages: Vec<(&'static str, Kind, Vec<u8>)>,
+    messages: Messages,
 }
+
+/// Topics, types and contents.
+type Messages = Vec<(&'static str, Kind, Vec<u8>)>;
 
 pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
     check(args, output)?;
@@ -173,13 +176,12 @@ fn check_names(source: &Recording) -> Result<()> {
 }
 
 /// The messages of a frame, and how many depths are too far for them.
-#[allow(clippy::type_complexity)]
 fn messages(
     args: &Complete,
     header: &Header,
     loaded: &Loaded,
     completed: &Completed,
-) -> Result<(Forms, Vec<(&'static str, Kind, Vec<u8>)>, usize)> {
+) -> Result<(Forms, Messages, usize)> {
     let millimetres = args.recorded.units.is_millimetres();
     let diagnostics = completed.diagnostics.as_ref();
     let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
