@@ -307,6 +307,10 @@ mod tests {
         assert!(load(&["data.share=0.5"]).is_err());
         let alone = load(&["train.loss.teacher_span=0.1"]).unwrap_err();
         assert!(alone.to_string().contains("train.teacher"), "{alone}");
+        let measured = "train.teacher.target=\"measured\"";
+        let nothing = load(&[measured]).unwrap_err();
+        assert!(nothing.to_string().contains("teacher_span"), "{nothing}");
+        load(&[measured, "train.loss.teacher_span=0.1"]).unwrap();
     }
 
     #[test]

@@ -23,6 +23,10 @@ impl BasisNet {
         let branches: u64 = pools
             .map(|(branch, pool)| weights(branch) * pixels(4 * pool))
             .sum();
+        let context = extractor.context.iter().zip(1..);
+        let context: u64 = context
+            .map(|(context, i)| weights(context) * pixels(4 << i))
+            .sum();
         let edges = self.edges.as_ref().map_or(0, |net| {
             let down = net.down.iter().enumerate();
             let down: u64 = down
@@ -34,7 +38,12 @@ impl BasisNet {
             });
             down + up.sum::<u64>() + weights(&net.last) * pixels(1)
         });
-        half * pixels(2) + quarter * pixels(4) + branches + weights(&self.head) * pixels(1) + edges
+        half * pixels(2)
+            + quarter * pixels(4)
+            + branches
+            + context
+            + weights(&self.head) * pixels(1)
+            + edges
     }
 }
 

@@ -3,7 +3,8 @@
 //!
 //! Two departures, so that every input size works: the pools are 32, 16, 8 and 4 instead of 64,
 //! 32, 16 and 8 pixels, and they run in ceil mode, averaging only the pixels inside the map.
-//! A third on request: a decoder that sharpens the features at half the resolution.
+//! Two more on request: stages at lower resolutions, which add context to the features, and a decoder that sharpens
+//! them at half the resolution.
 
 use super::layers::{Conv, ConvNorm, Init};
 use super::resample::{enlarging, pooling};
@@ -17,6 +18,12 @@ pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
     let plain = ConvSpec::same(1);
     let [first, second, third, fourth] = config.stages;
     let merged = second.width + fourth.width + config.pools.len() * config.branch + config.encoder;
+    let before = std::iter::once(&fourth).chain(&config.context);
+    let context = before.zip(&config.context).map(|(before, &own)| Context {
+        blocks: stage(before.width, own, ConvSpec::halving(), plain, init),
+        project: Conv::zero(own.width, config.features, 1, ConvSpec::pointwise(), init),
+    });
+    let context = context.collect();
     Extractor {
         stem: vec![
             ConvNorm::init(3, config.stem, 3, ConvSpec::halving(), init),
@@ -56,6 +63,7 @@ pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
             ConvSpec::pointwise(),
             init,
         ),
+        context,
         sharpen: (config.sharpening > 0).then(|| Sharpen {
             lateral: Conv::init(first.width, config.features, 1, ConvSpec::pointwise(), init),
             mix: (0..config.sharpening)
@@ -85,6 +93,7 @@ pub struct Extractor {
     pub(super) encoded: Option<Encoded>,
     pub(super) merge: ConvNorm,
     pub(super) project: Conv,
+    pub(super) context: Vec<Context>,
     pub(super) sharpen: Option<Sharpen>,
     #[module(skip)]
     pub(super) pools: Vec<usize>,
@@ -95,6 +104,13 @@ pub struct Extractor {
 pub(super) struct Encoded {
     pub(super) reduce: ConvNorm,
     pub(super) mix: ConvNorm,
+}
+
+/// A stage at a lower resolution, and what it adds to the features: nothing before training.
+#[derive(Module, Debug)]
+pub(super) struct Context {
+    pub(super) blocks: Vec<Block>,
+    pub(super) project: Conv,
 }
 
 /// What is added to the features, enlarged to half the image's resolution: nothing before training.
@@ -119,19 +135,24 @@ impl Extractor {
         let half = run(x, &self.half);
         let raw = run(half.clone(), &self.quarter);
         let skip = run(run(raw.clone(), &self.wide), &self.dilated);
+        let [_, height, width, _] = skip.dims();
         let pooled = self.branches.iter().zip(&self.pools).map(|(conv, &pool)| {
-            let [_, height, width, _] = skip.dims();
             let pooled = pooling(skip.clone(), pool);
             enlarging(conv.forward_relu(pooled), (height, width))
         });
         let mut all: Vec<Tensor<4>> = [raw, skip.clone()].into_iter().chain(pooled).collect();
         if let (Some(branch), Some(encoded)) = (&self.encoded, encoded) {
-            let [_, height, width, _] = skip.dims();
             let reduced = branch.reduce.forward_relu(encoded);
             all.push(enlarging(branch.mix.forward_relu(reduced), (height, width)));
         }
         let merged = self.merge.forward_relu(Tensor::cat(all, 3));
-        let features = self.project.forward(merged);
+        let mut features = self.project.forward(merged);
+        let mut x = skip;
+        for context in &self.context {
+            x = run(x, &context.blocks);
+            let seen = context.project.forward(x.clone());
+            features = features + enlarging(seen, (height, width));
+        }
         match &self.sharpen {
             None => features,
             Some(sharpen) => sharpen.forward(features, half),

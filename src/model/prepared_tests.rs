@@ -3,7 +3,7 @@
 use super::random_encoder;
 use super::{
     AnyEncoder, BasisNet, ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind,
-    Normalisation, OnDevice, encoded_tensor, weights_of,
+    Normalisation, OnDevice, StageConfig, encoded_tensor, weights_of,
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -232,6 +232,20 @@ fn the_prepared_network_sharpens_as_the_plain_one_does() {
             trained.agrees(level, size, size);
         }
         trained.agrees(level, (48, 64), (100, 77));
+    }
+    trained.agrees(Level::here(), (228, 304), (228, 304));
+}
+
+#[test]
+fn the_prepared_network_adds_context_as_the_plain_one_does() {
+    let mut config = tiny();
+    let stage = |width, blocks| StageConfig { width, blocks };
+    config.extractor.context = vec![stage(24, 1), stage(40, 2)];
+    let trained = Trained::filled(config);
+    for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
+        for size in [(1, 1), (3, 5), (37, 61), (57, 130)] {
+            trained.agrees(level, size, size);
+        }
     }
     trained.agrees(Level::here(), (228, 304), (228, 304));
 }

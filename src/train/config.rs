@@ -1,6 +1,6 @@
 //! Settings of a training run.
 
-use super::{LossConfig, Schedule, TeacherConfig};
+use super::{Lesson, LossConfig, Schedule, TeacherConfig};
 use crate::error::{Error, Result};
 use crate::ops::Reweighting;
 use crate::sample::{AugmentConfig, Protocol, SupervisionConfig};
@@ -127,6 +127,12 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
+    /// The teacher, if its depths are learned from.
+    pub(super) fn completing(&self) -> Option<&TeacherConfig> {
+        let teacher = self.teacher.as_ref();
+        teacher.filter(|teacher| teacher.target != Lesson::Measured)
+    }
+
     /// Checks every setting.
     ///
     /// # Errors
@@ -151,7 +157,15 @@ impl TrainConfig {
             return Err(Error::config("`train.average` must be in [0, 1)"));
         }
         match &self.teacher {
-            Some(teacher) => teacher.check()?,
+            Some(teacher) => {
+                teacher.check()?;
+                if self.completing().is_none() && !self.loss.imitates() {
+                    return Err(Error::config(
+                        "`train.teacher.target = \"measured\"` needs `train.loss.teacher_affinities` or \
+                         `teacher_span`, else nothing is learned from the teacher",
+                    ));
+                }
+            }
             None if self.loss.imitates() => {
                 return Err(Error::config(
                     "`train.loss.teacher_affinities` and `teacher_span` need `train.teacher`",

@@ -223,8 +223,10 @@ impl Trainer {
     ) -> Result<bool> {
         let config = &self.config;
         let features = self.sampler.is_encoded() && config.features.is_some() && config.views > 0;
-        let teacher = config.teacher.as_ref();
-        if !features && teacher.is_none_or(|teacher| teacher.folder.is_none()) {
+        let answers = config
+            .completing()
+            .is_some_and(|teacher| teacher.folder.is_some());
+        if !features && !answers {
             return Err(Error::config("by these settings, nothing is kept in files").hint(
                 "set `train.teacher.folder`, or for networks with an encoder `train.features` and `train.views`",
             ));
@@ -483,11 +485,11 @@ fn check(config: &TrainConfig, mixture: &Mixture, devices: &[Device]) -> Result<
         ))
         .hint("give one device at least, and at most `train.batch`"));
     }
-    if !mixture.measured() && config.teacher.is_none() {
-        return Err(
-            Error::config("images without depths teach nothing without a teacher")
-                .hint("set `train.teacher`, or `data.folder.depth`"),
-        );
+    if !mixture.measured() && config.completing().is_none() {
+        return Err(Error::config(
+            "images without depths teach nothing without a teacher's depths",
+        )
+        .hint("set `train.teacher`, its `target` to \"fill\" or \"all\", or `data.folder.depth`"));
     }
     if !mixture.first().measured() && (config.held_out > 0 || config.calibrate) {
         return Err(

@@ -43,7 +43,7 @@ pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler>
     });
     let order = Order::new(parts.collect())?;
     let mixture: Arc<dyn Dataset> = Arc::new(mixture);
-    let (frames, protocol): (Arc<dyn Dataset>, _) = match &config.teacher {
+    let (frames, protocol): (Arc<dyn Dataset>, _) = match config.completing() {
         None => (mixture, config.protocol),
         Some(teacher) => (
             Arc::new(Taught::new(mixture, config.protocol, teacher)?),

@@ -24,6 +24,8 @@ pub enum Lesson {
     Fill,
     /// The teacher's depths everywhere.
     All,
+    /// Measured depths alone: the teacher is asked for no depths, and only its network is compared with.
+    Measured,
 }
 
 /// A network that completes training frames.

@@ -58,6 +58,9 @@ pub struct ExtractorConfig {
     pub merge: usize,
     /// Channels of the output features.
     pub features: usize,
+    /// Stages after the fourth, each at half the resolution of the one before it, from an eighth of the image's down:
+    /// their outputs are enlarged and added to the features, which see more of the image that way.
+    pub context: Vec<StageConfig>,
     /// Number of convolutions that sharpen the features at half the image's resolution, using the output of
     /// the first stage there; 0: the features stay at quarter resolution, as in PSMNet.
     pub sharpening: usize,
@@ -85,6 +88,7 @@ impl ExtractorConfig {
             branch: 32,
             merge: 128,
             features: 32,
+            context: vec![],
             sharpening: 0,
             encoder: 0,
         }
@@ -107,6 +111,7 @@ impl ExtractorConfig {
             branch: 16,
             merge: 64,
             features: 64,
+            context: vec![],
             sharpening: 2,
             encoder: 0,
         }
@@ -131,7 +136,8 @@ impl ExtractorConfig {
         let blocks = |v: usize| (1..=MOST_BLOCKS).contains(&v);
         let sound = widths.iter().chain(&self.pools).all(channels)
             && channels(&self.features)
-            && self.stages.iter().all(|stage| blocks(stage.blocks))
+            && self.all_stages().all(|stage| blocks(stage.blocks))
+            && self.context.len() <= MOST_BLOCKS
             && self.pools.len() <= MOST_BLOCKS
             && self.sharpening <= MOST_BLOCKS
             && self.encoder <= MOST_CHANNELS;
@@ -144,9 +150,13 @@ impl ExtractorConfig {
         )))
     }
 
+    fn all_stages(&self) -> impl Iterator<Item = &StageConfig> {
+        self.stages.iter().chain(&self.context)
+    }
+
     /// All widths that are normalised.
     fn widths(&self) -> Vec<usize> {
-        let mut widths: Vec<usize> = self.stages.iter().map(|s| s.width).collect();
+        let mut widths: Vec<usize> = self.all_stages().map(|s| s.width).collect();
         widths.extend([self.stem, self.branch, self.merge]);
         if self.sharpening > 0 {
             widths.push(self.features);

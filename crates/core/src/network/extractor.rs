@@ -22,6 +22,8 @@ pub(super) struct Extractor {
     encoded: Vec<Layer>,
     merge: Layer,
     project: Layer,
+    /// Blocks at lower and lower resolutions, and what each adds to the features.
+    context: Vec<(Vec<Block>, Layer)>,
     sharpen: Option<Sharpen>,
 }
 
@@ -142,6 +144,17 @@ impl Extractor {
         let merged =
             second.width + fourth.width + config.pools.len() * config.branch + config.encoder;
         let project = [config.features, config.merge, 1];
+        let before = std::iter::once(&fourth).chain(&config.context);
+        let context = before.zip(&config.context).enumerate();
+        let context = context.map(|(i, (before, &own))| {
+            let blocks = format!("context.{i}.blocks");
+            let project = format!("extractor.context.{i}.project");
+            let sizes = [config.features, own.width, 1];
+            Ok((
+                Block::stage(tensors, &blocks, before.width, own, halving, plain)?,
+                tensors.conv(&project, sizes, pointwise)?,
+            ))
+        });
         Ok(Self {
             stem: stems.into_iter().map(stem).collect::<Result<_, _>>()?,
             half: Block::stage(tensors, "half", config.stem, first, plain, plain)?,
@@ -156,6 +169,7 @@ impl Extractor {
             encoded: channels.map(encoded).transpose()?.unwrap_or_default(),
             merge: tensors.conv_norm("extractor.merge", [config.merge, merged, 3], plain)?,
             project: tensors.conv("extractor.project", project, pointwise)?,
+            context: context.collect::<Result<_, WeightsError>>()?,
             sharpen: match config.sharpening {
                 0 => None,
                 layers => Some(Sharpen::new(tensors, first.width, config.features, layers)?),
@@ -197,13 +211,21 @@ impl Extractor {
             })
         }));
         let all = gather(&raw, &skip, &branches, pool);
-        for map in branches.into_iter().chain([raw, skip]) {
+        for map in branches.into_iter().chain([raw]) {
             pool.give(map);
         }
         let merged = run.layer(&self.merge, &all, None, true);
         pool.give(all);
-        let features = run.layer(&self.project, &merged, None, false);
+        let mut features = run.layer(&self.project, &merged, None, false);
         pool.give(merged);
+        let mut x = skip;
+        for (blocks, project) in &self.context {
+            x = blocks.iter().fold(x, |x, block| run.block(block, x));
+            let seen = run.layer(project, &x, None, false);
+            features.add_enlarged(&seen);
+            pool.give(seen);
+        }
+        pool.give(x);
         match (&self.sharpen, kept) {
             (Some(sharpen), Some(half)) => sharpen.forward(features, half, run),
             _ => features,
