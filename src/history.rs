@@ -121,7 +121,7 @@ pub fn add(
     Ok(())
 }
 
-/// What a command needs of the weights that it changes, in the words of an entry.
+/// The entry of a command that changed weights, which it read from `path`.
 ///
 /// # Errors
 /// A file that cannot be read.
