@@ -44,6 +44,9 @@ def contents(path: Path) -> str:
 
 def made(files: list[tuple[Path, dict]], share: float) -> dict:
     """What was done, as lsdc records it."""
+    first, second = (json.loads(notes.get("history", "[]")) for _, notes in files)
+    # What both have in common is told once.
+    histories = [first, [entry for entry in second if entry not in first]]
     return {
         "by": "scripts/average.py",
         "program": {},
@@ -52,9 +55,9 @@ def made(files: list[tuple[Path, dict]], share: float) -> dict:
                 "role": f"averaged, share {part:g}",
                 "weights": str(path),
                 "contents": contents(path),
-                "history": json.loads(notes.get("history", "[]")),
+                "history": history,
             }
-            for (path, notes), part in zip(files, [1.0 - share, share])
+            for (path, _), part, history in zip(files, [1.0 - share, share], histories)
         ],
         "settings": {"share": share},
         "ended": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),

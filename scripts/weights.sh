@@ -56,29 +56,30 @@ python3 -c 'import numpy' 2>/dev/null || fail "python3 has no numpy"
 
 nyu=$(realpath "$nyu")
 [ -z "$more" ] || more=$(realpath "$more")
+lsdc=$(realpath "$(command -v "$lsdc")")
 mkdir -p "$out"
-out=$(realpath "$out")
+# Weights tell what they were made from: by names below this folder, not those of this machine.
+cd "$out"
 
 # What was begun with other data is not gone on with.
 asked="nyu $nyu
 more $more
 steps-scale $scale"
-if [ -e "$out/asked" ]; then
-  [ "$(<"$out/asked")" = "$asked" ] ||
-    fail "\`$out\` was begun with other options: $(tr '\n' ' ' <"$out/asked")"
-else
-  echo "$asked" >"$out/asked"
-fi
+[ -e asked ] || echo "$asked" >asked
+[ "$(<asked)" = "$asked" ] || fail "\`$out\` was begun with other options: $(tr '\n' ' ' <asked)"
+
+# A calibration is not broken off, but nothing is begun after it.
+trap 'exit 130' INT TERM
 
 say() { echo "weights.sh: $*" >&2; }
 
-run_of() { echo "$out/runs/$1/weights.safetensors"; }
+run_of() { echo "runs/$1/weights.safetensors"; }
 
 # all_frames: also the further frames.
 all_frames=()
 [ -z "$more" ] || all_frames=(--set "data.more=[{ dataset = 'folder', root = '$more', \
 folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' } }]")
-all_frames+=(--set "train.features=$out/features")
+all_frames+=(--set "train.features=features")
 
 # The network of the preset `small`, whose first function is a map that comes from the image.
 small_network='network={ octaves = 5, hidden = [64, 64], bases = 64, mean = true, affinities = 8, extractor = { stem = 8, stages = [{ width = 8, blocks = 2 }, { width = 16, blocks = 6 }, { width = 32, blocks = 2 }, { width = 32, blocks = 1 }], branch = 8, merge = 32, features = 32, sharpening = 2 } }'
@@ -86,7 +87,7 @@ small_network='network={ octaves = 5, hidden = [64, 64], bases = 64, mean = true
 # train NAME CONFIG OPTION...: a run of the recipe, whose weights are those of `run_of NAME`. They are complete once the
 # command has ended, because it calibrates them after it has written them.
 train() {
-  local name=$1 config=$2 folder=$out/runs/$1 steps
+  local name=$1 config=$2 folder=runs/$1 steps
   shift 2
   if [ -e "$folder/complete" ]; then
     say "$name is there"
@@ -109,29 +110,29 @@ train() {
 # links: every third of the training frames of NYU.
 links() {
   local image depth target
-  [ ! -e "$out/third/complete" ] || return 0
+  [ ! -e third/complete ] || return 0
   (cd "$nyu/train" && find -L . -name '*.jpg') | LC_ALL=C sort | awk 'NR % 3 == 1' | while read -r image; do
     depth=${image%.jpg}_depth.png
-    target=$out/third/train/$(dirname "$image")
+    target=third/train/$(dirname "$image")
     mkdir -p "$target"
     ln -sf "$nyu/train/$image" "$nyu/train/$depth" "$target"
   done
-  touch "$out/third/complete"
+  touch third/complete
 }
 
 # finish NAME WEIGHTS: learns the prior, then the distribution of errors, and writes NAME.safetensors in f16, as
 # `lsdc calibrate` always does.
 finish() {
-  local name=$1 weights=$2 prior=$out/calibrated/$1.safetensors
-  if [ -e "$out/$name.safetensors" ]; then
+  local name=$1 weights=$2 prior=calibrated/$1.safetensors
+  if [ -e "$name.safetensors" ]; then
     say "$name.safetensors is there"
     return
   fi
   links
-  mkdir -p "$out/calibrated"
+  mkdir -p calibrated
   say "$name is calibrated"
-  [ -e "$prior" ] || "$lsdc" calibrate --dataset nyu --root "$out/third" --weights "$weights" -o "$prior"
-  "$lsdc" calibrate --only-errors --dataset nyu --root "$out/third" --weights "$prior" -o "$out/$name.safetensors"
+  [ -e "$prior" ] || "$lsdc" calibrate --dataset nyu --root third --weights "$weights" -o "$prior"
+  "$lsdc" calibrate --only-errors --dataset nyu --root third --weights "$prior" -o "$name.safetensors"
 }
 
 # Basis functions at half and full size, affinities, then both.
@@ -153,16 +154,16 @@ taught() {
   local name=$1 start=$2
   shift 2
   train "$name-taught" nyu-distill.toml "${all_frames[@]}" --set "train.start=$start" \
-    --set "train.teacher.weights=$out/anything.safetensors" --set "train.teacher.folder=$out/answers" "$@"
+    --set train.teacher.weights=anything.safetensors --set train.teacher.folder=answers "$@"
   finish "$name" "$(run_of "$name-taught")"
 }
 
 # anything: on top of the encoder; first the basis functions, then all, then with more points, then with all numbers of
 # points again. The mean of the last two is better than each.
 make_anything() {
-  [ ! -e "$out/anything.safetensors" ] || { say "anything.safetensors is there"; return 0; }
+  [ ! -e anything.safetensors ] || { say "anything.safetensors is there"; return 0; }
   first_default
-  local recipe=(nyu-anything.toml "${all_frames[@]}") on=(--set train.part=all) mean=$out/runs/anything-mean.safetensors
+  local recipe=(nyu-anything.toml "${all_frames[@]}") on=(--set train.part=all) mean=runs/anything-mean.safetensors
   train anything-bases "${recipe[@]}" --set "train.start=$(run_of joint)"
   train anything-all "${recipe[@]}" "${on[@]}" --set train.steps=2600 --set train.learning_rate=3e-3 \
     --set train.average=0.995 --set "train.start=$(run_of anything-bases)"
