@@ -4,12 +4,15 @@
     python3 scripts/average.py FIRST SECOND [--share 0.5] -o AVERAGE.safetensors
 
 The share is that of the second, whose settings are kept. A prior is one of the functions that it was learned for:
-`lsdc calibrate --weights AVERAGE.safetensors` must learn another. Needs numpy.
+`lsdc calibrate --weights AVERAGE.safetensors` must learn another. The average tells what both were made from
+(`lsdc weights info`). Needs numpy.
 """
 
 import argparse
 import json
+import os
 import struct
+from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +34,36 @@ def read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
     return notes, tensors
 
 
+def contents(path: Path) -> str:
+    """The name that lsdc has for the bytes of a file: FNV-1a of 64 bits, with a separator at the end."""
+    state = 0xCBF29CE484222325
+    for byte in path.read_bytes() + b"\xff":
+        state = (state ^ byte) * 0x100000001B3 & 0xFFFFFFFFFFFFFFFF
+    return f"{state:016x}"
+
+
+def made(files: list[tuple[Path, dict]], share: float) -> dict:
+    """What was done, as lsdc records it."""
+    first, second = (json.loads(notes.get("history", "[]")) for _, notes in files)
+    # What both have in common is told once.
+    histories = [first, [entry for entry in second if entry not in first]]
+    return {
+        "by": "scripts/average.py",
+        "program": {},
+        "of": [
+            {
+                "role": f"averaged, share {part:g}",
+                "weights": str(path),
+                "contents": contents(path),
+                "history": history,
+            }
+            for (path, _), part, history in zip(files, [1.0 - share, share], histories)
+        ],
+        "settings": {"share": share},
+        "ended": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+    }
+
+
 def write(path: Path, notes: dict, tensors: dict[str, np.ndarray]) -> None:
     header, at = {"__metadata__": notes}, 0
     for name, values in sorted(tensors.items()):
@@ -40,7 +73,10 @@ def write(path: Path, notes: dict, tensors: dict[str, np.ndarray]) -> None:
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 8)
     values = b"".join(tensors[name].astype("<f4").tobytes() for name in sorted(tensors))
-    path.write_bytes(struct.pack("<Q", len(text)) + text + values)
+    # Never half there.
+    part = path.with_name(f".{path.name}.part")
+    part.write_bytes(struct.pack("<Q", len(text)) + text + values)
+    os.replace(part, path)
 
 
 def main() -> None:
@@ -50,11 +86,12 @@ def main() -> None:
     parser.add_argument("--share", type=float, default=0.5)
     parser.add_argument("-o", "--output", type=Path, required=True)
     args = parser.parse_args()
-    (_, first), (notes, second) = read(args.first), read(args.second)
+    (old, first), (notes, second) = read(args.first), read(args.second)
     if {n: t.shape for n, t in first.items()} != {n: t.shape for n, t in second.items()}:
         parser.error("the tensors of both files must have the same names and shapes")
     mean = {n: (1.0 - args.share) * first[n] + args.share * second[n] for n in second}
-    write(args.output, notes, mean)
+    record = made([(args.first, old), (args.second, notes)], args.share)
+    write(args.output, {**notes, "history": json.dumps([record])}, mean)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ pub mod device;
 pub mod eval;
 pub mod experiment;
 pub mod fit_settings;
+pub mod history;
 pub mod metrics;
 pub mod model;
 pub mod ops;

@@ -658,3 +658,126 @@ fn nor_do_they_beside_the_network_of_a_teacher() {
     );
     assert!(!at.join("d").exists());
 }
+
+/// What `lsdc weights info` says of a file.
+fn info(at: &Path, file: &str, args: &[&str]) -> String {
+    let run = Command::new(env!("CARGO_BIN_EXE_lsdc"))
+        .current_dir(at)
+        .args(["weights", "info", file])
+        .args(args)
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{file}");
+    String::from_utf8(run.stdout).unwrap()
+}
+
+fn history(at: &Path, file: &str) -> Vec<serde_json::Value> {
+    let info: serde_json::Value = serde_json::from_str(&info(at, file, &["--json"])).unwrap();
+    info["history"].as_array().unwrap().clone()
+}
+
+#[test]
+fn weights_tell_what_they_were_made_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("c.toml"), joint()).unwrap();
+    let short = ["--config", "c.toml", "--set", "train.steps=2"];
+    train(at, &[&short[..], &["-o", "a", "--seed", "7"]].concat());
+    let next = [
+        "--set",
+        "train.start=a/weights.safetensors",
+        "--set",
+        "train.teacher.weights=a/weights.safetensors",
+        "-o",
+        "b",
+    ];
+    train(at, &[&short[..], &next].concat());
+
+    // Frames to calibrate on, of a slope.
+    std::fs::create_dir_all(at.join("frames/train")).unwrap();
+    let depths = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32 / 32.0).collect();
+    let depths = lsdc::data::DepthMap::new(64, 48, depths).unwrap();
+    for i in 0..4_u8 {
+        let image = image::RgbImage::from_fn(64, 48, |x, y| {
+            image::Rgb([(x * 4) as u8, (y * 5) as u8, 60 * i])
+        });
+        let file = |ending: &str| at.join(format!("frames/train/{i}{ending}"));
+        image.save(file(".jpg")).unwrap();
+        lsdc::data::write_depth_png(&file("_depth.png"), &depths, 0.001).unwrap();
+    }
+    let run = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_lsdc"));
+        command.current_dir(at).args(args).assert().success();
+    };
+    let on = ["calibrate", "--dataset", "folder", "--root", "frames"];
+    let from = ["--weights", "b/weights.safetensors", "-o", "c.safetensors"];
+    run(&[&on[..], &from].concat());
+    let from = ["--weights", "c.safetensors", "-o", "d.safetensors"];
+    run(&[&on[..], &["--only-errors"], &from].concat());
+    run(&["weights", "convert", "d.safetensors", "e.safetensors"]);
+
+    let made = history(at, "e.safetensors");
+    let by: Vec<&str> = made.iter().map(|m| m["by"].as_str().unwrap()).collect();
+    let expected = [
+        "train",
+        "train",
+        "calibrate",
+        "calibrate --only-errors",
+        "weights convert --precision f16",
+    ];
+    assert_eq!(by, expected);
+    // Nothing that was told before is lost or changed.
+    assert_eq!(history(at, "a/weights.safetensors"), made[..1]);
+    assert_eq!(history(at, "b/weights.safetensors"), made[..2]);
+    assert_eq!(history(at, "d.safetensors"), made[..4]);
+
+    let first = &made[0];
+    assert_eq!(first["program"]["version"], env!("CARGO_PKG_VERSION"));
+    let train = &first["settings"]["train"];
+    assert_eq!((&train["seed"], &train["steps"]), (&7.into(), &2.into()));
+    assert_eq!(first["settings"]["network"]["bases"], 24);
+    assert_eq!(first["settings"]["fit"]["method"], "joint");
+    assert_eq!(first["of"].as_array().unwrap().len(), 0);
+    let data: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(at.join("a/data.json")).unwrap()).unwrap();
+    assert_eq!(first["data"], data);
+    let log = std::fs::read_to_string(at.join("a/metrics.jsonl")).unwrap();
+    let seconds = log.lines().filter_map(|line| {
+        serde_json::from_str::<serde_json::Value>(line).unwrap()["seconds"].as_f64()
+    });
+    assert_eq!(first["seconds"].as_f64(), Some(seconds.sum()));
+    assert_eq!(first["ended"].as_str().unwrap().len(), 20);
+
+    // Which weights took part, by the bytes of their files, and what a teacher was made from.
+    let bytes = std::fs::read(at.join("a/weights.safetensors")).unwrap();
+    let contents = format!("{:016x}", lsdc_rng::hash(&[bytes]));
+    let of = &made[1]["of"];
+    for (number, role, history) in [(0, "start", &made[..0]), (1, "teacher", &made[..1])] {
+        assert_eq!(of[number]["role"], role);
+        assert_eq!(of[number]["weights"], "a/weights.safetensors");
+        assert_eq!(of[number]["contents"], contents.as_str());
+        assert_eq!(of[number]["history"].as_array().unwrap(), history);
+    }
+    assert_eq!(made[2]["data"]["frames"], 4);
+    assert_eq!(made[2]["of"][0]["weights"], "b/weights.safetensors");
+    let text = info(at, "e.safetensors", &[]);
+    for words in ["train, lsdc", "seed 7", "teacher: 20", "4 frames of"] {
+        assert!(text.contains(words), "`{words}` is missing in: {text}");
+    }
+}
+
+#[test]
+fn the_small_network_of_the_chain_is_the_preset_with_a_mean() {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/weights.sh");
+    let script = std::fs::read_to_string(script).unwrap();
+    let line = script
+        .lines()
+        .find_map(|l| l.strip_prefix("small_network='"));
+    let set = line.unwrap().trim_end_matches('\'').to_owned();
+    let config = lsdc::config::Config::load(Some(Path::new("nyu-distill.toml")), &[set]).unwrap();
+    let expected = lsdc::model::NetworkConfig {
+        mean: true,
+        ..lsdc::model::NetworkConfig::small()
+    };
+    assert_eq!(config.network(), expected);
+}

@@ -5,10 +5,14 @@ use super::{Exit, settings, ui};
 use crate::data::{DataConfig, Split, write_atomically};
 use crate::device::device;
 use crate::error::{Error, Result};
+use crate::history::{self, Made};
 use crate::model::{Precision, to_bytes};
 use crate::predict::open_weights;
+use crate::provenance;
 use crate::train::{self, TRAINING_NOTE, TrainConfig};
 use lsdc_core::fit::Lambda;
+use serde_json::json;
+use std::time::Instant;
 
 pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     if args.output.exists() && !args.force {
@@ -35,6 +39,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     let mut data = DataConfig::default();
     args.source.apply(&mut data);
     let frames = settings::open(&data, Split::Train)?;
+    let started = Instant::now();
     let bar = ui::bar(frames.len(), "frames");
     let device = device(&args.model.device)?;
     let progress = |done: usize, total: usize| {
@@ -49,6 +54,21 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         train::calibrate(&mut weights, frames.as_ref(), &config, &device, progress)?
     };
     bar.finish_and_clear();
+    let by = if args.only_errors {
+        "calibrate --only-errors"
+    } else {
+        "calibrate"
+    };
+    let mut made = Made {
+        data: provenance::frames(frames.as_ref()),
+        seconds: started.elapsed().as_secs_f64(),
+        ..history::changed(by, args.model.weights.as_deref(), &weights)?
+    };
+    // What calibrating takes from the settings of a training.
+    made.settings["seed"] = json!(config.seed);
+    made.settings["held_out"] = json!(config.held_out);
+    made.settings["protocol"] = json!(config.protocol);
+    history::add(&mut weights.notes, [made])?;
     let bytes = to_bytes(&weights, Precision::Half)?;
     write_atomically(&args.output, |out| out.write_all(&bytes))?;
     if let Some(held) = held {

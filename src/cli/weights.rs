@@ -4,6 +4,7 @@ use super::args::{Convert, WeightsCommand};
 use super::{Exit, install, ui};
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
+use crate::history::{self, Made};
 use crate::metrics::{Metric, Scores};
 use crate::model::to_bytes;
 use crate::predict::{embedded, open_weights, weights_name};
@@ -84,6 +85,7 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     let notes = &weights.notes;
     let training: Option<TrainConfig> = parsed(notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(notes.get(SCORES_NOTE))?;
+    let history = history::of(notes)?;
     if as_json {
         let value = json!({
             "parameters": weights.parameters(),
@@ -93,6 +95,7 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
             "calibration": calibration,
             "training": training,
             "held_out": scores,
+            "history": history,
         });
         ui::print(&pretty(&value)?);
         return Ok(());
@@ -113,7 +116,15 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
     ui::print(&format!("input      {width}x{height}"));
     ui::print(&format!("fit        {fit}"));
     trained(training, scores);
+    made(&history);
     Ok(())
+}
+
+/// What weights were made from, the oldest first.
+fn made(history: &[Made]) {
+    for line in history::lines(history) {
+        ui::print(&format!("made       {line}"));
+    }
 }
 
 /// How weights were trained, and what they reached.
@@ -141,6 +152,7 @@ fn info_of_system(path: &Path, as_json: bool) -> Result<()> {
     let system = Trained::open(path)?;
     let training: Option<TrainConfig> = parsed(system.notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(system.notes.get(SCORES_NOTE))?;
+    let history = history::of(&system.notes)?;
     let parameters = system.parameters()?;
     if as_json {
         let value = json!({
@@ -150,6 +162,7 @@ fn info_of_system(path: &Path, as_json: bool) -> Result<()> {
             "normalisation": system.normalisation,
             "training": training,
             "held_out": scores,
+            "history": history,
         });
         ui::print(&pretty(&value)?);
         return Ok(());
@@ -170,6 +183,7 @@ fn info_of_system(path: &Path, as_json: bool) -> Result<()> {
     };
     ui::print(&format!("start      {start}"));
     trained(training, scores);
+    made(&history);
     Ok(())
 }
 
@@ -191,7 +205,10 @@ fn convert(args: &Convert) -> Result<()> {
         return Err(Error::config(format!("`{}` exists", args.output.display()))
             .hint("give --force to replace it"));
     }
-    let weights = open_weights(Some(&args.input))?;
+    let mut weights = open_weights(Some(&args.input))?;
+    let by = format!("weights convert --precision {}", args.precision.name());
+    let made = history::changed(&by, Some(&args.input), &weights)?;
+    history::add(&mut weights.notes, [made])?;
     let bytes = to_bytes(&weights, args.precision)?;
     write_atomically(&args.output, |out| out.write_all(&bytes))?;
     ui::print(&format!(

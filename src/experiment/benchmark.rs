@@ -79,8 +79,7 @@ impl Study for Benchmark<'_> {
             columns: METRICS.iter().map(|&m| Column::of(m)).collect(),
             rows,
         };
-        section.findings.extend(table.verdict("lsdc"));
-        section.tables.push(table);
+        section.judge(table, "lsdc");
         section.about.push(
             "\"The paper's fit\" has the same basis functions without field, cosines and prior: \
              least squares by truncated SVD."

@@ -313,14 +313,7 @@ impl<'a> Trained<'a> {
             self.frames.clone(),
             std::slice::from_ref(&self.lab.device.0),
         )?;
-        let stop = AtomicBool::new(false);
-        trainer.run(&stop, |event| {
-            if let Event::Step { step, .. } = event
-                && progress(*step).is_break()
-            {
-                stop.store(true, Ordering::Relaxed);
-            }
-        })
+        train(&trainer, progress)
     }
 
     fn config(&self) -> TrainConfig {
@@ -370,6 +363,21 @@ impl<'a> Trained<'a> {
         let words = format!("trained, {}", weights_hash(Some(&weights))?);
         Ok(Measured::new(self.lab, name).completer(completer, words))
     }
+}
+
+/// Trains until all steps are made, or `progress`, which hears their number, breaks off.
+pub(super) fn train(
+    trainer: &Trainer,
+    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> Result<Outcome> {
+    let stop = AtomicBool::new(false);
+    trainer.run(&stop, |event| {
+        if let Event::Step { step, .. } = event
+            && progress(*step).is_break()
+        {
+            stop.store(true, Ordering::Relaxed);
+        }
+    })
 }
 
 /// Writes what a training in a folder is made from; refuses the folder of a training by other settings.

@@ -86,8 +86,7 @@ impl Study for Diode<'_> {
                     columns: METRICS.iter().map(|&m| Column::of(m)).collect(),
                     rows,
                 };
-                section.findings.extend(table.verdict("lsdc"));
-                section.tables.push(table);
+                section.judge(table, "lsdc");
             }
         }
         section.notes = published::notes(&published::TABLE_4_NOTES);

@@ -40,8 +40,7 @@ impl Study for Points<'_> {
         for metric in [Metric::Rmse, Metric::Rel] {
             let labels = COUNTS.map(|count| (count.to_string(), count as f64));
             let (table, chart) = compare(metric, &labels, "points", &self.cells)?;
-            section.findings.extend(table.verdict("lsdc"));
-            section.tables.push(table);
+            section.judge(table, "lsdc");
             let drawing = Chart {
                 title: metric.label(),
                 across: "sparse points",

@@ -1,3 +1,4 @@
+use super::systems::tests::recipes;
 use super::*;
 use crate::data::{Frame, FrameId, Rooms, RoomsConfig, Split};
 use crate::model::ExtractorConfig;
@@ -57,7 +58,7 @@ pub(super) fn lab(folder: &Path) -> Lab {
         systems: Vec::new(),
         diode: None,
         recipe: Recipe {
-            systems: systems(&train),
+            systems: recipes(&train),
             network,
             fit,
             train,
@@ -69,75 +70,16 @@ pub(super) fn lab(folder: &Path) -> Lab {
     }
 }
 
-/// One of each, tiny.
-fn systems(train: &TrainConfig) -> Vec<SystemRecipe> {
-    let recipes = [
-        r#"{ "method": "s2d", "encoder": "resnet18", "width": 4 }"#,
-        r#"{ "method": "cspn", "encoder": "resnet18", "width": 4, "steps": 3 }"#,
-        r#"{ "method": "lsk", "width": 2, "neighbours": 6 }"#,
-    ];
-    let recipe = |text: &&str| {
-        let system: SystemConfig = serde_json::from_str(text).unwrap();
-        SystemRecipe {
-            name: system.kind().name().to_owned(),
-            system,
-            train: TrainConfig {
-                calibrate: false,
-                loss: crate::train::LossConfig {
-                    regularisation: 0.0,
-                    ..train.loss
-                },
-                ..train.clone()
-            },
-        }
-    };
-    recipes.iter().map(recipe).collect()
+pub(super) fn go_on(_: Event<'_>) -> ControlFlow<()> {
+    ControlFlow::Continue(())
 }
 
-#[test]
-fn systems_are_trained_and_measured_alike_interrupted_or_not() {
-    let whole = tempfile::tempdir().unwrap();
-    let sections = run(&[Experiment::Systems], &lab(whole.path()), go_on);
-    let sections = sections.unwrap().unwrap();
-    let table = &sections[0].tables[0];
-    let labels: Vec<&str> = table.rows.iter().map(|row| row.label.as_str()).collect();
-    assert_eq!(
-        labels[..7],
-        [
-            "lsdc",
-            "lsdc, same budget",
-            "s2d",
-            "cspn",
-            "lsk",
-            "steering",
-            "linear"
-        ]
-    );
-    assert!(table.rows[7..].iter().all(|row| row.aside));
-    let text = sections[0].to_string();
-    for words in [
-        "s2d: published RMSE 0.204 m, here",
-        "random weights, where the authors start from",
-        "2 steps of 2 images",
-        "37.956 M of layers",
-    ] {
-        assert!(text.contains(words), "`{words}` is missing in: {text}");
-    }
-    // Scaled points scale what `lsdc` finds, and no network that has seen other depths.
-    let scaled = sections[0]
-        .tables
-        .iter()
-        .find(|t| t.title.starts_with("Scaled"));
-    let rows = &scaled.unwrap().rows;
-    let of = |row: usize, column: usize| rows[row].values[column].unwrap();
-    assert!((of(0, 0) / of(2, 0) - 1.0).abs() < 1e-3);
-    assert!((of(0, 2) / of(2, 2) - 1.0).abs() > 1e-2);
-
-    let torn = tempfile::tempdir().unwrap();
+/// The sections of experiments that were broken off after some events, `more` events later every time.
+pub(super) fn interrupted(experiments: &[Experiment], lab: &Lab, more: usize) -> Vec<Section> {
     let mut stops = 0;
-    let again = loop {
-        let mut left = 20 * (stops + 1);
-        let found = run(&[Experiment::Systems], &lab(torn.path()), |_| {
+    loop {
+        let mut left = more * (stops + 1);
+        let found = run(experiments, lab, |_| {
             left -= 1;
             if left == 0 {
                 ControlFlow::Break(())
@@ -146,19 +88,11 @@ fn systems_are_trained_and_measured_alike_interrupted_or_not() {
             }
         });
         if let Some(sections) = found.unwrap() {
-            break sections;
+            assert!(stops >= 2, "{stops} stops");
+            return sections;
         }
         stops += 1;
-    };
-    assert!(stops >= 2, "{stops} stops");
-    let (last, first) = (again[0].tables.len() - 1, &sections[0]);
-    // Times differ.
-    assert_eq!(first.tables[..last], again[0].tables[..last]);
-    assert_eq!(first.findings, again[0].findings);
-}
-
-fn go_on(_: Event<'_>) -> ControlFlow<()> {
-    ControlFlow::Continue(())
+    }
 }
 
 #[test]
@@ -169,24 +103,7 @@ fn an_interrupted_experiment_ends_with_the_same_bits() {
         .unwrap()
         .unwrap();
     let torn = tempfile::tempdir().unwrap();
-    let mut stops = 0;
-    let again = loop {
-        // Breaks off wherever that is, later every time.
-        let mut left = 7 * (stops + 1);
-        let found = run(&experiments, &lab(torn.path()), |_| {
-            left -= 1;
-            if left == 0 {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
-        });
-        if let Some(sections) = found.unwrap() {
-            break sections;
-        }
-        stops += 1;
-    };
-    assert!(stops >= 2, "{stops} stops");
+    let again = interrupted(&experiments, &lab(torn.path()), 7);
     assert_eq!(sections, again);
     for name in [
         "ablation.json",

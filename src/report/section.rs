@@ -66,6 +66,12 @@ impl Section {
         });
     }
 
+    /// Adds a table, and in words how `ours` does in it.
+    pub fn judge(&mut self, table: Table, ours: &str) {
+        self.findings.extend(table.verdict(ours));
+        self.tables.push(table);
+    }
+
     /// Says once of each frame that it failed.
     pub fn leave_out(&mut self, failures: Vec<Failure>) {
         for failure in failures {

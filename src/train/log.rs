@@ -7,12 +7,25 @@ use serde::{Deserialize, Serialize};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+const FILE: &str = "metrics.jsonl";
+
 /// A line of `metrics.jsonl`.
 #[derive(Debug, Serialize, Deserialize)]
 struct Line {
     step: usize,
     #[serde(flatten)]
     rest: serde_json::Map<String, serde_json::Value>,
+}
+
+/// The sum of the times of all steps of a run.
+pub(super) fn seconds(run: &Path) -> Result<f64> {
+    let path = run.join(FILE);
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    let lines = text.lines();
+    let lines = lines.filter_map(|line| serde_json::from_str::<Line>(line).ok());
+    Ok(lines
+        .filter_map(|line| line.rest.get("seconds")?.as_f64())
+        .sum())
 }
 
 /// Appends to `metrics.jsonl`.
@@ -24,7 +37,7 @@ pub(super) struct Log {
 impl Log {
     /// Opens the log of a run that goes on after `step`; later lines are dropped.
     pub(super) fn open(run: &Path, step: usize) -> Result<Self> {
-        let path = run.join("metrics.jsonl");
+        let path = run.join(FILE);
         if let Ok(text) = std::fs::read_to_string(&path) {
             let kept = |line: &&str| {
                 serde_json::from_str::<Line>(line).is_ok_and(|line| line.step <= step)

@@ -13,6 +13,7 @@ mod log;
 mod loss;
 mod muon;
 mod parallel;
+mod record;
 mod run;
 mod schedule;
 mod setup;

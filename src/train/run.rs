@@ -3,6 +3,7 @@
 use super::checkpoint::Checkpoints;
 use super::learner::Objective;
 use super::log::Log;
+use super::record::Record;
 use super::setup::{imitated, input_size, sampler};
 use super::{Learner, Part, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, DepthMap, Mixture, Shard, write_atomically};
@@ -13,6 +14,7 @@ use crate::model::{
     load, to_bytes, transfer, weights_of,
 };
 use crate::predict::{complete, completer, encoder_of, open_weights};
+use crate::provenance;
 use crate::sample::{Batch, Encoding, Loader, Pattern, Sample, Sampler};
 use crate::systems::{Net, Predictor, SystemConfig, Trained, begin};
 use burn::module::Module;
@@ -22,6 +24,7 @@ use lsdc_core::fit::FitConfig;
 use lsdc_core::network::Encoder;
 use lsdc_core::{Completer, Weights};
 use serde::Serialize;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -79,6 +82,8 @@ pub struct Trainer {
     config: TrainConfig,
     /// What the network is measured and calibrated on.
     frames: Arc<dyn Dataset>,
+    /// All frames that are learned from, in words that change with their names.
+    data: Value,
     /// The frames that are learned from, and what is drawn of them.
     sampler: Sampler,
     /// Frames that are kept out of training.
@@ -145,6 +150,7 @@ impl Trainer {
         .map(|encoder| Encoding::new(encoder, normalisation, config.features.clone()));
         Ok(Self {
             folder: folder.to_owned(),
+            data: provenance::frames(&mixture),
             sampler: sampler(mixture, &config)?.encoded(encoding),
             held_out,
             subject: Subject::Bases(Box::new(Bases {
@@ -199,6 +205,7 @@ impl Trainer {
         let (_, held_out) = divide(frames.as_ref(), config.held_out);
         Ok(Self {
             folder: folder.to_owned(),
+            data: provenance::frames(&mixture),
             sampler: sampler(mixture, &config)?,
             held_out,
             normalisation: system.normalisation(input),
@@ -251,6 +258,10 @@ impl Trainer {
         let device = self.device().clone().autodiff();
         match &self.subject {
             Subject::Bases(bases) => {
+                let record = self.record(json!({
+                    "network": bases.network,
+                    "fit": bases.fit,
+                }))?;
                 let net = self.initial(bases, &device)?;
                 let teacher = bases.imitated.as_ref();
                 let teacher = teacher.map(|weights| load(weights, self.device()));
@@ -259,11 +270,12 @@ impl Trainer {
                 let measure = |net: &BasisNet| self.measure(&self.completer(bases, net)?);
                 let (learner, outcome) = self.go_on(learner, measure, stop, report)?;
                 if outcome == Outcome::Finished {
-                    self.publish(bases, learner.net())?;
+                    self.publish(bases, learner.net(), record)?;
                 }
                 Ok(outcome)
             }
             Subject::System(system) => {
+                let record = self.record(json!({ "system": system }))?;
                 let fresh = Checkpoints::new(&self.folder).steps().is_empty();
                 let net = if fresh {
                     begin(system, self.config.seed, &device)?
@@ -277,7 +289,7 @@ impl Trainer {
                 };
                 let (learner, outcome) = self.go_on(learner, measure, stop, report)?;
                 if outcome == Outcome::Finished {
-                    self.publish_system(system, learner.net(), measure)?;
+                    self.publish_system(system, learner.net(), measure, record)?;
                 }
                 Ok(outcome)
             }
@@ -410,9 +422,17 @@ impl Trainer {
             .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))
     }
 
+    /// What weights files tell of the run, whose subject has these settings.
+    fn record(&self, mut settings: Value) -> Result<Record> {
+        settings["train"] = json!(self.config);
+        settings["devices"] = json!(self.devices.len());
+        Record::new(&self.config, self.data.clone(), settings)
+    }
+
     /// Writes `weights.safetensors`.
-    fn publish(&self, bases: &Bases, net: &BasisNet) -> Result<()> {
+    fn publish(&self, bases: &Bases, net: &BasisNet, record: Record) -> Result<()> {
         let mut weights = weights_of(&net.valid(), bases.network.clone(), self.normalisation);
+        record.keep(&mut weights.notes, &self.folder)?;
         weights.notes.insert(TRAINING_NOTE.to_owned(), self.note()?);
         weights.record_fit(&bases.fit);
         let write = |weights: &Weights| {
@@ -440,8 +460,10 @@ impl Trainer {
         system: &SystemConfig,
         net: &Net,
         measure: impl Fn(&Net) -> Result<Scores>,
+        record: Record,
     ) -> Result<()> {
         let mut trained = Trained::of(&net.valid(), system.clone(), self.normalisation);
+        record.keep(&mut trained.notes, &self.folder)?;
         trained.notes.insert(TRAINING_NOTE.to_owned(), self.note()?);
         if !self.held_out.is_empty() {
             let scores = encoded(&measure(net)?)?;

@@ -104,7 +104,7 @@ pub(in crate::cli) enum WeightsCommand {
     Get(Get),
     /// Install what weights of the program are built on from its published file.
     Add(Add),
-    /// Describe weights: network, input, fit, training settings and accuracy.
+    /// Describe weights: network, input, fit, training settings, accuracy, and what they were made from.
     Info {
         /// Weights file, or a name shown by `list` [default: the weights named `default`].
         file: Option<PathBuf>,

@@ -1,0 +1,192 @@
+#!/usr/bin/env bash
+# Makes the weights of the program from data: docs/training.md, "From data to the files". Called again, it goes on
+# where it stopped: what is there is not made again, and an interrupted training is resumed.
+set -euo pipefail
+
+usage() {
+  cat <<'TEXT'
+scripts/weights.sh --nyu DIR -o DIR [OPTIONS] small|default|anything ...
+
+Makes the named weights, NAME.safetensors in the output folder, and what they stand on: `small` and `default` are taught
+by `anything`, which starts from a first default.
+
+  --nyu DIR           frames of NYU Depth v2, labelled: DIR/train/SCENE/FRAME.jpg and FRAME_depth.png
+  --more DIR          further frames, DIR/SET/FRAME.jpg and FRAME_depth.png, for `anything` and all that it teaches
+  -o, --output DIR    where everything is made; the same command with the same folder goes on
+  --steps-scale X     that part of the steps of every training, 0.001 for a trial [default: 1]
+  --lsdc PROGRAM      the program [default: lsdc]
+
+The encoder of `anything` must be installed (`lsdc weights get anything`). Needs Python with numpy.
+TEXT
+}
+
+fail() {
+  echo "weights.sh: $1" >&2
+  exit 2
+}
+
+here=$(cd "$(dirname "$0")" && pwd)
+nyu='' more='' out='' scale=1 lsdc=lsdc names=()
+while [ $# -gt 0 ]; do
+  case $1 in
+  -h | --help) usage && exit ;;
+  --nyu | --more | -o | --output | --steps-scale | --lsdc)
+    [ $# -ge 2 ] || fail "$1 needs a value"
+    case $1 in
+    --nyu) nyu=$2 ;;
+    --more) more=$2 ;;
+    -o | --output) out=$2 ;;
+    --steps-scale) scale=$2 ;;
+    --lsdc) lsdc=$2 ;;
+    esac
+    shift ;;
+  small | default | anything) names+=("$1") ;;
+  *) fail "\`$1\` is not known: see --help" ;;
+  esac
+  shift
+done
+[ -n "$out" ] && [ ${#names[@]} -gt 0 ] || { usage >&2 && exit 2; }
+[ -d "$nyu/train" ] || fail "\`$nyu\` has no folder \`train\`: give --nyu DIR"
+[ -z "$more" ] || [ -d "$more" ] || fail "\`$more\` is no folder"
+command -v "$lsdc" >/dev/null || fail "\`$lsdc\` is not there: give --lsdc PROGRAM"
+installed=$("$lsdc" weights list 2>/dev/null | grep '^anything ' || true)
+[[ $installed != *"not installed"* && $installed == *installed* ]] ||
+  fail "the encoder of \`anything\` is not installed: lsdc weights get anything"
+python3 -c 'import numpy' 2>/dev/null || fail "python3 has no numpy"
+
+nyu=$(realpath "$nyu")
+[ -z "$more" ] || more=$(realpath "$more")
+lsdc=$(realpath "$(command -v "$lsdc")")
+mkdir -p "$out"
+# Weights tell what they were made from: by names below this folder, not those of this machine.
+cd "$out"
+
+# What was begun with other data is not gone on with.
+asked="nyu $nyu
+more $more
+steps-scale $scale"
+[ -e asked ] || echo "$asked" >asked
+[ "$(<asked)" = "$asked" ] || fail "\`$out\` was begun with other options: $(tr '\n' ' ' <asked)"
+
+# A calibration is not broken off, but nothing is begun after it.
+trap 'exit 130' INT TERM
+
+say() { echo "weights.sh: $*" >&2; }
+
+run_of() { echo "runs/$1/weights.safetensors"; }
+
+# all_frames: also the further frames.
+all_frames=()
+[ -z "$more" ] || all_frames=(--set "data.more=[{ dataset = 'folder', root = '$more', \
+folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' } }]")
+all_frames+=(--set "train.features=features")
+
+# The network of the preset `small`, whose first function is a map that comes from the image.
+small_network='network={ octaves = 5, hidden = [64, 64], bases = 64, mean = true, affinities = 8, extractor = { stem = 8, stages = [{ width = 8, blocks = 2 }, { width = 16, blocks = 6 }, { width = 32, blocks = 2 }, { width = 32, blocks = 1 }], branch = 8, merge = 32, features = 32, sharpening = 2 } }'
+
+# train NAME CONFIG OPTION...: a run of the recipe, whose weights are those of `run_of NAME`. They are complete once the
+# command has ended, because it calibrates them after it has written them.
+train() {
+  local name=$1 config=$2 folder=runs/$1 steps
+  shift 2
+  if [ -e "$folder/complete" ]; then
+    say "$name is there"
+    return
+  fi
+  if [ -e "$folder/config.toml" ]; then
+    say "$name goes on"
+    "$lsdc" train --resume "$folder"
+  else
+    say "$name begins"
+    steps=$("$lsdc" config --config "$config" "$@" | awk -v scale="$scale" '
+      /^\[/ { train = $0 == "[train]" }
+      train && $1 == "steps" { steps = int($3 * scale + 0.5) }
+      END { print (steps > 0 ? steps : 1) }')
+    "$lsdc" train --config "$config" --root "$nyu" -o "$folder" "$@" --set "train.steps=$steps"
+  fi
+  touch "$folder/complete"
+}
+
+# links: every third of the training frames of NYU.
+links() {
+  local image depth target
+  [ ! -e third/complete ] || return 0
+  (cd "$nyu/train" && find -L . -name '*.jpg') | LC_ALL=C sort | awk 'NR % 3 == 1' | while read -r image; do
+    depth=${image%.jpg}_depth.png
+    target=third/train/$(dirname "$image")
+    mkdir -p "$target"
+    ln -sf "$nyu/train/$image" "$nyu/train/$depth" "$target"
+  done
+  touch third/complete
+}
+
+# finish NAME WEIGHTS: learns the prior, then the distribution of errors, and writes NAME.safetensors in f16, as
+# `lsdc calibrate` always does.
+finish() {
+  local name=$1 weights=$2 prior=calibrated/$1.safetensors
+  if [ -e "$name.safetensors" ]; then
+    say "$name.safetensors is there"
+    return
+  fi
+  links
+  mkdir -p calibrated
+  say "$name is calibrated"
+  [ -e "$prior" ] || "$lsdc" calibrate --dataset nyu --root third --weights "$weights" -o "$prior"
+  "$lsdc" calibrate --only-errors --dataset nyu --root third --weights "$prior" -o "$name.safetensors"
+}
+
+# Basis functions at half and full size, affinities, then both.
+first_default() {
+  train half nyu-half.toml
+  train bases nyu-bases.toml --set "train.start=$(run_of half)"
+  train affinities nyu-affinities.toml --set "train.start=$(run_of bases)"
+  train joint nyu-joint.toml --set "train.start=$(run_of affinities)"
+}
+
+first_small() {
+  train small-half nyu-half.toml --set preset=small --set train.steps=6000
+  train small-affinities nyu-affinities.toml --set preset=small --set train.steps=1200 --set "train.start=$(run_of small-half)"
+  train small-joint nyu-joint.toml --set preset=small --set train.steps=1200 --set "train.start=$(run_of small-affinities)"
+}
+
+# taught NAME START OPTION...: by `anything`.
+taught() {
+  local name=$1 start=$2
+  shift 2
+  train "$name-taught" nyu-distill.toml "${all_frames[@]}" --set "train.start=$start" \
+    --set train.teacher.weights=anything.safetensors --set train.teacher.folder=answers "$@"
+  finish "$name" "$(run_of "$name-taught")"
+}
+
+# anything: on top of the encoder; first the basis functions, then all, then with more points, then with all numbers of
+# points again. The mean of the last two is better than each.
+make_anything() {
+  [ ! -e anything.safetensors ] || { say "anything.safetensors is there"; return 0; }
+  first_default
+  local recipe=(nyu-anything.toml "${all_frames[@]}") on=(--set train.part=all) mean=runs/anything-mean.safetensors
+  train anything-bases "${recipe[@]}" --set "train.start=$(run_of joint)"
+  train anything-all "${recipe[@]}" "${on[@]}" --set train.steps=2600 --set train.learning_rate=3e-3 \
+    --set train.average=0.995 --set "train.start=$(run_of anything-bases)"
+  on+=(--set train.average=0.998)
+  train anything-many "${recipe[@]}" "${on[@]}" --set train.steps=3000 --set train.supervision.fewest=20 \
+    --set train.freeze_statistics=0.0 --set "train.start=$(run_of anything-all)"
+  train anything-few "${recipe[@]}" "${on[@]}" --set train.steps=1800 --set train.seed=1 \
+    --set "train.start=$(run_of anything-many)"
+  [ -e "$mean" ] || python3 "$here/average.py" "$(run_of anything-many)" "$(run_of anything-few)" -o "$mean"
+  finish anything "$mean"
+}
+
+make_default() {
+  make_anything
+  first_default
+  taught default "$(run_of joint)"
+}
+
+make_small() {
+  make_anything
+  first_small
+  taught small "$(run_of small-joint)" --set "$small_network"
+}
+
+for name in "${names[@]}"; do "make_$name"; done
+for name in "${names[@]}"; do echo "$out/$name.safetensors"; done
