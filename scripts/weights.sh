@@ -81,9 +81,6 @@ all_frames=()
 folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' } }]")
 all_frames+=(--set "train.features=features")
 
-# The network of the preset `small`, whose first function is a map that comes from the image.
-small_network='network={ octaves = 5, hidden = [64, 64], bases = 64, mean = true, affinities = 8, extractor = { stem = 8, stages = [{ width = 8, blocks = 2 }, { width = 16, blocks = 6 }, { width = 32, blocks = 2 }, { width = 32, blocks = 1 }], branch = 8, merge = 32, features = 32, sharpening = 2 } }'
-
 # train NAME CONFIG OPTION...: a run of the recipe, whose weights are those of `run_of NAME`. They are complete once the
 # command has ended, because it calibrates them after it has written them.
 train() {
@@ -185,7 +182,7 @@ make_default() {
 make_small() {
   make_anything
   first_small
-  taught small "$(run_of small-joint)" --set "$small_network"
+  taught small "$(run_of small-joint)" --set preset=taught-small
 }
 
 for name in "${names[@]}"; do "make_$name"; done

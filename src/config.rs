@@ -14,7 +14,7 @@ use std::path::Path;
 
 /// The named networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum Preset {
     /// The paper's: 3.47 M parameters.
     #[default]
@@ -25,6 +25,10 @@ pub enum Preset {
     Sharp,
     /// The same at half the widths, with half as many basis functions: 0.3 M.
     Small,
+    /// `sharp` that sees more of the image, with a first function that is a map of depth: 3.4 M.
+    Taught,
+    /// The same at half the widths: 0.9 M.
+    TaughtSmall,
     /// `sharp` on top of a pretrained encoder: 2.1 M beside its 22 M.
     Anything,
 }
@@ -111,6 +115,8 @@ impl Config {
             Preset::Medium => NetworkConfig::medium(),
             Preset::Sharp => NetworkConfig::sharp(),
             Preset::Small => NetworkConfig::small(),
+            Preset::Taught => NetworkConfig::taught(),
+            Preset::TaughtSmall => NetworkConfig::taught_small(),
             Preset::Anything => NetworkConfig::anything(),
         })
     }
@@ -276,16 +282,6 @@ mod tests {
         let fit: Config = toml::from_str(&comments.replace("# ", "")).unwrap();
         let meant = config.fit.over(&FitConfig::default()).unwrap();
         assert_eq!(fit.fit, FitSettings::all(&meant).unwrap());
-    }
-
-    #[test]
-    fn the_taught_network_is_the_default_one_with_a_mean() {
-        let config = Config::load(Some(Path::new("nyu-distill.toml")), &[]).unwrap();
-        let expected = NetworkConfig {
-            mean: true,
-            ..NetworkConfig::sharp()
-        };
-        assert_eq!(config.network(), expected);
     }
 
     #[test]

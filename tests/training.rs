@@ -765,19 +765,3 @@ fn weights_tell_what_they_were_made_from() {
         assert!(text.contains(words), "`{words}` is missing in: {text}");
     }
 }
-
-#[test]
-fn the_small_network_of_the_chain_is_the_preset_with_a_mean() {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/weights.sh");
-    let script = std::fs::read_to_string(script).unwrap();
-    let line = script
-        .lines()
-        .find_map(|l| l.strip_prefix("small_network='"));
-    let set = line.unwrap().trim_end_matches('\'').to_owned();
-    let config = lsdc::config::Config::load(Some(Path::new("nyu-distill.toml")), &[set]).unwrap();
-    let expected = lsdc::model::NetworkConfig {
-        mean: true,
-        ..lsdc::model::NetworkConfig::small()
-    };
-    assert_eq!(config.network(), expected);
-}

@@ -273,11 +273,8 @@ fn every_preset_agrees() {
         NetworkConfig::sharp(),
         NetworkConfig::small(),
         NetworkConfig::anything(),
-        // A prior from the image without an encoder.
-        NetworkConfig {
-            mean: true,
-            ..NetworkConfig::sharp()
-        },
+        NetworkConfig::taught(),
+        NetworkConfig::taught_small(),
     ] {
         let trained = Trained::filled(config);
         trained.agrees(Level::here(), (57, 76), (57, 76));
