@@ -49,6 +49,25 @@ const DENSE: usize = 30_000;
 const START: usize = 700;
 
 impl FieldEstimator<'_> {
+    /// The same for the field of blocks of pixels.
+    pub(in crate::fit) fn of_blocks(self) -> Self {
+        let Scene {
+            affinities, size, ..
+        } = self.scene;
+        Self {
+            scene: Scene {
+                affinities: affinities.of_blocks(),
+                size,
+                guide: None,
+            },
+            joint: JointConfig {
+                level: self.joint.level * affinities.blocks().area() as f64,
+                ..self.joint
+            },
+            ..self
+        }
+    }
+
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
         let found = match self.prior {

@@ -2,7 +2,7 @@
 
 use super::local::Local;
 use super::medians::{deviation, median};
-use super::mixture::{Evidence, Judgement, judge as judge_all};
+use super::mixture::{Evidence, Judged, Judgement, judge as judge_all};
 use super::refit::Refit;
 use super::reweighted::reweighted;
 use super::{Loss, Robust};
@@ -12,10 +12,15 @@ use crate::fit::joint::FieldEstimator;
 use crate::fit::points::Rows;
 use crate::fit::{Estimate, Estimator};
 use crate::nearest::Cells;
+use lsdc_rng::Rng;
 use rayon::prelude::*;
 
 /// More points than this are judged by the field alone.
 const CLOSE: usize = 10_000;
+
+/// Of more points than this, so many judge all.
+const DENSE: usize = 30_000;
+const JUDGES: usize = 20_000;
 
 /// Judges each point by the others. `plain` is the fit to all of them.
 ///
@@ -45,7 +50,7 @@ pub(in crate::fit) fn judge(
             let cauchy = Robust::new(Loss::Cauchy);
             let (_, weights) = reweighted(rows, estimator, plain.clone(), cauchy)?;
             let start: Vec<f64> = weights.iter().map(|weight| weight.recip()).collect();
-            judge_all(&points, &start, &Refit { rows, estimator })
+            Ok(judge_all(&points, &start, &Refit::new(rows, estimator))?.judgements())
         }
     }
 }
@@ -76,28 +81,69 @@ fn close(
     field: FieldEstimator<'_>,
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
-    /// Smaller differences, relative to depth, may be due to the unit in which depths are stored.
-    const ROUNDING: f64 = 1e-3;
-    let points = evidence(rows, order, field.joint.data);
     let rests = rows.residuals(&plain.solution.weights);
-    let rests = order.iter().map(|&i| rests[i]).collect();
-    let zeros = vec![0.0; order.len()];
-    let places = points.places.as_deref().unwrap_or_default();
-    let rests = rows.alone(order, places, rests, &zeros);
-    let estimator = Estimator::Field(FieldEstimator {
+    let field = FieldEstimator {
         prior: None,
         ridges: &[],
         ..field
-    });
+    };
+    if order.len() > DENSE {
+        return dense(rows, order, &rests, field);
+    }
+    let points = evidence(rows, order, field.joint.data);
+    let zeros = vec![0.0; order.len()];
+    let rows = rows.alone(order, places(&points), &rests, &zeros);
+    Ok(alone(&points, &Refit::new(&rows, Estimator::Field(field)))?.judgements())
+}
+
+/// Where points are dense, some of them judge one another by a field of blocks of pixels, and then all others.
+fn dense(
+    rows: &Rows<'_>,
+    order: &[usize],
+    rests: &[f64],
+    field: FieldEstimator<'_>,
+) -> Result<Vec<Judgement>> {
+    let mut judges: Vec<usize> = (0..order.len()).collect();
+    Rng::stream(0, &["judges"]).choose(&mut judges, JUDGES);
+    let mut others = judges.split_off(JUDGES);
+    judges.sort_unstable();
+    others.sort_unstable();
+    let own: Vec<usize> = judges.iter().map(|&i| order[i]).collect();
+    let points = evidence(rows, &own, field.joint.data);
+    let zeros = vec![0.0; own.len()];
+    let alone_rows = rows.alone(&own, places(&points), rests, &zeros);
+    let field = field.of_blocks();
+    let refit = Refit::new(&alone_rows, Estimator::Field(field));
+    let judged = alone(&points, &refit)?;
+
+    let own: Vec<usize> = others.iter().map(|&i| order[i]).collect();
+    let points = evidence(rows, &own, field.joint.data);
+    let read = |(&place, &i): (&[f64; 2], &usize)| (field.scene.taps(place), rests[i]);
+    let pairs = places(&points).par_iter().zip(&own).map(read);
+    let found = refit.others(judged.noise(), pairs)?;
+    let both = judges.into_iter().zip(judged.judgements());
+    let both = both.chain(others.into_iter().zip(judged.others(&points, &found)));
+    let mut all: Vec<_> = both.collect();
+    all.par_sort_by_key(|(i, _)| *i);
+    Ok(all.into_iter().map(|(_, judgement)| judgement).collect())
+}
+
+fn places(points: &Evidence) -> &[[f64; 2]] {
+    points.places.as_deref().unwrap_or_default()
+}
+
+/// Judges points by what basis functions leave of them.
+fn alone<'a>(points: &'a Evidence, refit: &Refit<'_>) -> Result<Judged<'a>> {
+    /// Smaller differences, relative to depth, may be due to the unit in which depths are stored.
+    const ROUNDING: f64 = 1e-3;
     // A mean of many cannot tell the right ones from the wrong ones, a median can.
-    let off = off_neighbours(&rests);
+    let off = off_neighbours(refit.rows);
     let scale = deviation(&off).max(ROUNDING * points.unit);
     let pairs = points.noise.iter().zip(&off);
     let start: Vec<f64> = pairs
         .map(|(noise, off)| noise * (1.0 + (off / scale).powi(2)))
         .collect();
-    let rows = &rests;
-    judge_all(&points, &start, &Refit { rows, estimator })
+    judge_all(points, &start, refit)
 }
 
 /// Each value minus the median of its neighbours'.
@@ -130,7 +176,7 @@ fn by_covariances(
         field.covariance(rows, &block, lambda)
     };
     let local = Local::new(&points.values, places, &blocks, covariance)?;
-    judge_all(&points, &points.noise, &local)
+    Ok(judge_all(&points, &points.noise, &local)?.judgements())
 }
 
 /// Halves points across their longer side until there are few enough.

@@ -53,7 +53,8 @@ fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
             variances: deviations.iter().map(|d| d * d).collect(),
         }),
     )
-    .unwrap();
+    .unwrap()
+    .judgements();
     // Bayes' rule with the densities that the errors were drawn from.
     let mut worst: f64 = 0.0;
     let mut off = 0.0;
@@ -104,7 +105,9 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
             variances: vec![variance; 400],
         })
     };
-    let found = judge(&points, &points.noise, &known(1e-4)).unwrap();
+    let found = judge(&points, &points.noise, &known(1e-4))
+        .unwrap()
+        .judgements();
     let trust = |which: &dyn Fn(usize) -> bool| {
         let some = (0..400).filter(|&i| which(i)).map(|i| found[i].right);
         some.clone().sum::<f64>() / some.count() as f64
@@ -122,7 +125,10 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
         errors: errors.iter().map(|e| 8.0 * e).collect(),
         variances: vec![1e-4; 400],
     });
-    for (one, other) in found.iter().zip(judge(&far, &far.noise, &scaled).unwrap()) {
+    for (one, other) in found
+        .iter()
+        .zip(judge(&far, &far.noise, &scaled).unwrap().judgements())
+    {
         assert!((one.right - other.right).abs() < 1e-9);
         assert!((8.0 * one.error - other.error).abs() < 1e-9);
     }
