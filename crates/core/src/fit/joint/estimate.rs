@@ -49,6 +49,15 @@ const DENSE: usize = 30_000;
 const START: usize = 700;
 
 impl FieldEstimator<'_> {
+    /// The field alone.
+    pub(in crate::fit) fn without_functions(self) -> Self {
+        Self {
+            prior: None,
+            ridges: &[],
+            ..self
+        }
+    }
+
     /// The same for the field of blocks of pixels.
     pub(in crate::fit) fn of_blocks(self) -> Self {
         let Scene {

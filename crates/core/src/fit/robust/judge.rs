@@ -12,7 +12,6 @@ use crate::fit::joint::FieldEstimator;
 use crate::fit::points::Rows;
 use crate::fit::{Estimate, Estimator};
 use crate::nearest::Cells;
-use lsdc_rng::Rng;
 use rayon::prelude::*;
 
 /// More points than this are judged by the field alone.
@@ -32,6 +31,7 @@ pub(in crate::fit) fn judge(
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
     match estimator {
+        Estimator::Field(field) if rows.values.len() > DENSE => dense(rows, field, plain),
         Estimator::Field(field) => in_order(rows, |order| {
             if order.len() > CLOSE {
                 close(rows, order, field, plain)
@@ -44,7 +44,7 @@ pub(in crate::fit) fn judge(
             let points = evidence(rows, &all, 1.0);
             if all.len() <= plain.solution.rank {
                 // A fit through every point: none says anything of another.
-                return Ok(Judgement::unknown(&points));
+                return Ok(Judgement::unknown(&points.noise));
             }
             // A fit of few functions to all points cannot tell right ones from wrong ones.
             let cauchy = Robust::new(Loss::Cauchy);
@@ -60,17 +60,26 @@ fn in_order(
     rows: &Rows<'_>,
     judge: impl Fn(&[usize]) -> Result<Vec<Judgement>>,
 ) -> Result<Vec<Judgement>> {
-    let places = rows.places.unwrap_or_default();
-    let mut order: Vec<usize> = (0..places.len()).collect();
-    let key = |i: usize| [places[i][1], places[i][0], rows.values[i], rows.weights[i]];
-    order.par_sort_by(|&a, &b| {
-        let keys = key(a).into_iter().zip(key(b));
-        let unlike = keys.map(|(a, b)| a.total_cmp(&b)).find(|o| o.is_ne());
-        unlike.unwrap_or(a.cmp(&b))
-    });
+    let mut order: Vec<usize> = (0..rows.values.len()).collect();
+    sort(rows, &mut order);
     let mut judged: Vec<_> = order.iter().copied().zip(judge(&order)?).collect();
     judged.par_sort_by_key(|(i, _)| *i);
     Ok(judged.into_iter().map(|(_, judgement)| judgement).collect())
+}
+
+/// Sorts points by what they are.
+fn sort(rows: &Rows<'_>, points: &mut [usize]) {
+    points.par_sort_by(|&a, &b| {
+        let keys = key(rows, a).into_iter().zip(key(rows, b));
+        let unlike = keys.map(|(a, b)| a.total_cmp(&b)).find(|o| o.is_ne());
+        unlike.unwrap_or(a.cmp(&b))
+    });
+}
+
+/// What a point is.
+fn key(rows: &Rows<'_>, i: usize) -> [f64; 4] {
+    let [u, v] = rows.places.map_or([0.0; 2], |places| places[i]);
+    [v, u, rows.values[i], rows.weights[i]]
 }
 
 /// The field alone predicts each of very many points from those next to it; what basis functions say, they say of
@@ -82,50 +91,46 @@ fn close(
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
     let rests = rows.residuals(&plain.solution.weights);
-    let field = FieldEstimator {
-        prior: None,
-        ridges: &[],
-        ..field
-    };
-    if order.len() > DENSE {
-        return dense(rows, order, &rests, field);
-    }
     let points = evidence(rows, order, field.joint.data);
     let zeros = vec![0.0; order.len()];
     let rows = rows.alone(order, places(&points), &rests, &zeros);
-    Ok(alone(&points, &Refit::new(&rows, Estimator::Field(field)))?.judgements())
+    let estimator = Estimator::Field(field.without_functions());
+    Ok(alone(&points, &Refit::new(&rows, estimator))?.judgements())
 }
 
 /// Where points are dense, some of them judge one another by a field of blocks of pixels, and then all others.
-fn dense(
-    rows: &Rows<'_>,
-    order: &[usize],
-    rests: &[f64],
-    field: FieldEstimator<'_>,
-) -> Result<Vec<Judgement>> {
-    let mut judges: Vec<usize> = (0..order.len()).collect();
-    Rng::stream(0, &["judges"]).choose(&mut judges, JUDGES);
-    let mut others = judges.split_off(JUDGES);
-    judges.sort_unstable();
-    others.sort_unstable();
-    let own: Vec<usize> = judges.iter().map(|&i| order[i]).collect();
-    let points = evidence(rows, &own, field.joint.data);
-    let zeros = vec![0.0; own.len()];
-    let alone_rows = rows.alone(&own, places(&points), rests, &zeros);
-    let field = field.of_blocks();
-    let refit = Refit::new(&alone_rows, Estimator::Field(field));
+fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result<Vec<Judgement>> {
+    let rests = rows.residuals(&plain.solution.weights);
+    let (mut judges, others) = judges(rows);
+    sort(rows, &mut judges);
+    let points = evidence(rows, &judges, field.joint.data);
+    let zeros = vec![0.0; judges.len()];
+    let own = rows.alone(&judges, places(&points), &rests, &zeros);
+    let field = field.without_functions().of_blocks();
+    let refit = Refit::new(&own, Estimator::Field(field));
     let judged = alone(&points, &refit)?;
 
-    let own: Vec<usize> = others.iter().map(|&i| order[i]).collect();
-    let points = evidence(rows, &own, field.joint.data);
+    let points = evidence(rows, &others, field.joint.data);
     let read = |(&place, &i): (&[f64; 2], &usize)| (field.scene.taps(place), rests[i]);
-    let pairs = places(&points).par_iter().zip(&own).map(read);
+    let pairs = places(&points).par_iter().zip(&others).map(read);
     let found = refit.others(judged.noise(), pairs)?;
+    let mut all = Judgement::unknown(&rows.weights);
     let both = judges.into_iter().zip(judged.judgements());
-    let both = both.chain(others.into_iter().zip(judged.others(&points, &found)));
-    let mut all: Vec<_> = both.collect();
-    all.par_sort_by_key(|(i, _)| *i);
-    Ok(all.into_iter().map(|(_, judgement)| judgement).collect())
+    for (i, judgement) in both.chain(others.into_iter().zip(judged.others(&points, &found))) {
+        all[i] = judgement;
+    }
+    Ok(all)
+}
+
+/// Some points, and the others: a random choice, which does not depend on the order in which they are given.
+fn judges(rows: &Rows<'_>) -> (Vec<usize>, Vec<usize>) {
+    let mark = |i: usize| (lsdc_rng::hash(&key(rows, i).map(f64::to_le_bytes)), i);
+    let mut marks: Vec<(u64, usize)> = (0..rows.values.len()).into_par_iter().map(mark).collect();
+    marks.select_nth_unstable(JUDGES);
+    let mut judges: Vec<usize> = marks.into_iter().map(|(_, i)| i).collect();
+    let mut others = judges.split_off(JUDGES);
+    others.par_sort_unstable();
+    (judges, others)
 }
 
 fn places(points: &Evidence) -> &[[f64; 2]] {

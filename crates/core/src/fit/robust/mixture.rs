@@ -216,9 +216,9 @@ fn is_settled(before: &[f64], after: &[f64]) -> bool {
 }
 
 impl Judgement {
-    /// Of points of which none says anything of another.
-    pub(super) fn unknown(points: &Evidence) -> Vec<Self> {
-        let all = points.noise.iter().map(|noise| Self {
+    /// Of points with noise of such variances, of which none says anything of another.
+    pub(super) fn unknown(noise: &[f64]) -> Vec<Self> {
+        let all = noise.iter().map(|noise| Self {
             right: 1.0,
             error: 0.0,
             scale: noise.sqrt(),
