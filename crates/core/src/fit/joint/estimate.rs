@@ -7,7 +7,7 @@ use super::sites::{Sample, Sites};
 use super::smoothness::Smoothness;
 use crate::error::{FitError, Result};
 use crate::field;
-use crate::fit::affinities::{Scene, Smooth};
+use crate::fit::affinities::{Affinities, Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
@@ -58,19 +58,19 @@ impl FieldEstimator<'_> {
         }
     }
 
-    /// The same for the field of blocks of pixels.
-    pub(in crate::fit) fn of_blocks(self) -> Self {
-        let Scene {
-            affinities, size, ..
-        } = self.scene;
-        Self {
+    /// The same on a coarser grid, of blocks of so many pixels.
+    pub(in crate::fit) fn on<'b>(self, blocks: &'b Affinities, area: usize) -> FieldEstimator<'b>
+    where
+        Self: 'b,
+    {
+        FieldEstimator {
             scene: Scene {
-                affinities: affinities.of_blocks(),
-                size,
+                affinities: blocks,
+                size: self.scene.size,
                 guide: None,
             },
             joint: JointConfig {
-                level: self.joint.level * affinities.blocks().area() as f64,
+                level: self.joint.level * area as f64,
                 ..self.joint
             },
             ..self

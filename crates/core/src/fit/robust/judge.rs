@@ -8,6 +8,7 @@ use super::reweighted::reweighted;
 use super::{Loss, Robust};
 use crate::error::Result;
 use crate::field::MOST;
+use crate::fit::Blocks;
 use crate::fit::joint::FieldEstimator;
 use crate::fit::points::Rows;
 use crate::fit::{Estimate, Estimator};
@@ -17,9 +18,10 @@ use rayon::prelude::*;
 /// More points than this are judged by the field alone.
 const CLOSE: usize = 10_000;
 
-/// Of more points than this, so many judge all.
+/// Of more points than this, so many judge all, by the field of so many blocks of pixels.
 const DENSE: usize = 30_000;
 const JUDGES: usize = 20_000;
+const BLOCKS: usize = 5000;
 
 /// Judges each point by the others. `plain` is the fit to all of them.
 ///
@@ -106,7 +108,10 @@ fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result
     let points = evidence(rows, &judges, field.joint.data);
     let zeros = vec![0.0; judges.len()];
     let own = rows.alone(&judges, places(&points), &rests, &zeros);
-    let field = field.without_functions().of_blocks();
+    let fine = field.scene.affinities;
+    let blocks = Blocks::new(fine.size(), BLOCKS);
+    let coarse = blocks.affinities(&fine.grid(0.0));
+    let field = field.without_functions().on(&coarse, blocks.area());
     let refit = Refit::new(&own, Estimator::Field(field));
     let judged = alone(&points, &refit)?;
 

@@ -168,22 +168,38 @@ impl<'a> Judged<'a> {
         let places = [&others.places, &self.points.places];
         let [places, own] = places.map(|places| places.as_deref().unwrap_or_default());
         let (cells, closest) = (Cells::new(own), self.neighbours.closest);
-        let (values, right, scale) = (&self.points.values, &self.right, self.mixture.scale);
+        let (values, right) = (&self.points.values, &self.right);
+        let Mixture { scale, size, .. } = self.mixture;
         let spreads = self.points.spreads(&self.found);
         let squares = squares(&self.found.errors, &spreads, scale);
         let steepest = self.neighbours.steepest(values, right);
-        let mut scales = others.spreads(found);
-        let pairs = scales.par_iter_mut().zip(places).zip(&others.values);
-        let agreement = pairs.map_init(Vec::new, |near, ((spread, &place), value)| {
-            cells.find(place, COUNT, near);
-            for (square, _) in &mut *near {
-                *square = square.sqrt().max(closest);
-            }
-            *spread *= scale * roughness(near, &squares, right);
-            let slope = |(distance, j): (f64, usize)| (value - values[j]).abs() / distance;
-            agreement(near, slope, steepest, self.mixture.size)
+        // All points of a cell ask the same neighbours.
+        let cell = |(i, &place): (usize, &[f64; 2])| (cells.index(place), i);
+        let mut turns: Vec<(usize, usize)> = places.par_iter().enumerate().map(cell).collect();
+        turns.par_sort_unstable();
+        let groups: Vec<_> = turns.chunk_by(|one, other| one.0 == other.0).collect();
+        let asked = groups.par_iter().flat_map_iter(|group| {
+            let near = cells.nearest(cells.centre(group[0].0), COUNT);
+            let rough = roughness(&near, &squares, right);
+            let of = move |&(_, i): &(usize, usize)| {
+                let slope =
+                    |(distance, j): (f64, usize)| (others.values[i] - values[j]).abs() / distance;
+                let mut near = near.clone();
+                for (distance, j) in &mut near {
+                    let [u, v] = [0, 1].map(|axis| places[i][axis] - own[*j][axis]);
+                    *distance = u.hypot(v).max(closest);
+                }
+                (i, rough, agreement(&near, slope, steepest, size))
+            };
+            group.iter().map(of)
         });
-        let agreement: Vec<f64> = agreement.collect();
+        let asked: Vec<(usize, f64, f64)> = asked.collect();
+        let mut scales = others.spreads(found);
+        let mut agreement = vec![0.0; scales.len()];
+        for (i, rough, agreeing) in asked {
+            scales[i] *= scale * rough;
+            agreement[i] = agreeing;
+        }
         let mut right = vec![1.0; scales.len()];
         let parts = right.par_chunks_mut(TOGETHER).enumerate();
         parts.for_each(|(part, right)| {
