@@ -18,8 +18,11 @@ use rayon::prelude::*;
 /// More points than this are judged by the field alone.
 const CLOSE: usize = 10_000;
 
-/// Of more points than this, so many judge all, by the field of so many blocks of pixels.
+/// Of so many points, and so many for each pixel of the field, some judge all by a field of blocks of pixels. With fewer
+/// for each pixel, what is wrong next to an edge would matter more.
 const DENSE: usize = 30_000;
+const EACH: usize = 3;
+/// The points that judge, and the blocks.
 const JUDGES: usize = 20_000;
 const BLOCKS: usize = 5000;
 
@@ -33,7 +36,7 @@ pub(in crate::fit) fn judge(
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
     match estimator {
-        Estimator::Field(field) if rows.values.len() > DENSE => dense(rows, field, plain),
+        Estimator::Field(field) if is_dense(rows, field) => dense(rows, field, plain),
         Estimator::Field(field) => in_order(rows, |order| {
             if order.len() > CLOSE {
                 close(rows, order, field, plain)
@@ -55,6 +58,11 @@ pub(in crate::fit) fn judge(
             Ok(judge_all(&points, &start, &Refit::new(rows, estimator))?.judgements())
         }
     }
+}
+
+fn is_dense(rows: &Rows<'_>, field: FieldEstimator<'_>) -> bool {
+    let (height, width) = field.scene.affinities.size();
+    rows.values.len() >= DENSE.max(EACH * height * width)
 }
 
 /// Judges points in an order that does not depend on the one in which they are given.
@@ -127,12 +135,18 @@ fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result
     Ok(all)
 }
 
-/// Some points, and the others: a random choice, which does not depend on the order in which they are given.
+/// Some points, and the others: a random choice, which depends neither on the order in which they are given nor on the
+/// unit of their values.
 fn judges(rows: &Rows<'_>) -> (Vec<usize>, Vec<usize>) {
-    let mark = |i: usize| (lsdc_rng::hash(&key(rows, i).map(f64::to_le_bytes)), i);
-    let mut marks: Vec<(u64, usize)> = (0..rows.values.len()).into_par_iter().map(mark).collect();
+    let mark = |i: usize| {
+        let place = rows.places.map_or([0.0; 2], |places| places[i]);
+        let place = lsdc_rng::hash(&place.map(f64::to_le_bytes));
+        // Depths are above 0: their bits are in their order.
+        (place, rows.values[i].to_bits(), i)
+    };
+    let mut marks: Vec<_> = (0..rows.values.len()).into_par_iter().map(mark).collect();
     marks.select_nth_unstable(JUDGES);
-    let mut judges: Vec<usize> = marks.into_iter().map(|(_, i)| i).collect();
+    let mut judges: Vec<usize> = marks.into_iter().map(|(.., i)| i).collect();
     let mut others = judges.split_off(JUDGES);
     others.par_sort_unstable();
     (judges, others)

@@ -80,7 +80,8 @@ pub(super) fn judge<'a>(
     if points.values.len() >= FEWEST {
         judged.rounds(false, ROUNDS[0], predict)?;
         judged.rounds(true, ROUNDS[1], predict)?;
-        doubt_few(&mut judged.right);
+        judged.doubt = doubt(&judged.right);
+        doubted(&mut judged.right, judged.doubt);
         judged.noise = points.noise_of(&judged.found, &judged.right);
     }
     Ok(judged)
@@ -99,6 +100,8 @@ pub(super) struct Judged<'a> {
     /// The variances with which the points predict.
     noise: Vec<f64>,
     is_first: bool,
+    /// What the odds that a point is wrong are multiplied by in the end.
+    doubt: f64,
 }
 
 impl<'a> Judged<'a> {
@@ -114,6 +117,7 @@ impl<'a> Judged<'a> {
             scales,
             noise: start.to_vec(),
             is_first: true,
+            doubt: 1.0,
         })
     }
 
@@ -208,7 +212,7 @@ impl<'a> Judged<'a> {
             self.mixture
                 .weigh(errors, scales, Some(&agreement[range]), right);
         });
-        doubt_few(&mut right);
+        doubted(&mut right, self.doubt);
         let noise = others.noise_of(found, &right);
         judgements(found, &right, &scales, &noise)
     }
@@ -273,11 +277,14 @@ impl Evidence {
 
 /// Of perfect points, up to 1 % look wrong, because they lie on things that the image does not show. Where so few
 /// do, the odds that one is wrong are lower than those that are the same everywhere.
-fn doubt_few(right: &mut [f64]) {
+fn doubt(right: &[f64]) -> f64 {
     /// With this share of wrong points and more, there is no doubt.
     const MANY: f64 = 0.06;
     let wrong: f64 = right.iter().map(|right| 1.0 - right).sum();
-    let doubt = (wrong / right.len() as f64 / MANY).min(1.0).powi(2);
+    (wrong / right.len() as f64 / MANY).min(1.0).powi(2)
+}
+
+fn doubted(right: &mut [f64], doubt: f64) {
     for right in right {
         *right /= *right + (1.0 - *right) * doubt;
     }
@@ -412,7 +419,7 @@ impl Mixture {
                 2.0 * (1.0 - self.above)
             };
             // Densities of the error in units of the scale.
-            let widths = [self.size, self.unit].map(|size| (size / scale).hypot(1.0));
+            let widths = [self.size, self.unit].map(|size| (1.0 + (size / scale).powi(2)).sqrt());
             let squares = widths.map(|width| (z / width).powi(2));
             let usual = (1.0 - GROSS) * (-0.5 * squares[0]).exp() / (ROOT_TAU * widths[0]);
             let tail =

@@ -237,7 +237,7 @@ fn prior() -> Prior {
 
 #[test]
 fn wrong_points_are_found_and_lose_their_influence() {
-    for count in [150, 1200, 24_000] {
+    for count in [150, 1200, 24_000, 40_000] {
         let slope = Slope::new(count, 0.2);
         let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
         let wrong = (0..count).filter(|&i| slope.wrong(i)).count();
@@ -308,13 +308,20 @@ fn right_points_are_trusted() {
 
 #[test]
 fn neither_unit_nor_order_of_the_points_matters() {
-    let slope = Slope::new(150, 0.2);
+    // Few, and so many that only some judge.
+    for count in [150, 33_000] {
+        is_one_whatever_unit_and_order(count);
+    }
+}
+
+fn is_one_whatever_unit_and_order(count: usize) {
+    let slope = Slope::new(count, 0.2);
     let weights = |slope: &Slope| {
         let fit = fit(&slope.points(), &joint(Some(Loss::Auto)), Some(&prior())).unwrap();
         (fit.point_weights, fit.weights)
     };
     let (kept, solution) = weights(&slope);
-    let mut far = Slope::new(150, 0.2);
+    let mut far = Slope::new(count, 0.2);
     far.depths.iter_mut().for_each(|d| *d *= 8.0);
     let (scaled, larger) = weights(&far);
     for (one, other) in kept.iter().zip(&scaled) {
@@ -323,10 +330,10 @@ fn neither_unit_nor_order_of_the_points_matters() {
     for (one, other) in solution.iter().zip(&larger) {
         assert!((8.0 * one - other).abs() < 1e-8 * other.abs().max(1.0));
     }
-    let turn = |i: usize| (i * 7 + 3) % 150;
-    let mut turned = Slope::new(150, 0.2);
-    let stride = slope.bases.len() / 150;
-    for i in 0..150 {
+    let turn = |i: usize| (i * 7 + 3) % count;
+    let mut turned = Slope::new(count, 0.2);
+    let stride = slope.bases.len() / count;
+    for i in 0..count {
         turned.depths[i] = slope.depths[turn(i)];
         turned.places[i] = slope.places[turn(i)];
         turned.bases[i * stride..][..stride]
