@@ -182,27 +182,28 @@ impl<'a> Judged<'a> {
         let mut turns: Vec<(usize, usize)> = places.par_iter().enumerate().map(cell).collect();
         turns.par_sort_unstable();
         let groups: Vec<_> = turns.chunk_by(|one, other| one.0 == other.0).collect();
-        let asked = groups.par_iter().flat_map_iter(|group| {
-            let near = cells.nearest(cells.centre(group[0].0), COUNT);
+        let asked = groups.par_iter().map(|group| {
+            let mut near = cells.nearest(cells.centre(group[0].0), COUNT);
             let rough = roughness(&near, &squares, right);
-            let of = move |&(_, i): &(usize, usize)| {
-                let slope =
-                    |(distance, j): (f64, usize)| (others.values[i] - values[j]).abs() / distance;
-                let mut near = near.clone();
+            let agreeing = group.iter().map(|&(_, i)| {
                 for (distance, j) in &mut near {
                     let [u, v] = [0, 1].map(|axis| places[i][axis] - own[*j][axis]);
-                    *distance = u.hypot(v).max(closest);
+                    *distance = (u * u + v * v).sqrt().max(closest);
                 }
-                (i, rough, agreement(&near, slope, steepest, size))
-            };
-            group.iter().map(of)
+                let slope =
+                    |(distance, j): (f64, usize)| (others.values[i] - values[j]).abs() / distance;
+                agreement(&near, slope, steepest, size)
+            });
+            (rough, agreeing.collect())
         });
-        let asked: Vec<(usize, f64, f64)> = asked.collect();
+        let asked: Vec<(f64, Vec<f64>)> = asked.collect();
         let mut scales = others.spreads(found);
         let mut agreement = vec![0.0; scales.len()];
-        for (i, rough, agreeing) in asked {
-            scales[i] *= scale * rough;
-            agreement[i] = agreeing;
+        for (group, (rough, agreeing)) in groups.into_iter().zip(asked) {
+            for (&(_, i), agreeing) in group.iter().zip(agreeing) {
+                scales[i] *= scale * rough;
+                agreement[i] = agreeing;
+            }
         }
         let mut right = vec![1.0; scales.len()];
         let parts = right.par_chunks_mut(TOGETHER).enumerate();
@@ -575,13 +576,12 @@ fn agreement(
     /// The least probability that a wrong point agrees by chance.
     const CHANCE: f64 = 0.02;
     let agreeing = near.iter().filter(|near| slope(**near) <= steepest);
-    let agreeing = agreeing.count() as f64;
-    if agreeing == 0.0 {
+    let agreeing = agreeing.count();
+    if agreeing == 0 {
         return 0.0;
     }
-    let count = near.len() as f64;
-    let reach: f64 = near.iter().map(|near| near.0).sum::<f64>() / count;
+    let reach = near.iter().map(|near| near.0).sum::<f64>() / near.len() as f64;
     let chance = (2.0 * steepest * reach / (12.0_f64.sqrt() * size)).clamp(CHANCE, SAME);
     let others = (1.0 - SAME) / (1.0 - chance);
-    (SAME / chance).powf(agreeing) * others.powf(count - agreeing)
+    (SAME / chance).powi(agreeing as i32) * others.powi((near.len() - agreeing) as i32)
 }
