@@ -1,8 +1,8 @@
 //! Points judged by one another, whatever is fitted to them.
 
 use super::local::Local;
-use super::medians::{deviation, median};
-use super::mixture::{Evidence, Judged, Judgement, judge as judge_all};
+use super::medians::deviation;
+use super::mixture::{Evidence, Judged, Judgement, Neighbours, judge as judge_all, judge_with};
 use super::refit::Refit;
 use super::reweighted::reweighted;
 use super::{Loss, Robust};
@@ -12,7 +12,6 @@ use crate::fit::Blocks;
 use crate::fit::joint::FieldEstimator;
 use crate::fit::points::Rows;
 use crate::fit::{Estimate, Estimator};
-use crate::nearest::Cells;
 use rayon::prelude::*;
 
 /// More points than this are judged by the field alone.
@@ -161,27 +160,14 @@ fn alone<'a>(points: &'a Evidence, refit: &Refit<'_>) -> Result<Judged<'a>> {
     /// Smaller differences, relative to depth, may be due to the unit in which depths are stored.
     const ROUNDING: f64 = 1e-3;
     // A mean of many cannot tell the right ones from the wrong ones, a median can.
-    let off = off_neighbours(refit.rows);
+    let neighbours = Neighbours::new(points);
+    let off = neighbours.off(&refit.rows.values);
     let scale = deviation(&off).max(ROUNDING * points.unit);
     let pairs = points.noise.iter().zip(&off);
     let start: Vec<f64> = pairs
         .map(|(noise, off)| noise * (1.0 + (off / scale).powi(2)))
         .collect();
-    judge_all(points, &start, refit)
-}
-
-/// Each value minus the median of its neighbours'.
-fn off_neighbours(rows: &Rows<'_>) -> Vec<f64> {
-    const COUNT: usize = 8;
-    let places = rows.places.unwrap_or_default();
-    let cells = Cells::new(places);
-    let pairs = places.par_iter().zip(&rows.values).enumerate();
-    let off = pairs.map(|(i, (&place, value))| {
-        let near = cells.nearest(place, COUNT + 1).into_iter();
-        let others = near.filter(|(_, j)| *j != i).take(COUNT);
-        value - median(others.map(|(_, j)| rows.values[j]))
-    });
-    off.collect()
+    judge_with(points, neighbours, &start, refit)
 }
 
 /// Points are predicted by the nearest of those in their block, which is as large as covariances are cheap for.

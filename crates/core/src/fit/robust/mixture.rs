@@ -76,7 +76,17 @@ pub(super) fn judge<'a>(
     start: &[f64],
     predict: &impl Predict,
 ) -> Result<Judged<'a>> {
-    let mut judged = Judged::new(points, start, predict)?;
+    judge_with(points, Neighbours::new(points), start, predict)
+}
+
+/// The same with known neighbours.
+pub(super) fn judge_with<'a>(
+    points: &'a Evidence,
+    neighbours: Neighbours,
+    start: &[f64],
+    predict: &impl Predict,
+) -> Result<Judged<'a>> {
+    let mut judged = Judged::new(points, neighbours, start, predict)?;
     if points.values.len() >= FEWEST {
         judged.rounds(false, ROUNDS[0], predict)?;
         judged.rounds(true, ROUNDS[1], predict)?;
@@ -105,12 +115,17 @@ pub(super) struct Judged<'a> {
 }
 
 impl<'a> Judged<'a> {
-    fn new(points: &'a Evidence, start: &[f64], predict: &impl Predict) -> Result<Self> {
+    fn new(
+        points: &'a Evidence,
+        neighbours: Neighbours,
+        start: &[f64],
+        predict: &impl Predict,
+    ) -> Result<Self> {
         let found = predict.predict(start)?;
         let scales = points.spreads(&found);
         Ok(Self {
             points,
-            neighbours: Neighbours::new(points),
+            neighbours,
             mixture: Mixture::new(points, &found.errors, &scales),
             found,
             right: vec![1.0; points.values.len()],
@@ -472,7 +487,7 @@ const COUNT: usize = 8;
 
 /// The nearest points of each point.
 #[derive(Debug)]
-struct Neighbours {
+pub(super) struct Neighbours {
     /// Their distances and indices.
     nearest: Vec<Vec<(f64, usize)>>,
     /// Closer neighbours count as so far away.
@@ -480,7 +495,7 @@ struct Neighbours {
 }
 
 impl Neighbours {
-    fn new(points: &Evidence) -> Self {
+    pub(super) fn new(points: &Evidence) -> Self {
         /// Of the median distance.
         const CLOSEST: f64 = 0.1;
         let Some(places) = &points.places else {
@@ -502,6 +517,14 @@ impl Neighbours {
             *distance = distance.max(closest);
         }
         Self { nearest, closest }
+    }
+
+    /// Each value minus the median of its neighbours'.
+    pub(super) fn off(&self, values: &[f64]) -> Vec<f64> {
+        let pairs = self.nearest.par_iter().zip(values);
+        pairs
+            .map(|(near, value)| value - median(near.iter().map(|&(_, j)| values[j])))
+            .collect()
     }
 
     /// Multiplies spreads by how much farther off the neighbours are than the average of points.
