@@ -49,6 +49,18 @@ impl Cells {
         })
     }
 
+    /// The cell nearest to a position, or containing it.
+    pub(crate) fn index(&self, place: [f64; 2]) -> usize {
+        let [column, row] = self.cell(place);
+        row as usize * self.columns + column as usize
+    }
+
+    /// The centre of a cell.
+    pub(crate) fn centre(&self, cell: usize) -> [f64; 2] {
+        let place = [cell % self.columns, cell / self.columns];
+        [0, 1].map(|axis| self.origin[axis] + (place[axis] as f64 + 0.5) * self.side)
+    }
+
     /// The `count` positions nearest to a given one, nearest first, as squared distance and index; ties are
     /// broken by index.
     pub fn nearest(&self, place: [f64; 2], count: usize) -> Vec<(f64, usize)> {

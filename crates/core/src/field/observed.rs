@@ -152,6 +152,11 @@ impl Observed {
         self.taps.iter().map(|taps| inverse.at(taps)).collect()
     }
 
+    /// The variance of the field where it is read from these pixels, given the targets.
+    pub fn variance(&self, taps: &Taps) -> f64 {
+        self.inverse().at(taps)
+    }
+
     /// The variance of the field at each pixel: the diagonal of `H^-1`.
     pub fn pixel_variances(&self) -> Vec<f64> {
         self.inverse().diagonal()

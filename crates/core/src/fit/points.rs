@@ -194,17 +194,18 @@ impl Rows<'_> {
         self.space != Space::Log
     }
 
-    /// These points with other values, and no basis functions but one that is 0. `places` are theirs.
+    /// Some points, of which `values` are others than theirs, and no basis functions but one that is 0. `places` are
+    /// those of these points.
     pub(super) fn alone<'b>(
         &self,
         points: &[usize],
         places: &'b [[f64; 2]],
-        values: Vec<f64>,
+        values: &[f64],
         zeros: &'b [f32],
     ) -> Rows<'b> {
         Rows {
             bases: Bases::Rows(zeros),
-            values,
+            values: points.iter().map(|&i| values[i]).collect(),
             weights: points.iter().map(|&i| self.weights[i]).collect(),
             variances: points.iter().map(|&i| self.variances[i]).collect(),
             places: Some(places),

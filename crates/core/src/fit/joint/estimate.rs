@@ -7,7 +7,7 @@ use super::sites::{Sample, Sites};
 use super::smoothness::Smoothness;
 use crate::error::{FitError, Result};
 use crate::field;
-use crate::fit::affinities::{Scene, Smooth};
+use crate::fit::affinities::{Affinities, Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
@@ -49,6 +49,34 @@ const DENSE: usize = 30_000;
 const START: usize = 700;
 
 impl FieldEstimator<'_> {
+    /// The field alone.
+    pub(in crate::fit) fn without_functions(self) -> Self {
+        Self {
+            prior: None,
+            ridges: &[],
+            ..self
+        }
+    }
+
+    /// The same on a coarser grid, of blocks of so many pixels.
+    pub(in crate::fit) fn on<'b>(self, blocks: &'b Affinities, area: usize) -> FieldEstimator<'b>
+    where
+        Self: 'b,
+    {
+        FieldEstimator {
+            scene: Scene {
+                affinities: blocks,
+                size: self.scene.size,
+                guide: None,
+            },
+            joint: JointConfig {
+                level: self.joint.level * area as f64,
+                ..self.joint
+            },
+            ..self
+        }
+    }
+
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
         let found = match self.prior {

@@ -83,6 +83,15 @@ impl FieldFit {
         }
     }
 
+    /// The field of many sites where it is read from these pixels, and its variance; 0 of few.
+    pub(in crate::fit) fn at(&self, taps: &Taps) -> (f64, f64) {
+        let variance = match &self.form {
+            Form::Few(_) => 0.0,
+            Form::Many { field, .. } => field.variance(taps),
+        };
+        (self.smooth.read(taps), variance)
+    }
+
     /// Variances at every pixel of the field, where the steps between neighbours with affinity 1 have variance 1.
     /// `bases` returns the basis functions and cosines `[places, k]` at positions in an image of the size of the
     /// field.

@@ -1,21 +1,29 @@
 //! Points judged by one another, whatever is fitted to them.
 
 use super::local::Local;
-use super::medians::{deviation, median};
-use super::mixture::{Evidence, Judgement, judge as judge_all};
+use super::medians::deviation;
+use super::mixture::{Evidence, Judged, Judgement, Neighbours, judge as judge_all, judge_with};
 use super::refit::Refit;
 use super::reweighted::reweighted;
 use super::{Loss, Robust};
 use crate::error::Result;
 use crate::field::MOST;
+use crate::fit::Blocks;
 use crate::fit::joint::FieldEstimator;
 use crate::fit::points::Rows;
 use crate::fit::{Estimate, Estimator};
-use crate::nearest::Cells;
 use rayon::prelude::*;
 
 /// More points than this are judged by the field alone.
 const CLOSE: usize = 10_000;
+
+/// Of so many points, and so many for each pixel of the field, some judge all by a field of blocks of pixels. With fewer
+/// for each pixel, what is wrong next to an edge would matter more.
+const DENSE: usize = 30_000;
+const EACH: usize = 3;
+/// The points that judge, and the blocks.
+const JUDGES: usize = 20_000;
+const BLOCKS: usize = 5000;
 
 /// Judges each point by the others. `plain` is the fit to all of them.
 ///
@@ -27,6 +35,7 @@ pub(in crate::fit) fn judge(
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
     match estimator {
+        Estimator::Field(field) if is_dense(rows, field) => dense(rows, field, plain),
         Estimator::Field(field) => in_order(rows, |order| {
             if order.len() > CLOSE {
                 close(rows, order, field, plain)
@@ -39,15 +48,20 @@ pub(in crate::fit) fn judge(
             let points = evidence(rows, &all, 1.0);
             if all.len() <= plain.solution.rank {
                 // A fit through every point: none says anything of another.
-                return Ok(Judgement::unknown(&points));
+                return Ok(Judgement::unknown(&points.noise));
             }
             // A fit of few functions to all points cannot tell right ones from wrong ones.
             let cauchy = Robust::new(Loss::Cauchy);
             let (_, weights) = reweighted(rows, estimator, plain.clone(), cauchy)?;
             let start: Vec<f64> = weights.iter().map(|weight| weight.recip()).collect();
-            judge_all(&points, &start, &Refit { rows, estimator })
+            Ok(judge_all(&points, &start, &Refit::new(rows, estimator))?.judgements())
         }
     }
+}
+
+fn is_dense(rows: &Rows<'_>, field: FieldEstimator<'_>) -> bool {
+    let (height, width) = field.scene.affinities.size();
+    rows.values.len() >= DENSE.max(EACH * height * width)
 }
 
 /// Judges points in an order that does not depend on the one in which they are given.
@@ -55,17 +69,26 @@ fn in_order(
     rows: &Rows<'_>,
     judge: impl Fn(&[usize]) -> Result<Vec<Judgement>>,
 ) -> Result<Vec<Judgement>> {
-    let places = rows.places.unwrap_or_default();
-    let mut order: Vec<usize> = (0..places.len()).collect();
-    let key = |i: usize| [places[i][1], places[i][0], rows.values[i], rows.weights[i]];
-    order.par_sort_by(|&a, &b| {
-        let keys = key(a).into_iter().zip(key(b));
-        let unlike = keys.map(|(a, b)| a.total_cmp(&b)).find(|o| o.is_ne());
-        unlike.unwrap_or(a.cmp(&b))
-    });
+    let mut order: Vec<usize> = (0..rows.values.len()).collect();
+    sort(rows, &mut order);
     let mut judged: Vec<_> = order.iter().copied().zip(judge(&order)?).collect();
     judged.par_sort_by_key(|(i, _)| *i);
     Ok(judged.into_iter().map(|(_, judgement)| judgement).collect())
+}
+
+/// Sorts points by what they are.
+fn sort(rows: &Rows<'_>, points: &mut [usize]) {
+    points.par_sort_by(|&a, &b| {
+        let keys = key(rows, a).into_iter().zip(key(rows, b));
+        let unlike = keys.map(|(a, b)| a.total_cmp(&b)).find(|o| o.is_ne());
+        unlike.unwrap_or(a.cmp(&b))
+    });
+}
+
+/// What a point is.
+fn key(rows: &Rows<'_>, i: usize) -> [f64; 4] {
+    let [u, v] = rows.places.map_or([0.0; 2], |places| places[i]);
+    [v, u, rows.values[i], rows.weights[i]]
 }
 
 /// The field alone predicts each of very many points from those next to it; what basis functions say, they say of
@@ -76,42 +99,75 @@ fn close(
     field: FieldEstimator<'_>,
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
+    let rests = rows.residuals(&plain.solution.weights);
+    let points = evidence(rows, order, field.joint.data);
+    let zeros = vec![0.0; order.len()];
+    let rows = rows.alone(order, places(&points), &rests, &zeros);
+    let estimator = Estimator::Field(field.without_functions());
+    Ok(alone(&points, &Refit::new(&rows, estimator))?.judgements())
+}
+
+/// Where points are dense, some of them judge one another by a field of blocks of pixels, and then all others.
+fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result<Vec<Judgement>> {
+    let rests = rows.residuals(&plain.solution.weights);
+    let (mut judges, others) = judges(rows);
+    sort(rows, &mut judges);
+    let points = evidence(rows, &judges, field.joint.data);
+    let zeros = vec![0.0; judges.len()];
+    let own = rows.alone(&judges, places(&points), &rests, &zeros);
+    let fine = field.scene.affinities;
+    let blocks = Blocks::new(fine.size(), BLOCKS);
+    let coarse = blocks.affinities(&fine.grid(0.0));
+    let field = field.without_functions().on(&coarse, blocks.area());
+    let refit = Refit::new(&own, Estimator::Field(field));
+    let judged = alone(&points, &refit)?;
+
+    let points = evidence(rows, &others, field.joint.data);
+    let read = |(&place, &i): (&[f64; 2], &usize)| (field.scene.taps(place), rests[i]);
+    let pairs = places(&points).par_iter().zip(&others).map(read);
+    let found = refit.others(judged.noise(), pairs)?;
+    let mut all = Judgement::unknown(&rows.weights);
+    let both = judges.into_iter().zip(judged.judgements());
+    for (i, judgement) in both.chain(others.into_iter().zip(judged.others(&points, &found))) {
+        all[i] = judgement;
+    }
+    Ok(all)
+}
+
+/// Some points, and the others: a random choice, which depends neither on the order in which they are given nor on the
+/// unit of their values.
+fn judges(rows: &Rows<'_>) -> (Vec<usize>, Vec<usize>) {
+    let mark = |i: usize| {
+        let place = rows.places.map_or([0.0; 2], |places| places[i]);
+        let place = lsdc_rng::hash(&place.map(f64::to_le_bytes));
+        // Depths are above 0: their bits are in their order.
+        (place, rows.values[i].to_bits(), i)
+    };
+    let mut marks: Vec<_> = (0..rows.values.len()).into_par_iter().map(mark).collect();
+    marks.select_nth_unstable(JUDGES);
+    let mut judges: Vec<usize> = marks.into_iter().map(|(.., i)| i).collect();
+    let mut others = judges.split_off(JUDGES);
+    others.par_sort_unstable();
+    (judges, others)
+}
+
+fn places(points: &Evidence) -> &[[f64; 2]] {
+    points.places.as_deref().unwrap_or_default()
+}
+
+/// Judges points by what basis functions leave of them.
+fn alone<'a>(points: &'a Evidence, refit: &Refit<'_>) -> Result<Judged<'a>> {
     /// Smaller differences, relative to depth, may be due to the unit in which depths are stored.
     const ROUNDING: f64 = 1e-3;
-    let points = evidence(rows, order, field.joint.data);
-    let rests = rows.residuals(&plain.solution.weights);
-    let rests = order.iter().map(|&i| rests[i]).collect();
-    let zeros = vec![0.0; order.len()];
-    let places = points.places.as_deref().unwrap_or_default();
-    let rests = rows.alone(order, places, rests, &zeros);
-    let estimator = Estimator::Field(FieldEstimator {
-        prior: None,
-        ridges: &[],
-        ..field
-    });
     // A mean of many cannot tell the right ones from the wrong ones, a median can.
-    let off = off_neighbours(&rests);
+    let neighbours = Neighbours::new(points);
+    let off = neighbours.off(&refit.rows.values);
     let scale = deviation(&off).max(ROUNDING * points.unit);
     let pairs = points.noise.iter().zip(&off);
     let start: Vec<f64> = pairs
         .map(|(noise, off)| noise * (1.0 + (off / scale).powi(2)))
         .collect();
-    let rows = &rests;
-    judge_all(&points, &start, &Refit { rows, estimator })
-}
-
-/// Each value minus the median of its neighbours'.
-fn off_neighbours(rows: &Rows<'_>) -> Vec<f64> {
-    const COUNT: usize = 8;
-    let places = rows.places.unwrap_or_default();
-    let cells = Cells::new(places);
-    let pairs = places.par_iter().zip(&rows.values).enumerate();
-    let off = pairs.map(|(i, (&place, value))| {
-        let near = cells.nearest(place, COUNT + 1).into_iter();
-        let others = near.filter(|(_, j)| *j != i).take(COUNT);
-        value - median(others.map(|(_, j)| rows.values[j]))
-    });
-    off.collect()
+    judge_with(points, neighbours, &start, refit)
 }
 
 /// Points are predicted by the nearest of those in their block, which is as large as covariances are cheap for.
@@ -130,7 +186,7 @@ fn by_covariances(
         field.covariance(rows, &block, lambda)
     };
     let local = Local::new(&points.values, places, &blocks, covariance)?;
-    judge_all(&points, &points.noise, &local)
+    Ok(judge_all(&points, &points.noise, &local)?.judgements())
 }
 
 /// Halves points across their longer side until there are few enough.

@@ -71,57 +71,177 @@ const FEWEST: usize = 4;
 const LEAST: f64 = 1e-6;
 
 /// Judges each of some points by the others, which at first predict with noise of the variances `start`.
-pub(super) fn judge(
-    points: &Evidence,
+pub(super) fn judge<'a>(
+    points: &'a Evidence,
     start: &[f64],
     predict: &impl Predict,
-) -> Result<Vec<Judgement>> {
-    let n = points.values.len();
-    let neighbours = Neighbours::new(points);
-    let mut right = vec![1.0; n];
-    let mut noise = start.to_vec();
-    let mut found = predict.predict(&noise)?;
-    let mut scales = points.spreads(&found);
-    if n >= FEWEST {
-        let mut mixture = Mixture::new(points, &found.errors, &scales);
-        let rounds = [false, true].into_iter().zip(ROUNDS);
-        let mut first = true;
-        for (asked, most) in rounds {
-            for _ in 0..most {
-                if !first {
-                    found = predict.predict(&noise)?;
-                }
-                let before = right.clone();
-                let spreads = points.spreads(&found);
-                let agreement =
-                    asked.then(|| neighbours.agreement(&points.values, &right, mixture.size));
-                for _ in 0..STEPS[usize::from(!first)] {
-                    scales.clone_from(&spreads);
-                    if asked {
-                        neighbours.roughen(&mut scales, &found.errors, &right, mixture.scale);
-                    }
-                    for scale in &mut scales {
-                        *scale *= mixture.scale;
-                    }
-                    mixture.step(&found.errors, &scales, agreement.as_deref(), &mut right);
-                }
-                noise = points.noise_of(&found, &right);
-                first = false;
-                if is_settled(&before, &right) {
-                    break;
-                }
+) -> Result<Judged<'a>> {
+    judge_with(points, Neighbours::new(points), start, predict)
+}
+
+/// The same with known neighbours.
+pub(super) fn judge_with<'a>(
+    points: &'a Evidence,
+    neighbours: Neighbours,
+    start: &[f64],
+    predict: &impl Predict,
+) -> Result<Judged<'a>> {
+    let mut judged = Judged::new(points, neighbours, start, predict)?;
+    if points.values.len() >= FEWEST {
+        judged.rounds(false, ROUNDS[0], predict)?;
+        judged.rounds(true, ROUNDS[1], predict)?;
+        judged.doubt = doubt(&judged.right);
+        doubted(&mut judged.right, judged.doubt);
+        judged.noise = points.noise_of(&judged.found, &judged.right);
+    }
+    Ok(judged)
+}
+
+/// Points, and what is known of them after some rounds.
+#[derive(Debug)]
+pub(super) struct Judged<'a> {
+    points: &'a Evidence,
+    neighbours: Neighbours,
+    mixture: Mixture,
+    /// The last predictions.
+    found: Predictions,
+    right: Vec<f64>,
+    scales: Vec<f64>,
+    /// The variances with which the points predict.
+    noise: Vec<f64>,
+    is_first: bool,
+    /// What the odds that a point is wrong are multiplied by in the end.
+    doubt: f64,
+}
+
+impl<'a> Judged<'a> {
+    fn new(
+        points: &'a Evidence,
+        neighbours: Neighbours,
+        start: &[f64],
+        predict: &impl Predict,
+    ) -> Result<Self> {
+        let found = predict.predict(start)?;
+        let scales = points.spreads(&found);
+        Ok(Self {
+            points,
+            neighbours,
+            mixture: Mixture::new(points, &found.errors, &scales),
+            found,
+            right: vec![1.0; points.values.len()],
+            scales,
+            noise: start.to_vec(),
+            is_first: true,
+            doubt: 1.0,
+        })
+    }
+
+    /// At most so many rounds, which ask neighbours or not.
+    fn rounds(&mut self, asked: bool, most: usize, predict: &impl Predict) -> Result<()> {
+        for _ in 0..most {
+            if !self.is_first {
+                self.found = predict.predict(&self.noise)?;
+            }
+            let before = self.right.clone();
+            self.round(asked);
+            if is_settled(&before, &self.right) {
+                break;
             }
         }
-        doubt_few(&mut right);
-        noise = points.noise_of(&found, &right);
+        Ok(())
     }
-    let all = (0..n).map(|i| Judgement {
+
+    /// Steps of expectation maximisation with the same predictions.
+    fn round(&mut self, asked: bool) {
+        let (points, errors, mixture) = (self.points, &self.found.errors, &mut self.mixture);
+        let spreads = points.spreads(&self.found);
+        let neighbours = &self.neighbours;
+        let agreement =
+            asked.then(|| neighbours.agreement(&points.values, &self.right, mixture.size));
+        for _ in 0..STEPS[usize::from(!self.is_first)] {
+            self.scales.clone_from(&spreads);
+            if asked {
+                neighbours.roughen(&mut self.scales, errors, &self.right, mixture.scale);
+            }
+            for scale in &mut self.scales {
+                *scale *= mixture.scale;
+            }
+            mixture.step(errors, &self.scales, agreement.as_deref(), &mut self.right);
+        }
+        self.noise = points.noise_of(&self.found, &self.right);
+        self.is_first = false;
+    }
+
+    /// The variances with which the points predict others.
+    pub(super) fn noise(&self) -> &[f64] {
+        &self.noise
+    }
+
+    /// What the others say of each point.
+    pub(super) fn judgements(&self) -> Vec<Judgement> {
+        judgements(&self.found, &self.right, &self.scales, &self.noise)
+    }
+
+    /// What these points say of others, which they predict with these errors and variances.
+    pub(super) fn others(&self, others: &Evidence, found: &Predictions) -> Vec<Judgement> {
+        let places = [&others.places, &self.points.places];
+        let [places, own] = places.map(|places| places.as_deref().unwrap_or_default());
+        let (cells, closest) = (Cells::new(own), self.neighbours.closest);
+        let (values, right) = (&self.points.values, &self.right);
+        let Mixture { scale, size, .. } = self.mixture;
+        let spreads = self.points.spreads(&self.found);
+        let squares = squares(&self.found.errors, &spreads, scale);
+        let steepest = self.neighbours.steepest(values, right);
+        // All points of a cell ask the same neighbours.
+        let cell = |(i, &place): (usize, &[f64; 2])| (cells.index(place), i);
+        let mut turns: Vec<(usize, usize)> = places.par_iter().enumerate().map(cell).collect();
+        turns.par_sort_unstable();
+        let groups: Vec<_> = turns.chunk_by(|one, other| one.0 == other.0).collect();
+        let asked = groups.par_iter().map(|group| {
+            let mut near = cells.nearest(cells.centre(group[0].0), COUNT);
+            let rough = roughness(&near, &squares, right);
+            let agreeing = group.iter().map(|&(_, i)| {
+                for (distance, j) in &mut near {
+                    let [u, v] = [0, 1].map(|axis| places[i][axis] - own[*j][axis]);
+                    *distance = (u * u + v * v).sqrt().max(closest);
+                }
+                let slope =
+                    |(distance, j): (f64, usize)| (others.values[i] - values[j]).abs() / distance;
+                agreement(&near, slope, steepest, size)
+            });
+            (rough, agreeing.collect())
+        });
+        let asked: Vec<(f64, Vec<f64>)> = asked.collect();
+        let mut scales = others.spreads(found);
+        let mut agreement = vec![0.0; scales.len()];
+        for (group, (rough, agreeing)) in groups.into_iter().zip(asked) {
+            for (&(_, i), agreeing) in group.iter().zip(agreeing) {
+                scales[i] *= scale * rough;
+                agreement[i] = agreeing;
+            }
+        }
+        let mut right = vec![1.0; scales.len()];
+        let parts = right.par_chunks_mut(TOGETHER).enumerate();
+        parts.for_each(|(part, right)| {
+            let range = part * TOGETHER..part * TOGETHER + right.len();
+            let (errors, scales) = (&found.errors[range.clone()], &scales[range.clone()]);
+            self.mixture
+                .weigh(errors, scales, Some(&agreement[range]), right);
+        });
+        doubted(&mut right, self.doubt);
+        let noise = others.noise_of(found, &right);
+        judgements(found, &right, &scales, &noise)
+    }
+}
+
+fn judgements(found: &Predictions, right: &[f64], scales: &[f64], noise: &[f64]) -> Vec<Judgement> {
+    let all = (0..right.len()).map(|i| Judgement {
         right: right[i],
         error: found.errors[i],
         scale: scales[i],
         precision: noise[i].recip(),
     });
-    Ok(all.collect())
+    all.collect()
 }
 
 /// Whether another round would hardly change the probabilities.
@@ -132,9 +252,9 @@ fn is_settled(before: &[f64], after: &[f64]) -> bool {
 }
 
 impl Judgement {
-    /// Of points of which none says anything of another.
-    pub(super) fn unknown(points: &Evidence) -> Vec<Self> {
-        let all = points.noise.iter().map(|noise| Self {
+    /// Of points with noise of such variances, of which none says anything of another.
+    pub(super) fn unknown(noise: &[f64]) -> Vec<Self> {
+        let all = noise.iter().map(|noise| Self {
             right: 1.0,
             error: 0.0,
             scale: noise.sqrt(),
@@ -173,11 +293,14 @@ impl Evidence {
 
 /// Of perfect points, up to 1 % look wrong, because they lie on things that the image does not show. Where so few
 /// do, the odds that one is wrong are lower than those that are the same everywhere.
-fn doubt_few(right: &mut [f64]) {
+fn doubt(right: &[f64]) -> f64 {
     /// With this share of wrong points and more, there is no doubt.
     const MANY: f64 = 0.06;
     let wrong: f64 = right.iter().map(|right| 1.0 - right).sum();
-    let doubt = (wrong / right.len() as f64 / MANY).min(1.0).powi(2);
+    (wrong / right.len() as f64 / MANY).min(1.0).powi(2)
+}
+
+fn doubted(right: &mut [f64], doubt: f64) {
     for right in right {
         *right /= *right + (1.0 - *right) * doubt;
     }
@@ -312,7 +435,7 @@ impl Mixture {
                 2.0 * (1.0 - self.above)
             };
             // Densities of the error in units of the scale.
-            let widths = [self.size, self.unit].map(|size| (size / scale).hypot(1.0));
+            let widths = [self.size, self.unit].map(|size| (1.0 + (size / scale).powi(2)).sqrt());
             let squares = widths.map(|width| (z / width).powi(2));
             let usual = (1.0 - GROSS) * (-0.5 * squares[0]).exp() / (ROOT_TAU * widths[0]);
             let tail =
@@ -359,18 +482,27 @@ const TOGETHER: usize = 4096;
 /// The square root of 2 pi.
 const ROOT_TAU: f64 = 2.506_628_274_631_000_7;
 
+/// Neighbours that are asked.
+const COUNT: usize = 8;
+
 /// The nearest points of each point.
 #[derive(Debug)]
-struct Neighbours(Vec<Vec<(f64, usize)>>);
+pub(super) struct Neighbours {
+    /// Their distances and indices.
+    nearest: Vec<Vec<(f64, usize)>>,
+    /// Closer neighbours count as so far away.
+    closest: f64,
+}
 
 impl Neighbours {
-    fn new(points: &Evidence) -> Self {
-        /// Neighbours that are asked.
-        const COUNT: usize = 8;
-        /// Of the median distance: closer neighbours count as so far away.
+    pub(super) fn new(points: &Evidence) -> Self {
+        /// Of the median distance.
         const CLOSEST: f64 = 0.1;
         let Some(places) = &points.places else {
-            return Self(vec![Vec::new(); points.values.len()]);
+            return Self {
+                nearest: vec![Vec::new(); points.values.len()],
+                closest: 0.0,
+            };
         };
         let cells = Cells::new(places);
         let nearest = |(i, place): (usize, &[f64; 2])| -> Vec<(f64, usize)> {
@@ -378,69 +510,101 @@ impl Neighbours {
             let others = found.filter(|(_, j)| *j != i).take(COUNT);
             others.map(|(square, j)| (square.sqrt(), j)).collect()
         };
-        let mut all: Vec<_> = places.par_iter().enumerate().map(nearest).collect();
-        let closest = CLOSEST * median(all.iter().flatten().map(|(distance, _)| *distance));
-        for (distance, _) in all.iter_mut().flatten() {
-            *distance = distance.max(closest).max(f64::MIN_POSITIVE);
+        let mut nearest: Vec<_> = places.par_iter().enumerate().map(nearest).collect();
+        let distances = nearest.iter().flatten().map(|(distance, _)| *distance);
+        let closest = (CLOSEST * median(distances)).max(f64::MIN_POSITIVE);
+        for (distance, _) in nearest.iter_mut().flatten() {
+            *distance = distance.max(closest);
         }
-        Self(all)
+        Self { nearest, closest }
+    }
+
+    /// Each value minus the median of its neighbours'.
+    pub(super) fn off(&self, values: &[f64]) -> Vec<f64> {
+        let pairs = self.nearest.par_iter().zip(values);
+        pairs
+            .map(|(near, value)| value - median(near.iter().map(|&(_, j)| values[j])))
+            .collect()
     }
 
     /// Multiplies spreads by how much farther off the neighbours are than the average of points.
     fn roughen(&self, spreads: &mut [f64], errors: &[f64], right: &[f64], scale: f64) {
-        /// The neighbours that an average counts as.
-        const TRUST: f64 = 3.0;
-        /// Squared ratios beyond this are those of points that only seem to be right.
-        const MOST: f64 = 64.0;
-        /// Less than a square root, which would be that of the variance of the neighbours: their errors have
-        /// heavy tails.
-        const POWER: f64 = 0.3;
-        let squares = errors.par_iter().zip(spreads.par_iter());
-        let squares: Vec<f64> = squares
-            .map(|(e, s)| (e / (s * scale)).powi(2).min(MOST))
-            .collect();
-        let pairs = spreads.par_iter_mut().zip(&self.0);
-        pairs.for_each(|(spread, neighbours)| {
-            let (mut sum, mut count) = (TRUST, TRUST);
-            for &(_, j) in neighbours {
-                sum += right[j] * squares[j];
-                count += right[j];
-            }
-            *spread *= (sum / count).powf(POWER);
-        });
+        let squares = squares(errors, spreads, scale);
+        let pairs = spreads.par_iter_mut().zip(&self.nearest);
+        pairs.for_each(|(spread, near)| *spread *= roughness(near, &squares, right));
     }
 
-    /// How much more likely it is that so many neighbours agree with each point if it lies with them on one
-    /// surface than if it is wrong by an error of this size. They agree if the difference of their values is no
-    /// larger than is usual among right neighbours so far apart. A point that agrees with none lies alone.
+    /// How much more likely each point is to agree with its neighbours as it does if it lies with them on one
+    /// surface than if it is wrong by an error of this size.
     fn agreement(&self, values: &[f64], right: &[f64], size: f64) -> Vec<f64> {
-        /// Of the median slope between neighbours.
-        const STEEPEST: f64 = 1.5;
-        /// The probability that a neighbour lies on the same surface.
-        const SAME: f64 = 0.4;
-        /// The least probability that a wrong point agrees by chance.
-        const CHANCE: f64 = 0.02;
-        let slope =
-            |i: usize, (distance, j): (f64, usize)| (values[i] - values[j]).abs() / distance;
-        let pairs = self.0.iter().enumerate().flat_map(|(i, neighbours)| {
-            let pair = move |&near: &(f64, usize)| (slope(i, near), right[i] * right[near.1]);
-            neighbours.iter().map(pair)
-        });
-        let steepest = STEEPEST * weighted_median(pairs.collect());
-        let ratio = |(i, neighbours): (usize, &Vec<(f64, usize)>)| {
-            let agreeing = neighbours
-                .iter()
-                .filter(|near| slope(i, **near) <= steepest);
-            let agreeing = agreeing.count() as f64;
-            if agreeing == 0.0 {
-                return 0.0;
-            }
-            let count = neighbours.len() as f64;
-            let reach: f64 = neighbours.iter().map(|near| near.0).sum::<f64>() / count;
-            let chance = (2.0 * steepest * reach / (12.0_f64.sqrt() * size)).clamp(CHANCE, SAME);
-            let others = (1.0 - SAME) / (1.0 - chance);
-            (SAME / chance).powf(agreeing) * others.powf(count - agreeing)
+        let steepest = self.steepest(values, right);
+        let ratio = |(near, value): (&Vec<(f64, usize)>, &f64)| {
+            let slope = |(distance, j): (f64, usize)| (value - values[j]).abs() / distance;
+            agreement(near, slope, steepest, size)
         };
-        self.0.par_iter().enumerate().map(ratio).collect()
+        self.nearest.par_iter().zip(values).map(ratio).collect()
     }
+
+    /// The steepest slope between neighbours that agree.
+    fn steepest(&self, values: &[f64], right: &[f64]) -> f64 {
+        /// Of the median slope.
+        const STEEPEST: f64 = 1.5;
+        let pairs = self.nearest.iter().enumerate().flat_map(|(i, near)| {
+            let pair = move |&(distance, j): &(f64, usize)| {
+                let slope = (values[i] - values[j]).abs() / distance;
+                (slope, right[i] * right[j])
+            };
+            near.iter().map(pair)
+        });
+        STEEPEST * weighted_median(pairs.collect())
+    }
+}
+
+/// The squared errors in units of their spreads times a scale.
+fn squares(errors: &[f64], spreads: &[f64], scale: f64) -> Vec<f64> {
+    /// Those beyond this are those of points that only seem to be right.
+    const MOST: f64 = 64.0;
+    let pairs = errors.par_iter().zip(spreads);
+    pairs
+        .map(|(e, s)| (e / (s * scale)).powi(2).min(MOST))
+        .collect()
+}
+
+/// How much farther off some neighbours are than the average of points.
+fn roughness(near: &[(f64, usize)], squares: &[f64], right: &[f64]) -> f64 {
+    /// The neighbours that an average counts as.
+    const TRUST: f64 = 3.0;
+    /// Less than a square root, which would be that of the variance of the neighbours: their errors have heavy
+    /// tails.
+    const POWER: f64 = 0.3;
+    let (mut sum, mut count) = (TRUST, TRUST);
+    for &(_, j) in near {
+        sum += right[j] * squares[j];
+        count += right[j];
+    }
+    (sum / count).powf(POWER)
+}
+
+/// How much more likely it is that so many neighbours agree with a point if it lies with them on one surface than if it
+/// is wrong by an error of this size. They agree if the slope to them is no steeper than is usual among right
+/// neighbours. A point that agrees with none lies alone.
+fn agreement(
+    near: &[(f64, usize)],
+    slope: impl Fn((f64, usize)) -> f64,
+    steepest: f64,
+    size: f64,
+) -> f64 {
+    /// The probability that a neighbour lies on the same surface.
+    const SAME: f64 = 0.4;
+    /// The least probability that a wrong point agrees by chance.
+    const CHANCE: f64 = 0.02;
+    let agreeing = near.iter().filter(|near| slope(**near) <= steepest);
+    let agreeing = agreeing.count();
+    if agreeing == 0 {
+        return 0.0;
+    }
+    let reach = near.iter().map(|near| near.0).sum::<f64>() / near.len() as f64;
+    let chance = (2.0 * steepest * reach / (12.0_f64.sqrt() * size)).clamp(CHANCE, SAME);
+    let others = (1.0 - SAME) / (1.0 - chance);
+    (SAME / chance).powi(agreeing as i32) * others.powi((near.len() - agreeing) as i32)
 }

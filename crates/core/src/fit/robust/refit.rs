@@ -1,23 +1,53 @@
 //! Predictions of points by a fit to all others.
 
 use super::mixture::{Predict, Predictions};
+use crate::bilinear::Taps;
 use crate::error::Result;
-use crate::fit::Estimator;
 use crate::fit::outcome::{least_freedom, leave_one_out};
 use crate::fit::points::Rows;
+use crate::fit::{Estimate, Estimator};
+use rayon::prelude::*;
 
 /// A fit to all points, in closed form without each of them.
 pub(super) struct Refit<'a> {
     pub(super) rows: &'a Rows<'a>,
-    pub(super) estimator: Estimator<'a>,
+    estimator: Estimator<'a>,
+}
+
+impl<'a> Refit<'a> {
+    pub(super) fn new(rows: &'a Rows<'a>, estimator: Estimator<'a>) -> Self {
+        Self { rows, estimator }
+    }
+
+    /// The fit to points with noise of such variances, and their weights.
+    fn fit(&self, noise: &[f64]) -> Result<(Estimate, Vec<f64>)> {
+        let data = self.estimator.data();
+        let weights: Vec<f64> = noise.iter().map(|v| (data * v).recip()).collect();
+        Ok((self.estimator.solve(self.rows, &weights)?, weights))
+    }
+
+    /// Predictions of other points by the field alone, which is fitted to all of these. The value of each other point
+    /// is what comes with the pixels that it is read from.
+    pub(super) fn others(
+        &self,
+        noise: &[f64],
+        others: impl IndexedParallelIterator<Item = (Taps, f64)>,
+    ) -> Result<Predictions> {
+        let (estimate, _) = self.fit(noise)?;
+        let field = estimate.field.as_deref();
+        let found = others.map(|(taps, value)| {
+            let (mean, variance) = field.map_or((0.0, 0.0), |field| field.at(&taps));
+            (value - mean, variance)
+        });
+        let (errors, variances) = found.unzip();
+        Ok(Predictions { errors, variances })
+    }
 }
 
 impl Predict for Refit<'_> {
     fn predict(&self, noise: &[f64]) -> Result<Predictions> {
-        let data = self.estimator.data();
         let field = matches!(self.estimator, Estimator::Field(_));
-        let weights: Vec<f64> = noise.iter().map(|v| (data * v).recip()).collect();
-        let estimate = self.estimator.solve(self.rows, &weights)?;
+        let (estimate, weights) = self.fit(noise)?;
         let leverages = estimate.leverages(self.rows, &weights);
         let least = least_freedom(field);
         let pairs = leverages.iter().zip(noise);

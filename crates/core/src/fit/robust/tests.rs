@@ -53,7 +53,8 @@ fn probabilities_are_those_of_the_two_kinds_that_were_drawn() {
             variances: deviations.iter().map(|d| d * d).collect(),
         }),
     )
-    .unwrap();
+    .unwrap()
+    .judgements();
     // Bayes' rule with the densities that the errors were drawn from.
     let mut worst: f64 = 0.0;
     let mut off = 0.0;
@@ -104,7 +105,9 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
             variances: vec![variance; 400],
         })
     };
-    let found = judge(&points, &points.noise, &known(1e-4)).unwrap();
+    let found = judge(&points, &points.noise, &known(1e-4))
+        .unwrap()
+        .judgements();
     let trust = |which: &dyn Fn(usize) -> bool| {
         let some = (0..400).filter(|&i| which(i)).map(|i| found[i].right);
         some.clone().sum::<f64>() / some.count() as f64
@@ -122,7 +125,10 @@ fn points_that_agree_with_their_neighbours_may_lie_on_something_hidden() {
         errors: errors.iter().map(|e| 8.0 * e).collect(),
         variances: vec![1e-4; 400],
     });
-    for (one, other) in found.iter().zip(judge(&far, &far.noise, &scaled).unwrap()) {
+    for (one, other) in found
+        .iter()
+        .zip(judge(&far, &far.noise, &scaled).unwrap().judgements())
+    {
         assert!((one.right - other.right).abs() < 1e-9);
         assert!((8.0 * one.error - other.error).abs() < 1e-9);
     }
@@ -231,7 +237,7 @@ fn prior() -> Prior {
 
 #[test]
 fn wrong_points_are_found_and_lose_their_influence() {
-    for count in [150, 1200, 24_000] {
+    for count in [150, 1200, 24_000, 40_000] {
         let slope = Slope::new(count, 0.2);
         let judged = judge_points(&slope.points(), &joint(None), Some(&prior())).unwrap();
         let wrong = (0..count).filter(|&i| slope.wrong(i)).count();
@@ -302,13 +308,20 @@ fn right_points_are_trusted() {
 
 #[test]
 fn neither_unit_nor_order_of_the_points_matters() {
-    let slope = Slope::new(150, 0.2);
+    // Few, and so many that only some judge.
+    for count in [150, 33_000] {
+        is_one_whatever_unit_and_order(count);
+    }
+}
+
+fn is_one_whatever_unit_and_order(count: usize) {
+    let slope = Slope::new(count, 0.2);
     let weights = |slope: &Slope| {
         let fit = fit(&slope.points(), &joint(Some(Loss::Auto)), Some(&prior())).unwrap();
         (fit.point_weights, fit.weights)
     };
     let (kept, solution) = weights(&slope);
-    let mut far = Slope::new(150, 0.2);
+    let mut far = Slope::new(count, 0.2);
     far.depths.iter_mut().for_each(|d| *d *= 8.0);
     let (scaled, larger) = weights(&far);
     for (one, other) in kept.iter().zip(&scaled) {
@@ -317,10 +330,10 @@ fn neither_unit_nor_order_of_the_points_matters() {
     for (one, other) in solution.iter().zip(&larger) {
         assert!((8.0 * one - other).abs() < 1e-8 * other.abs().max(1.0));
     }
-    let turn = |i: usize| (i * 7 + 3) % 150;
-    let mut turned = Slope::new(150, 0.2);
-    let stride = slope.bases.len() / 150;
-    for i in 0..150 {
+    let turn = |i: usize| (i * 7 + 3) % count;
+    let mut turned = Slope::new(count, 0.2);
+    let stride = slope.bases.len() / count;
+    for i in 0..count {
         turned.depths[i] = slope.depths[turn(i)];
         turned.places[i] = slope.places[turn(i)];
         turned.bases[i * stride..][..stride]
