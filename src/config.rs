@@ -25,9 +25,9 @@ pub enum Preset {
     Sharp,
     /// The same at half the widths, with half as many basis functions: 0.3 M.
     Small,
-    /// `sharp` that sees more of the image, with a first function that is a map of depth: 3.4 M.
+    /// `sharp` that sees more of the image, with a first function that is a map of depth: 3.3 M.
     Taught,
-    /// The same at half the widths: 0.9 M.
+    /// The same at half the widths: 0.8 M.
     TaughtSmall,
     /// `sharp` on top of a pretrained encoder: 2.1 M beside its 22 M.
     Anything,

@@ -5,10 +5,10 @@ use crate::bilinear::Taps;
 use crate::detail::detail;
 use crate::error::{FitError, Result};
 use crate::fit::{Fit, FitMethod, Judgement, RANGE, Smooth, root_mean_square};
-use crate::guide::Guide;
 use crate::image::{check_rows, check_size};
 use crate::map::DepthMap;
 use crate::scene::Scene;
+use crate::upsampling::Upsampling;
 use crate::usable::Usable;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -121,8 +121,15 @@ impl Completion {
         method: FitMethod,
         [network, fitting, field, solve]: [Duration; 4],
     ) -> Self {
-        let detail = scene.guide().and_then(|guide| {
-            let found = || detail(guide, &usable.places, &fit.residuals, &fit.point_weights);
+        let detail = scene.upsampling().and_then(|upsampling| {
+            let found = || {
+                detail(
+                    upsampling,
+                    &usable.places,
+                    &fit.residuals,
+                    &fit.point_weights,
+                )
+            };
             scene.completer().run(found)
         });
         let residuals = with_detail(&fit, &usable, detail.as_ref());
@@ -253,9 +260,9 @@ impl Completion {
             scene, fit, detail, ..
         } = &*self.0;
         scene.completer().run(|| {
-            let solved = scene.guide().map_or(size, Guide::grid);
-            let mut values = match (self.solved(solved), scene.guide()) {
-                (values, Some(guide)) => guide.enlarge(&values, size),
+            let solved = scene.upsampling().map_or(size, Upsampling::grid);
+            let mut values = match (self.solved(solved), scene.upsampling()) {
+                (values, Some(upsampling)) => upsampling.enlarge(&values, size),
                 (values, None) => values.into_owned(),
             };
             let (low, high) = self.limits();

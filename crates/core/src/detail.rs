@@ -3,7 +3,7 @@
 //! follow only their mean. Here the map follows each, and their neighbours by likeness.
 
 use crate::fit::Smooth;
-use crate::guide::Guide;
+use crate::upsampling::Upsampling;
 use rayon::prelude::*;
 
 /// Pixels on each side of the window.
@@ -23,15 +23,15 @@ struct Rest {
     weight: f32,
 }
 
-/// What is added to a map that is read with `guide`, from the residuals and weights (0 to 1) of observations at
+/// What is added to a map that is read with `upsampling`, from the residuals and weights (0 to 1) of observations at
 /// `places`; `None` if they are nowhere dense. A pixel that is observed with weight 1 gets its mean residual.
 pub(crate) fn detail(
-    guide: &Guide,
+    upsampling: &Upsampling,
     places: &[[f64; 2]],
     residuals: &[f64],
     weights: &[f64],
 ) -> Option<Smooth> {
-    let (height, width) = guide.size();
+    let (height, width) = upsampling.size();
     let pixel = |[u, v]: [f64; 2]| {
         let within = |place: f64, length: usize| (place.round().max(0.0) as usize).min(length - 1);
         within(v, height) * width + within(u, width)
@@ -81,23 +81,23 @@ pub(crate) fn detail(
     }
     let values = (0..height * width)
         .into_par_iter()
-        .map(|pixel| correction(guide, &rests, pixel));
+        .map(|pixel| correction(upsampling, &rests, pixel));
     Some(Smooth::from_values((height, width), values.collect()))
 }
 
 /// The residual of a pixel by its weight, and that of its neighbours by the rest.
-fn correction(guide: &Guide, rests: &[Rest], pixel: usize) -> f32 {
+fn correction(upsampling: &Upsampling, rests: &[Rest], pixel: usize) -> f32 {
     let own = rests[pixel];
     if own.weight >= 1.0 {
         return own.value;
     }
-    let (height, width) = guide.size();
+    let (height, width) = upsampling.size();
     let (mut sum, mut total) = (0.0, NOTHING);
     Window::new(pixel, width, height).each(|other, square| {
         let rest = rests[other];
         if rest.weight > 0.0 && other != pixel {
             let near = (-0.5 * square / (SPREAD * SPREAD)).exp();
-            let share = near * rest.weight * guide.likeness(pixel, other);
+            let share = near * rest.weight * upsampling.likeness(pixel, other);
             sum += share * rest.value;
             total += share;
         }
@@ -142,10 +142,10 @@ mod tests {
 
     const SIZE: (usize, usize) = (20, 30);
 
-    fn guide() -> Guide {
+    fn upsampling() -> Upsampling {
         let grey =
             |(height, width): (usize, usize)| (vec![90; 3 * height * width], (height, width));
-        Guide::new(grey(SIZE), grey((10, 15))).unwrap()
+        Upsampling::new(grey(SIZE), grey((10, 15))).unwrap()
     }
 
     /// Residuals that no smooth field has, at every `step`th pixel.
@@ -164,12 +164,12 @@ mod tests {
         for step in [1, 2] {
             let (places, residuals) = observed(step);
             let ones = vec![1.0; places.len()];
-            let all = detail(&guide(), &places, &residuals, &ones).unwrap();
+            let all = detail(&upsampling(), &places, &residuals, &ones).unwrap();
             for (&place, residual) in places.iter().zip(&residuals) {
                 assert!((at(&all, place) - residual).abs() < 1e-6);
             }
             assert!(
-                detail(&guide(), &places, &residuals, &vec![0.0; places.len()])
+                detail(&upsampling(), &places, &residuals, &vec![0.0; places.len()])
                     .is_none_or(|none| places.iter().all(|&place| at(&none, place) == 0.0))
             );
         }
@@ -179,7 +179,7 @@ mod tests {
     fn a_pixel_between_equal_residuals_has_nearly_the_same() {
         let (places, _) = observed(2);
         let residuals = vec![0.4; places.len()];
-        let all = detail(&guide(), &places, &residuals, &vec![1.0; places.len()]).unwrap();
+        let all = detail(&upsampling(), &places, &residuals, &vec![1.0; places.len()]).unwrap();
         for y in 3..17 {
             for x in 3..27 {
                 let found = at(&all, [f64::from(x), f64::from(y)]);
@@ -191,8 +191,8 @@ mod tests {
     #[test]
     fn sparse_observations_are_left_to_the_fit() {
         let (places, residuals) = observed(7);
-        assert!(detail(&guide(), &places, &residuals, &vec![1.0; places.len()]).is_none());
-        assert!(detail(&guide(), &[], &[], &[]).is_none());
+        assert!(detail(&upsampling(), &places, &residuals, &vec![1.0; places.len()]).is_none());
+        assert!(detail(&upsampling(), &[], &[], &[]).is_none());
     }
 
     #[test]
@@ -204,9 +204,12 @@ mod tests {
             residuals.push((i as f64 * 0.7).cos());
         }
         let ones = vec![1.0; places.len()];
-        let one = detail(&guide(), &places, &residuals, &ones).unwrap();
+        let one = detail(&upsampling(), &places, &residuals, &ones).unwrap();
         places.reverse();
         residuals.reverse();
-        assert_eq!(one, detail(&guide(), &places, &residuals, &ones).unwrap());
+        assert_eq!(
+            one,
+            detail(&upsampling(), &places, &residuals, &ones).unwrap()
+        );
     }
 }

@@ -66,8 +66,6 @@ mod error;
 pub mod field;
 #[doc(hidden)]
 pub mod fit;
-#[doc(hidden)]
-pub mod guide;
 mod image;
 mod map;
 #[doc(hidden)]
@@ -78,6 +76,8 @@ mod observations;
 mod resize;
 mod scene;
 mod uncertainty;
+#[doc(hidden)]
+pub mod upsampling;
 mod usable;
 #[doc(hidden)]
 pub mod weights;

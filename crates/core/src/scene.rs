@@ -11,11 +11,11 @@ use crate::fit::{
     Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Judgement, Points, Prior,
     PriorKind, Scene as Placed, dot, fit, judge,
 };
-use crate::guide::Guide;
 use crate::image::Image;
 use crate::network::Basis;
 use crate::observations::Observations;
 use crate::resize::resized;
+use crate::upsampling::Upsampling;
 use crate::usable::Usable;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -50,8 +50,8 @@ struct Inner {
     /// Height and width of the image.
     size: (usize, usize),
     /// How depth is read from the grid that it is solved on, in a fit with a field to an image that is larger.
-    guide: Option<Arc<Guide>>,
-    /// The last weights that functions were combined with on the grid of the guide, and the map.
+    upsampling: Option<Arc<Upsampling>>,
+    /// The last weights that functions were combined with on the grid of the upsampling, and the map.
     combined: Mutex<Option<Combined>>,
     network: Duration,
 }
@@ -88,10 +88,10 @@ impl Scene {
         let values = normalised(&colours, normalisation.mean, normalisation.deviation);
         let basis = completer.run(|| completer.network().basis(&values, working))?;
         let cosines = CosineBasis::up_to(completer.fit_config().cosines());
-        let guide = match completer.fit_config().method {
+        let upsampling = match completer.fit_config().method {
             FitMethod::Lse => None,
             FitMethod::Field | FitMethod::Joint => {
-                Guide::new((rgb, (height, width)), (colours, working))
+                Upsampling::new((rgb, (height, width)), (colours, working))
             }
         };
         let mut inner = Inner {
@@ -102,7 +102,7 @@ impl Scene {
             depth_guide,
             cosines,
             size: (height, width),
-            guide: guide.map(Arc::new),
+            upsampling: upsampling.map(Arc::new),
             combined: Mutex::default(),
             network: Duration::ZERO,
         };
@@ -264,15 +264,15 @@ impl Scene {
     }
 
     /// How maps are read from the grid that depth is solved on, if not at every pixel.
-    pub(crate) fn guide(&self) -> Option<&Guide> {
-        self.0.guide.as_deref()
+    pub(crate) fn upsampling(&self) -> Option<&Upsampling> {
+        self.0.upsampling.as_deref()
     }
 
     /// The pixels of the field, which has `grid` (height, width), that a position (u, v) of the image is read
     /// from.
     pub(crate) fn taps(&self, place: [f64; 2], grid: (usize, usize)) -> Taps {
-        match self.guide() {
-            Some(guide) => guide.taps(place, self.size()),
+        match self.upsampling() {
+            Some(upsampling) => upsampling.taps(place, self.size()),
             None => Taps::new(place, self.size(), grid),
         }
     }
@@ -291,8 +291,10 @@ impl Scene {
 
     /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).
     pub(crate) fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        match self.guide() {
-            Some(guide) if guide.grid() == size => self.0.combined(size, weights).to_vec(),
+        match self.upsampling() {
+            Some(upsampling) if upsampling.grid() == size => {
+                self.0.combined(size, weights).to_vec()
+            }
             _ => self.0.combine(size, weights),
         }
     }
@@ -300,24 +302,24 @@ impl Scene {
 
 impl Inner {
     fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
-        match &self.guide {
-            Some(guide) => self.read(guide, size, places),
+        match &self.upsampling {
+            Some(upsampling) => self.read(upsampling, size, places),
             None => self.exactly_at(size, places),
         }
     }
 
     /// The functions at the pixels of the grid around each position, weighted as a map there is read.
-    fn read(&self, guide: &Guide, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
-        let taps = places.iter().map(|&place| guide.taps(place, size));
+    fn read(&self, upsampling: &Upsampling, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        let taps = places.iter().map(|&place| upsampling.taps(place, size));
         let taps: Vec<Taps> = taps.collect();
         let around = taps.iter().flat_map(Taps::iter);
         let mut pixels: Vec<u32> = around.map(|(pixel, _)| pixel).collect();
         pixels.sort_unstable();
         pixels.dedup();
-        let width = guide.grid().1;
+        let width = upsampling.grid().1;
         let centre = |&pixel: &u32| [pixel as usize % width, pixel as usize / width];
         let centres: Vec<[f64; 2]> = pixels.iter().map(|p| centre(p).map(|v| v as f64)).collect();
-        let functions = self.exactly_at(guide.grid(), &centres);
+        let functions = self.exactly_at(upsampling.grid(), &centres);
         let count = functions.len() / pixels.len().max(1);
         let mut rows = vec![0.0; places.len() * count];
         let pairs = rows.par_chunks_mut(count.max(1)).zip(&taps);
@@ -366,7 +368,7 @@ impl Inner {
         self.depth_guide.as_ref().map_or(0, DepthGuide::count)
     }
 
-    /// The same on the grid of the guide, where a fit to many observations and the map that is read from it ask for
+    /// The same on the grid of the upsampling, where a fit to many observations and the map that is read from it ask for
     /// the same weights.
     fn combined(&self, grid: (usize, usize), weights: &[f64]) -> Arc<Vec<f32>> {
         let lock = || self.combined.lock().unwrap_or_else(PoisonError::into_inner);
@@ -428,7 +430,7 @@ impl Inner {
             scene: affinities.map(|affinities| Placed {
                 affinities,
                 size,
-                guide: self.guide.as_deref(),
+                upsampling: self.upsampling.as_deref(),
             }),
         }
     }
@@ -444,12 +446,12 @@ impl Functions for Inner {
     }
 
     fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Vec<f64> {
-        if let Some(guide) = &self.guide {
-            let map = self.combined(guide.grid(), weights);
+        if let Some(upsampling) = &self.upsampling {
+            let map = self.combined(upsampling.grid(), weights);
             let map: Vec<f64> = map.iter().copied().map(f64::from).collect();
             let places = places.par_iter();
             return places
-                .map(|&place| guide.taps(place, self.size).read(&map))
+                .map(|&place| upsampling.taps(place, self.size).read(&map))
                 .collect();
         }
         let strips = places.par_chunks(HELD / 8).flat_map_iter(|places| {

@@ -4,7 +4,7 @@ use super::Blocks;
 use crate::bilinear::{Taps, neighbours};
 use crate::error::FitError;
 use crate::field::{FieldPrior, Grid};
-use crate::guide::Guide;
+use crate::upsampling::Upsampling;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
@@ -150,14 +150,14 @@ pub struct Scene<'a> {
     /// Height and width of the image that the points lie in.
     pub size: (usize, usize),
     /// How positions are read, if not bilinearly.
-    pub guide: Option<&'a Guide>,
+    pub upsampling: Option<&'a Upsampling>,
 }
 
 impl Scene<'_> {
     /// The pixels of the field that a position (u, v) of the image is read from.
     pub(super) fn taps(&self, place: [f64; 2]) -> Taps {
-        match self.guide {
-            Some(guide) => guide.taps(place, self.size),
+        match self.upsampling {
+            Some(upsampling) => upsampling.taps(place, self.size),
             None => Taps::new(place, self.size, self.affinities.size()),
         }
     }

@@ -245,7 +245,7 @@ impl NetworkConfig {
     }
 
     /// `sharp` that sees more of the image, down to a 32nd of its resolution, and whose first function is a map of
-    /// depth: 3.4 M parameters.
+    /// depth: 3.3 M parameters.
     pub fn taught() -> Self {
         let stage = |width, blocks| StageConfig { width, blocks };
         Self {
@@ -258,7 +258,7 @@ impl NetworkConfig {
         }
     }
 
-    /// The same with half the widths: 0.9 M parameters.
+    /// The same with half the widths: 0.8 M parameters.
     pub fn taught_small() -> Self {
         let stage = |width, blocks| StageConfig { width, blocks };
         Self {

@@ -105,13 +105,13 @@ impl Scene {
             basis,
             affinities,
             size,
-            guide,
+            upsampling,
             network,
             ..
         } = &*self.0;
         let fit = completer.fit_config();
         let cosines = CosineBasis::up_to(fit.cosines());
-        let guide = guide.clone().filter(|_| fit.method != FitMethod::Lse);
+        let upsampling = upsampling.clone().filter(|_| fit.method != FitMethod::Lse);
         Self(Arc::new(Inner {
             completer,
             basis: basis.clone(),
@@ -120,7 +120,7 @@ impl Scene {
             depth_guide,
             cosines,
             size: *size,
-            guide,
+            upsampling,
             combined: Mutex::default(),
             network: *network,
         }))

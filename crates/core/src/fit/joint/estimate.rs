@@ -67,7 +67,7 @@ impl FieldEstimator<'_> {
             scene: Scene {
                 affinities: blocks,
                 size: self.scene.size,
-                guide: None,
+                upsampling: None,
             },
             joint: JointConfig {
                 level: self.joint.level * area as f64,
@@ -254,7 +254,7 @@ impl FieldEstimator<'_> {
         Smoothness {
             affinities: self.scene.affinities.clone(),
             level: self.joint.level,
-            tied: self.scene.guide.is_some(),
+            tied: self.scene.upsampling.is_some(),
         }
     }
 }

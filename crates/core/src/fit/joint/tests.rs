@@ -6,7 +6,7 @@ use crate::fit::{
     Affinities, Bases, CosineBasis, Fit, FitConfig, FitMethod, JointConfig, Lambda, Loss,
     NoisePrior, Points, Prior, PriorKind, Robust, Scene, Space, fit,
 };
-use crate::guide::Guide;
+use crate::upsampling::Upsampling;
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use lsdc_rng::Rng;
@@ -64,7 +64,7 @@ impl Example {
         Scene {
             affinities: &self.affinities,
             size: (HEIGHT, WIDTH),
-            guide: None,
+            upsampling: None,
         }
     }
 
@@ -266,7 +266,7 @@ fn rough_variances_are_nearly_those_of_the_pixels() {
         scene: Some(Scene {
             affinities: &affinities,
             size: (height, width),
-            guide: None,
+            upsampling: None,
         }),
         ..Points::new(&bases, &depths)
     };
@@ -358,7 +358,7 @@ fn errors_of_scenes_drawn_from_the_model_vary_as_predicted() {
                 scene: Some(Scene {
                     affinities: &affinities,
                     size: (HEIGHT, WIDTH),
-                    guide: None,
+                    upsampling: None,
                 }),
             };
             let fit = fit(&points, &config, None).unwrap();
@@ -523,7 +523,7 @@ fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
         scene: Some(Scene {
             affinities: &affinities,
             size: (height, width),
-            guide: None,
+            upsampling: None,
         }),
     };
     let fit = fit(&points, &config, Some(&prior)).unwrap();
@@ -734,7 +734,7 @@ impl Many {
             scene: Some(Scene {
                 affinities: &self.affinities,
                 size: (MANY, MANY),
-                guide: None,
+                upsampling: None,
             }),
         };
         fit(&points, &self.config, None).unwrap()
@@ -839,21 +839,21 @@ fn leverages_of_many_points_have_the_sum_of_the_exact_ones() {
 }
 
 /// Colours of an image three times as large as the field.
-fn guide() -> Guide {
+fn upsampling() -> Upsampling {
     let colours = |count: usize, name: &str| {
         let values = random(3 * count, name);
         values.iter().map(|v| (128.0 + 10.0 * v) as u8).collect()
     };
     let (size, grid) = ((3 * HEIGHT, 3 * WIDTH), (HEIGHT, WIDTH));
     let image = (colours(size.0 * size.1, "image"), size);
-    Guide::new(image, (colours(grid.0 * grid.1, "grid"), grid)).unwrap()
+    Upsampling::new(image, (colours(grid.0 * grid.1, "grid"), grid)).unwrap()
 }
 
 /// The pixels around a point are tied by a hundredth of its weight times their shares, where they hardly hold
 /// together: both forms of the field against dense equations.
 #[test]
 fn points_of_a_larger_image_tie_their_pixels() {
-    let guide = guide();
+    let upsampling = upsampling();
     let edges = random(2 * HEIGHT * WIDTH, "weak edges");
     let edges: Vec<f32> = edges.iter().map(|v| (2.0 * v - 3.0).exp() as f32).collect();
     let example = Example {
@@ -863,7 +863,7 @@ fn points_of_a_larger_image_tie_their_pixels() {
     let scene = Scene {
         affinities: &example.affinities,
         size: (3 * HEIGHT, 3 * WIDTH),
-        guide: Some(&guide),
+        upsampling: Some(&upsampling),
     };
     let points = Points {
         places: Some(&example.places),
@@ -940,14 +940,14 @@ fn points_of_a_larger_image_tie_their_pixels() {
 
 #[test]
 fn a_larger_image_is_observed_as_it_is_read() {
-    let guide = guide();
+    let upsampling = upsampling();
     let example = Example::at(places_between());
     let size = (3 * HEIGHT, 3 * WIDTH);
     let points = Points {
         places: Some(&example.places),
         scene: Some(Scene {
             size,
-            guide: Some(&guide),
+            upsampling: Some(&upsampling),
             ..example.scene()
         }),
         ..Points::new(&example.bases, &example.depths)
@@ -957,7 +957,7 @@ fn a_larger_image_is_observed_as_it_is_read() {
     for (i, &place) in example.places.iter().enumerate() {
         let row = example.bases[3 * i..][..3].iter().zip(&fit.weights);
         let functions: f64 = row.map(|(b, w)| f64::from(*b) * w).sum();
-        let smooth = fit.smooth().unwrap().read(&guide.taps(place, size));
+        let smooth = fit.smooth().unwrap().read(&upsampling.taps(place, size));
         let expected = f64::from(example.depths[i]) - functions - smooth;
         assert!((fit.residuals[i] - expected).abs() < 1e-6);
         assert!((0.0..=1.0).contains(&leverages[i]));

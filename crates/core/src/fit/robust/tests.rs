@@ -202,7 +202,7 @@ impl Slope {
             scene: Some(Scene {
                 affinities: &self.affinities,
                 size: (HEIGHT, WIDTH),
-                guide: None,
+                upsampling: None,
             }),
         }
     }

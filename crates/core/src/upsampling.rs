@@ -18,7 +18,7 @@ const STRIP: usize = 16;
 
 /// The colours of an image and of the smaller grid that its depth is solved on.
 #[derive(Debug)]
-pub struct Guide {
+pub struct Upsampling {
     /// Red, green and blue of every pixel of the image.
     image: Vec<u8>,
     /// Height and width of the image.
@@ -33,7 +33,7 @@ pub struct Guide {
 /// The pixels around a position on one axis, and the share of the second.
 type Between = (usize, usize, f32);
 
-impl Guide {
+impl Upsampling {
     /// From colours `[height, width, 3]` of the image and of the grid, with the height and width of both. `None`
     /// unless the image is larger and the lengths match.
     pub fn new(
@@ -69,7 +69,7 @@ impl Guide {
     }
 
     /// The pixels of the grid that a position (u, v) is read from, in an image of `size` (height, width), which
-    /// need not be that of the guide: the colour is that of the guide's pixel at this position.
+    /// need not be that of the image whose edges are followed: the colour is that of its pixel at this position.
     pub fn taps(&self, [u, v]: [f64; 2], size: (usize, usize)) -> Taps {
         let row = containing(v, size.0, self.size.0);
         let column = containing(u, size.1, self.size.1);
@@ -145,15 +145,21 @@ impl Corners {
     }
 
     /// Between two rows of the grid.
-    fn fill(&mut self, guide: &Guide, values: &[f32], rows: [usize; 2], columns: &[Between]) {
+    fn fill(
+        &mut self,
+        upsampling: &Upsampling,
+        values: &[f32],
+        rows: [usize; 2],
+        columns: &[Between],
+    ) {
         if self.rows.replace(rows) == Some(rows) {
             return;
         }
         for (k, corner) in self.corners.iter_mut().enumerate() {
-            let first = rows[k / 2] * guide.grid.1;
+            let first = rows[k / 2] * upsampling.grid.1;
             for (x, &(left, right, _)) in columns.iter().enumerate() {
                 let pixel = first + if k % 2 == 0 { left } else { right };
-                let colour = colour(&guide.colours, pixel);
+                let colour = colour(&upsampling.colours, pixel);
                 for (values, value) in corner.colours.iter_mut().zip(colour) {
                     values[x] = value;
                 }
@@ -226,7 +232,7 @@ mod tests {
     const SIZE: (usize, usize) = (24, 32);
 
     /// Colours of the image by column and row; those of the grid are the means of their 4x4 pixels.
-    fn guide(shade: impl Fn(usize, usize) -> [u8; 3]) -> Guide {
+    fn upsampling(shade: impl Fn(usize, usize) -> [u8; 3]) -> Upsampling {
         let pixels = (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.1, i / SIZE.1));
         let image: Vec<u8> = pixels.flat_map(|(x, y)| shade(x, y)).collect();
         let cells = (0..GRID.0 * GRID.1).map(|i| (4 * (i % GRID.1), 4 * (i / GRID.1)));
@@ -237,15 +243,15 @@ mod tests {
             })
         };
         let colours = cells.flat_map(mean).collect();
-        Guide::new((image, SIZE), (colours, GRID)).unwrap()
+        Upsampling::new((image, SIZE), (colours, GRID)).unwrap()
     }
 
-    fn noisy() -> Guide {
+    fn noisy() -> Upsampling {
         let mut rng = Rng::stream(0, &["guide"]);
         let values: Vec<u8> = (0..3 * SIZE.0 * SIZE.1)
             .map(|_| (128.0 + 60.0 * rng.normal()) as u8)
             .collect();
-        guide(|x, y| [0, 1, 2].map(|channel| values[3 * (y * SIZE.1 + x) + channel]))
+        upsampling(|x, y| [0, 1, 2].map(|channel| values[3 * (y * SIZE.1 + x) + channel]))
     }
 
     fn map() -> Vec<f32> {
@@ -257,7 +263,7 @@ mod tests {
     fn a_step_between_two_colours_is_as_sharp_as_the_image() {
         // Beside the border of two pixels of the grid, and in the middle of one.
         for edge in [16, 18] {
-            let guide = guide(|x, _| {
+            let upsampling = upsampling(|x, _| {
                 if x < edge {
                     [30, 60, 90]
                 } else {
@@ -266,7 +272,7 @@ mod tests {
             });
             let step = |i: usize| if i % GRID.1 < 4 { 1.0 } else { 5.0 };
             let values: Vec<f32> = (0..GRID.0 * GRID.1).map(step).collect();
-            let map = guide.enlarge(&values, SIZE);
+            let map = upsampling.enlarge(&values, SIZE);
             for (i, value) in map.iter().enumerate() {
                 let x = i % SIZE.1;
                 // The pixel of the grid that the edge divides has a colour between both.
@@ -285,14 +291,14 @@ mod tests {
 
     #[test]
     fn even_colours_are_interpolated_bilinearly() {
-        let guide = guide(|_, _| [90, 120, 30]);
+        let upsampling = upsampling(|_, _| [90, 120, 30]);
         let plane = |x: f64, y: f64| 2.0 + 0.3 * x - 0.1 * y;
         let values: Vec<f32> = (0..GRID.0 * GRID.1)
             .map(|i| plane((i % GRID.1) as f64, (i / GRID.1) as f64) as f32)
             .collect();
         // At the size of the image, at another one, and at that of the grid.
         for size in [SIZE, (31, 50), GRID] {
-            let found = guide.enlarge(&values, size);
+            let found = upsampling.enlarge(&values, size);
             for (i, value) in found.iter().enumerate() {
                 let at = |place: usize, from: usize, to: usize| {
                     let scaled = (place as f64 + 0.5) * to as f64 / from as f64 - 0.5;
@@ -307,13 +313,13 @@ mod tests {
 
     #[test]
     fn maps_and_positions_are_read_alike() {
-        let (guide, map) = (noisy(), map());
+        let (upsampling, map) = (noisy(), map());
         let values: Vec<f64> = map.iter().map(|&v| f64::from(v)).collect();
         for size in [SIZE, (31, 50), (11, 13)] {
-            let found = guide.enlarge(&map, size);
+            let found = upsampling.enlarge(&map, size);
             for (i, value) in found.iter().enumerate() {
                 let place = [(i % size.1) as f64, (i / size.1) as f64];
-                let taps = guide.taps(place, size);
+                let taps = upsampling.taps(place, size);
                 let total: f64 = taps.iter().map(|(_, share)| share).sum();
                 assert!((total - 1.0).abs() < 1e-12);
                 assert!((taps.read(&values) - f64::from(*value)).abs() < 1e-5);
@@ -323,25 +329,25 @@ mod tests {
 
     #[test]
     fn threads_and_units_change_nothing() {
-        let (guide, map) = (noisy(), map());
+        let (upsampling, map) = (noisy(), map());
         let within = |threads: usize| {
             let pool = ThreadPoolBuilder::new().num_threads(threads).build();
-            pool.unwrap().install(|| guide.enlarge(&map, (99, 70)))
+            pool.unwrap().install(|| upsampling.enlarge(&map, (99, 70)))
         };
         let one = within(1);
         assert_eq!(one, within(3));
         let twice: Vec<f32> = map.iter().map(|v| 2.0 * v).collect();
-        let pairs = guide.enlarge(&twice, (99, 70)).into_iter().zip(one);
+        let pairs = upsampling.enlarge(&twice, (99, 70)).into_iter().zip(one);
         assert!(pairs.into_iter().all(|(two, one)| two == 2.0 * one));
     }
 
     #[test]
-    fn images_that_are_not_larger_guide_nothing() {
+    fn images_that_are_not_larger_are_not_upsampled() {
         let colours =
             |(height, width): (usize, usize)| (vec![0; 3 * height * width], (height, width));
-        assert!(Guide::new(colours(SIZE), colours(GRID)).is_some());
-        assert!(Guide::new(colours(GRID), colours(GRID)).is_none());
-        assert!(Guide::new(colours(GRID), colours(SIZE)).is_none());
-        assert!(Guide::new((vec![0; 5], SIZE), colours(GRID)).is_none());
+        assert!(Upsampling::new(colours(SIZE), colours(GRID)).is_some());
+        assert!(Upsampling::new(colours(GRID), colours(GRID)).is_none());
+        assert!(Upsampling::new(colours(GRID), colours(SIZE)).is_none());
+        assert!(Upsampling::new((vec![0; 5], SIZE), colours(GRID)).is_none());
     }
 }
