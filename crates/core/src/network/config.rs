@@ -130,6 +130,16 @@ impl ExtractorConfig {
         }
     }
 
+    /// The same with three stages of these widths at lower resolutions.
+    fn with_context(self, widths: [usize; 3]) -> Self {
+        let stages = widths.into_iter().zip([1, 2, 2]);
+        let context = stages.map(|(width, blocks)| StageConfig { width, blocks });
+        Self {
+            context: context.collect(),
+            ..self
+        }
+    }
+
     fn check(&self) -> Result<(), SettingsError> {
         let widths = self.widths();
         let channels = |v: &usize| (1..=MOST_CHANNELS).contains(v);
@@ -247,12 +257,8 @@ impl NetworkConfig {
     /// `sharp` that sees more of the image, down to a 32nd of its resolution, and whose first function is a map of
     /// depth: 3.3 M parameters.
     pub fn taught() -> Self {
-        let stage = |width, blocks| StageConfig { width, blocks };
         Self {
-            extractor: ExtractorConfig {
-                context: vec![stage(96, 1), stage(128, 2), stage(192, 2)],
-                ..ExtractorConfig::slim()
-            },
+            extractor: ExtractorConfig::slim().with_context([96, 128, 192]),
             mean: true,
             ..Self::sharp()
         }
@@ -260,12 +266,8 @@ impl NetworkConfig {
 
     /// The same with half the widths: 0.8 M parameters.
     pub fn taught_small() -> Self {
-        let stage = |width, blocks| StageConfig { width, blocks };
         Self {
-            extractor: ExtractorConfig {
-                context: vec![stage(48, 1), stage(64, 2), stage(96, 2)],
-                ..ExtractorConfig::slimmer()
-            },
+            extractor: ExtractorConfig::slimmer().with_context([48, 64, 96]),
             mean: true,
             ..Self::small()
         }
