@@ -19,6 +19,8 @@ import numpy as np
 
 TYPES = {"F16": np.float16, "F32": np.float32}
 
+PRIOR = "table.prior."
+
 
 def read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
     """The metadata and the tensors of a file."""
@@ -87,6 +89,10 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     args = parser.parse_args()
     (old, first), (notes, second) = read(args.first), read(args.second)
+    # The mean has the settings of the second; a prior that it does not use, `lsdc calibrate` learns anew.
+    for name in [n for n in first if n.startswith(PRIOR) and n not in second]:
+        print(f"left out: {name}, which {args.second} does not have; calibrate the mean")
+        del first[name]
     if {n: t.shape for n, t in first.items()} != {n: t.shape for n, t in second.items()}:
         parser.error("the tensors of both files must have the same names and shapes")
     mean = {n: (1.0 - args.share) * first[n] + args.share * second[n] for n in second}

@@ -75,10 +75,11 @@ say() { echo "weights.sh: $*" >&2; }
 
 run_of() { echo "runs/$1/weights.safetensors"; }
 
-# all_frames: also the further frames.
-all_frames=()
-[ -z "$more" ] || all_frames=(--set "data.more=[{ dataset = 'folder', root = '$more', \
-folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' } }]")
+# all_frames: also the further frames; fewer_others: these only as 40 % of what is seen.
+all_frames=() fewer_others=()
+further="dataset = 'folder', root = '$more', folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' }"
+[ -z "$more" ] || all_frames=(--set "data.more=[{ $further }]")
+[ -z "$more" ] || fewer_others=(--set "data.more=[{ share = 0.4, $further }]")
 all_frames+=(--set "train.features=features")
 
 # train NAME CONFIG OPTION...: a run of the recipe, whose weights are those of `run_of NAME`. They are complete once the
@@ -156,21 +157,25 @@ taught() {
 }
 
 # anything: on top of the encoder; first the basis functions, then all, then with more points, then with all numbers of
-# points again. The mean of the last two is better than each.
+# points again. The mean of the last two is better than each, and so is that of it and a last run with many points.
 make_anything() {
   [ ! -e anything.safetensors ] || { say "anything.safetensors is there"; return 0; }
   first_default
-  local recipe=(nyu-anything.toml "${all_frames[@]}") on=(--set train.part=all) mean=runs/anything-mean.safetensors
+  local recipe=(nyu-anything.toml "${all_frames[@]}") on=(--set train.part=all)
+  local mean=runs/anything-mean.safetensors last=runs/anything-last-mean.safetensors
   train anything-bases "${recipe[@]}" --set "train.start=$(run_of joint)"
   train anything-all "${recipe[@]}" "${on[@]}" --set train.steps=2600 --set train.learning_rate=3e-3 \
     --set train.average=0.995 --set "train.start=$(run_of anything-bases)"
-  on+=(--set train.average=0.998)
+  on+=(--set train.average=0.998 --set train.freeze_statistics=0.0)
   train anything-many "${recipe[@]}" "${on[@]}" --set train.steps=3000 --set train.supervision.fewest=20 \
-    --set train.freeze_statistics=0.0 --set "train.start=$(run_of anything-all)"
+    --set "train.start=$(run_of anything-all)"
   train anything-few "${recipe[@]}" "${on[@]}" --set train.steps=1800 --set train.seed=1 \
     --set "train.start=$(run_of anything-many)"
   [ -e "$mean" ] || python3 "$here/average.py" "$(run_of anything-many)" "$(run_of anything-few)" -o "$mean"
-  finish anything "$mean"
+  train anything-last "${recipe[@]}" "${on[@]}" "${fewer_others[@]}" --set train.steps=2600 --set train.seed=5 \
+    --set train.supervision.fewest=40 --set train.views=4 --set "train.start=$mean"
+  [ -e "$last" ] || python3 "$here/average.py" "$mean" "$(run_of anything-last)" -o "$last"
+  finish anything "$last"
 }
 
 make_default() {
