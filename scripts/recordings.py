@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Recordings of other programs read by lsdc, and its recordings read by them.
 
-    pip install rosbags mcap mcap-ros2-support numpy opencv-python-headless
+    pip install rosbags mcap mcap-ros2-support numpy opencv-python-headless pyrvl
     python3 scripts/recordings.py golden             writes tests/golden/recordings
     python3 scripts/recordings.py check [PROGRAM]    reads back what lsdc writes
     python3 scripts/recordings.py drive FRAMES OUT   makes a recording of rendered frames (docs/recordings.md)
@@ -19,6 +19,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyrvl
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
@@ -153,17 +154,40 @@ class Log(list):
                 bag.write(known[topic], time, data)
 
 
-def compressed_depth(depth: np.ndarray, encoding: str) -> bytes:
+def compressed_depth(depth: np.ndarray, encoding: str, form: str = "png") -> bytes:
     """As compressed_depth_image_transport writes it, with its usual parameters."""
-    if encoding == "16UC1":
-        return struct.pack("<iff", 0, 0, 0) + cv2.imencode(".png", depth)[1].tobytes()
-    farthest, quantisation = 10.0, 100.0
-    a = np.float32(quantisation * (quantisation + 1))
-    b = np.float32(1 - a / farthest)
-    seen = (depth > 0) & (depth < farthest)
-    inverse = np.zeros(depth.shape, np.uint16)
-    inverse[seen] = (a / depth[seen] + b).astype(np.uint16)
-    return struct.pack("<iff", 0, a, b) + cv2.imencode(".png", inverse)[1].tobytes()
+    a, b, stored = 0.0, 0.0, depth
+    if encoding == "32FC1":
+        farthest, quantisation = 10.0, 100.0
+        a = np.float32(quantisation * (quantisation + 1))
+        b = np.float32(1 - a / farthest)
+        seen = (depth > 0) & (depth < farthest)
+        stored = np.zeros(depth.shape, np.uint16)
+        stored[seen] = (a / depth[seen] + b).astype(np.uint16)
+    if form == "png":
+        data = cv2.imencode(".png", stored)[1].tobytes()
+    else:
+        # Of the author of RVL; his own sizes, of 16 bits, are not those of the transport.
+        rows, columns = stored.shape
+        data = struct.pack("<II", columns, rows) + pyrvl.compress(stored)[4:]
+    return struct.pack("<iff", 0, a, b) + data
+
+
+def yuv(encoding: str, size: tuple[int, int], rng) -> tuple[np.ndarray, np.ndarray]:
+    """Any bytes as an image of that encoding, and its colours. The rows of planes lie below each other."""
+    columns, rows = size
+    if encoding in ("nv12", "nv21"):
+        pixels = rng.integers(0, 256, (rows * 3 // 2, columns), np.uint8)
+        return pixels, cv2.cvtColor(pixels, getattr(cv2, f"COLOR_YUV2RGB_{encoding.upper()}"))
+    if encoding == "nv24":
+        # OpenCV does not know it: as an image of twice the width, in which each pair of pixels is one of these.
+        pixels = rng.integers(0, 256, (rows * 3, columns), np.uint8)
+        y, uv = pixels[:rows], pixels[rows:].reshape(rows, columns, 2)
+        pairs = np.stack([uv[..., 0], y, uv[..., 1], y], -1).reshape(rows, 2 * columns, 2)
+        return pixels, cv2.cvtColor(pairs, cv2.COLOR_YUV2RGB_UYVY)[:, ::2]
+    pixels = rng.integers(0, 256, (rows, columns, 2), np.uint8)
+    code = {"yuv422": "UYVY", "uyvy": "UYVY", "yuv422_yuy2": "YUY2", "yuyv": "YUY2"}[encoding]
+    return pixels, cv2.cvtColor(pixels, getattr(cv2, f"COLOR_YUV2RGB_{code}"))
 
 
 def types() -> tuple[Log, dict]:
@@ -194,6 +218,14 @@ def types() -> tuple[Log, dict]:
         log.add(f"/image/{encoding}", time, image(time, "eye", encoding, np.ascontiguousarray(pixels), number))
         expected["colours"][f"/image/{encoding}"] = seen.reshape(-1).tolist()
         time += 10**6
+    colours = np.random.default_rng(8)
+    for number, encoding in enumerate(("yuv422", "uyvy", "yuv422_yuy2", "yuyv", "nv12", "nv21", "nv24")):
+        pixels, seen = yuv(encoding, size, colours)
+        message = image(time, "eye", encoding, pixels, number if pixels.ndim == 3 else 0)
+        message.height = size[1]
+        log.add(f"/image/{encoding}", time, message)
+        expected["colours"][f"/image/{encoding}"] = seen.reshape(-1).tolist()
+        time += 10**6
     for form in ("jpeg", "png"):
         data = cv2.imencode(f".{form}", smooth[..., ::-1])[1].tobytes()
         log.add(f"/image/{form}", time, compressed(time, "eye", f"bgr8; {form} compressed bgr8", data))
@@ -210,13 +242,15 @@ def types() -> tuple[Log, dict]:
         "big": (image(time, "eye", "16UC1", whole.astype(">u2")), whole / 1000),
     }
     for encoding, depth in (("16UC1", whole), ("32FC1", np.nan_to_num(metres, posinf=0))):
-        data = compressed_depth(depth, encoding)
-        kind, a, b = struct.unpack("<iff", data[:12])
-        stored = cv2.imdecode(np.frombuffer(data[12:], np.uint8), cv2.IMREAD_UNCHANGED).astype(np.float32)
+        _, a, b = struct.unpack("<iff", compressed_depth(depth, encoding)[:12])
+        data = compressed_depth(depth, encoding)[12:]
+        stored = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED).astype(np.float32)
         with np.errstate(divide="ignore"):
             back = stored / 1000 if encoding == "16UC1" else np.where(stored > 0, a / (stored - b), 0)
-        form = f"{encoding}; compressedDepth png"
-        depths[f"compressed_{encoding}"] = (compressed(time, "eye", form, data), back)
+        for form, name in (("png", "compressed"), ("rvl", "rvl")):
+            data = compressed_depth(depth, encoding, form)
+            message = compressed(time, "eye", f"{encoding}; compressedDepth {form}", data)
+            depths[f"{name}_{encoding}"] = (message, back)
     for name, (message, seen) in depths.items():
         log.add(f"/depth/{name}", time, message)
         expected["depths"][f"/depth/{name}"] = seen.reshape(-1).tolist()

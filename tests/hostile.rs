@@ -18,7 +18,8 @@ use lsdc::model::Precision;
 use lsdc::pretrained::read_encoder;
 use lsdc::report::Report;
 use lsdc::systems::{Predictor, SystemConfig, Trained};
-use lsdc_recordings::{Flaws, Frames, Recording, Survey, Wanted};
+use lsdc_recordings::fuzzing::message;
+use lsdc_recordings::{Flaws, Frames, Kind, Recording, Survey, Wanted};
 use lsdc_rng::Rng;
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, ValueKind, WriterInit};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -548,6 +549,24 @@ fn recordings() {
                 Recording::open(&path).and_then(|mut recording| Survey::of(&mut recording));
             survey.is_ok_and(|survey| survey.flaws == Flaws::default())
         });
+    }
+    let mut messages = Vec::new();
+    let mut recording = Recording::open(&golden.join("zstd.mcap")).unwrap();
+    let visited = recording.visit(&|_| true, &mut |topic, message| {
+        let kind = Kind::ALL.iter().position(|kind| kind.name() == topic.kind);
+        let kinds = ["/depth/rvl_", "/image/nv", "/image/uyvy"];
+        if kinds.iter().any(|kind| topic.name.starts_with(kind)) {
+            let name = topic.name.replace('/', "_");
+            messages.push((name, kind.unwrap() as u8, message.data.to_vec()));
+        }
+        Ok(())
+    });
+    visited.unwrap();
+    assert_eq!(messages.len(), 6);
+    for (name, kind, data) in messages {
+        let path = folder.path().join(name);
+        std::fs::write(&path, data).unwrap();
+        survive(&path, || message(kind, &std::fs::read(&path).unwrap()));
     }
     let path = folder.path().join("frames.mcap");
     std::fs::copy(golden.join("drive.mcap"), &path).unwrap();

@@ -41,7 +41,7 @@ fn recordings_are_inspected() {
         .assert()
         .success();
     let value: serde_json::Value = serde_json::from_slice(&run.get_output().stdout).unwrap();
-    assert_eq!(value["topics"].as_array().unwrap().len(), 28);
+    assert_eq!(value["topics"].as_array().unwrap().len(), 37);
     assert!(value["cut_off"].is_null());
     let bytes = std::fs::read(golden("drive.mcap")).unwrap();
     std::fs::write(at.join("cut.mcap"), &bytes[..bytes.len() / 2]).unwrap();

@@ -1,11 +1,10 @@
 //! `sensor_msgs/msg/Image` and `CompressedImage`: colours and depths.
 
-use super::bayer;
-use super::{Header, Kind, unusable};
+use super::{Header, Kind, bayer, rvl, unusable, yuv};
 use crate::cdr::{Reader, Writer, damaged};
 use image::{DynamicImage, ImageFormat, ImageReader, RgbImage};
 use lsdc_core::DepthMap;
-use lsdc_files::error::Result;
+use lsdc_files::error::{Error, Result};
 use std::io::Cursor;
 
 /// An image of depths.
@@ -21,12 +20,13 @@ pub(crate) struct DepthImage {
 type Numbers = (Vec<f32>, bool);
 
 /// An image before its pixels are looked at.
-struct Raw<'a> {
-    size: (usize, usize),
-    encoding: String,
-    big_endian: bool,
-    step: usize,
-    data: &'a [u8],
+pub(super) struct Raw<'a> {
+    pub(super) size: (usize, usize),
+    pub(super) encoding: String,
+    pub(super) big_endian: bool,
+    /// Bytes from a row to the next.
+    pub(super) step: usize,
+    pub(super) data: &'a [u8],
 }
 
 impl<'a> Raw<'a> {
@@ -45,20 +45,34 @@ impl<'a> Raw<'a> {
 
     /// The bytes of each row, of pixels of so many bytes.
     fn rows(&self, pixel: usize) -> Result<impl Iterator<Item = &'a [u8]>> {
-        let (width, height) = self.size;
-        let (data, step) = (self.data, self.step);
-        let long = width.checked_mul(pixel).filter(|long| *long <= step);
+        self.rows_of(self.size.0, pixel)
+    }
+
+    /// The bytes of each row, which has so many groups of so many bytes.
+    pub(super) fn rows_of(
+        &self,
+        groups: usize,
+        bytes: usize,
+    ) -> Result<impl Iterator<Item = &'a [u8]>> {
+        let (data, step, height) = (self.data, self.step, self.size.1);
+        let long = groups.checked_mul(bytes).filter(|long| *long <= step);
         let all = long.and_then(|long| step.checked_mul(height.checked_sub(1)?)?.checked_add(long));
         match (long, all) {
             (Some(long), Some(all)) if long > 0 && all <= data.len() => {
                 Ok((0..height).map(move |row| &data[row * step..row * step + long]))
             }
-            _ => Err(damaged(format!(
-                "of {width}x{height} pixels ({}) and {step} bytes a row has {} bytes",
-                self.encoding,
-                data.len()
-            ))),
+            _ => Err(self.too_short()),
         }
+    }
+
+    /// That there are fewer bytes than the pixels need.
+    pub(super) fn too_short(&self) -> Error {
+        let ((width, height), step) = (self.size, self.step);
+        damaged(format!(
+            "of {width}x{height} pixels ({}) and {step} bytes a row has {} bytes",
+            self.encoding,
+            self.data.len()
+        ))
     }
 
     fn colours(&self) -> Result<RgbImage> {
@@ -71,6 +85,9 @@ impl<'a> Raw<'a> {
                 pattern,
             ));
         }
+        if let Some(layout) = yuv::layout(encoding) {
+            return yuv::colours(self, layout);
+        }
         // Where red, green and blue are in the bytes of a pixel.
         let (pixel, [r, g, b]) = match encoding {
             "rgb8" => (3, [0, 1, 2]),
@@ -80,7 +97,8 @@ impl<'a> Raw<'a> {
             "mono8" | "8UC1" => (1, [0, 0, 0]),
             _ => {
                 return Err(damaged(format!("is encoded as `{encoding}`, which is not read")).hint(
-                    "colours are read as rgb8, bgr8, rgba8, bgra8, mono8 and bayer_*8, or as JPEG or PNG",
+                    "colours are read as rgb8, bgr8, rgba8, bgra8, mono8, bayer_*8, uyvy (yuv422), yuyv (yuv422_yuy2), \
+                     nv12, nv21 and nv24, or as JPEG or PNG",
                 ));
             }
         };
@@ -178,15 +196,20 @@ pub(crate) fn depths(
     read().map_err(|e| unusable(kind, e))
 }
 
+/// How many bytes an image may have that so many bytes hold.
+fn largest(bytes: &[u8]) -> u64 {
+    /// No image is larger.
+    const LARGEST: u64 = 1 << 30;
+    // What deflate and JPEG can make of so many bytes.
+    LARGEST.min((16 << 20).max(bytes.len() as u64 * 1100))
+}
+
 /// A JPEG or PNG.
 fn decode(bytes: &[u8]) -> Result<DynamicImage> {
-    /// No image is larger, in bytes.
-    const LARGEST: u64 = 1 << 30;
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
     if let Ok(reader) = &mut reader {
         let mut limits = image::Limits::default();
-        // What deflate and JPEG can make of so many bytes.
-        limits.max_alloc = Some(LARGEST.min((16 << 20).max(bytes.len() as u64 * 1100)));
+        limits.max_alloc = Some(largest(bytes));
         reader.limits(limits);
     }
     let known = |format| matches!(format, Some(ImageFormat::Jpeg | ImageFormat::Png));
@@ -198,10 +221,13 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage> {
     }
 }
 
-/// What `compressed_depth_image_transport` writes: the kind of compression, two parameters, and a PNG. Floating-point
+/// What `compressed_depth_image_transport` writes: the kind of compression, two parameters, and a PNG or RVL. Floating-point
 /// depths are stored as their inverses, in steps that these parameters say.
-fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Numbers)> {
-    let Some((head, png)) = bytes.split_first_chunk::<12>() else {
+///
+/// # Errors
+/// A damaged image, and one that holds no depths.
+pub(crate) fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Numbers)> {
+    let Some((head, packed)) = bytes.split_first_chunk::<12>() else {
         return Err(damaged("ends too early"));
     };
     let parameter = |at: usize| {
@@ -209,21 +235,20 @@ fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Numb
         f32::from_le_bytes(bytes)
     };
     let (encoding, how) = format.split_once(';').unwrap_or((format, ""));
-    if how.contains("rvl") {
-        return Err(
-            damaged("is compressed by RVL, which is not read").hint("record it with format png")
-        );
-    }
-    let DynamicImage::ImageLuma16(image) = decode(png)? else {
+    let (size, values) = if how.contains("rvl") {
+        unrolled(packed)?
+    } else if let DynamicImage::ImageLuma16(image) = decode(packed)? {
+        let size = (image.width() as usize, image.height() as usize);
+        (size, image.into_raw())
+    } else {
         return Err(damaged("of compressed depths holds no PNG of 16 bits"));
     };
-    let size = (image.width() as usize, image.height() as usize);
     let numbers = match encoding.trim() {
-        "16UC1" | "mono16" => (image.iter().map(|&v| v.into()).collect(), true),
+        "16UC1" | "mono16" => (values.into_iter().map(f32::from).collect(), true),
         "32FC1" => {
             let (a, b) = (parameter(4), parameter(8));
-            let metres = |&v: &u16| if v == 0 { 0.0 } else { a / (f32::from(v) - b) };
-            (image.iter().map(metres).collect(), false)
+            let metres = |v: u16| if v == 0 { 0.0 } else { a / (f32::from(v) - b) };
+            (values.into_iter().map(metres).collect(), false)
         }
         other => {
             return Err(damaged(format!(
@@ -232,6 +257,24 @@ fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Numb
         }
     };
     Ok((size, numbers))
+}
+
+/// Width and height, and behind them the pixels by RVL.
+fn unrolled(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
+    let (numbers, _) = bytes.as_chunks::<4>();
+    let (Some(&[width, height]), Some(pixels)) = (numbers.first_chunk(), bytes.get(8..)) else {
+        return Err(damaged("ends too early"));
+    };
+    let [width, height] = [width, height].map(|bytes| u32::from_le_bytes(bytes) as usize);
+    let count = width.checked_mul(height);
+    let fits = |count: &usize| *count > 0 && *count as u64 <= largest(bytes) / 2;
+    let Some(count) = count.filter(fits) else {
+        return Err(damaged(format!(
+            "of {width}x{height} pixels by RVL has {} bytes",
+            bytes.len()
+        )));
+    };
+    Ok(((width, height), rvl::decode(pixels, count)?))
 }
 
 /// A message of depths: metres as `32FC1`, or whole millimetres as `16UC1`, where depths beyond 65.535 m are none; and
@@ -297,7 +340,7 @@ mod tests {
         let (_, image) = read("bgr8").unwrap();
         assert_eq!(image.get_pixel(1, 1).0, [12, 11, 10]);
         assert!(read("rgba8").is_err());
-        assert!(read("yuv422").unwrap_err().advice().is_some());
+        assert!(read("rgb16").unwrap_err().advice().is_some());
         assert!(colours(Kind::Image, &message("rgb8", (2, 3), 7, &data)).is_err());
         assert!(
             colours(

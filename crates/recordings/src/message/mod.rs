@@ -4,13 +4,15 @@ mod bayer;
 mod camera_info;
 mod cloud;
 mod image;
+mod rvl;
 mod transform;
+mod yuv;
 
 pub(crate) use camera_info::camera_of;
 pub(crate) use cloud::Points;
 pub use cloud::write_cloud;
 pub use image::write_depth;
-pub(crate) use image::{DepthImage, colours, depths};
+pub(crate) use image::{DepthImage, colours, compressed_depths, depths};
 pub use transform::TransformStamped;
 pub(crate) use transform::transforms;
 

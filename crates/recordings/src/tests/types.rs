@@ -25,7 +25,7 @@ const CONTAINERS: [&str; 3] = ["zstd.mcap", "alone.mcap", "bag"];
 #[test]
 fn every_container_holds_the_same() {
     let [first, others @ ..] = CONTAINERS.map(messages);
-    assert_eq!(first.len(), 28);
+    assert_eq!(first.len(), 37);
     for other in others {
         for (name, (topic, data)) in &first {
             let (same_topic, same) = &other[name];
@@ -71,7 +71,7 @@ fn depths_are_those_of_numpy() {
     let messages = messages("zstd.mcap");
     let topics = expected();
     let topics = topics["depths"].as_object().unwrap();
-    assert_eq!(topics.len(), 5);
+    assert_eq!(topics.len(), 7);
     for (name, values) in topics {
         let (topic, data) = &messages[name];
         let scale = |whole| if whole { 0.001 } else { 1.0 };
@@ -148,6 +148,8 @@ fn depths_of_the_same_frame_are_a_map() {
     for (points, unit) in [
         ("/depth/metres", Unit::METRE),
         ("/depth/compressed_16UC1", Unit::MILLIMETRE),
+        ("/depth/rvl_16UC1", Unit::MILLIMETRE),
+        ("/depth/rvl_32FC1", Unit::METRE),
     ] {
         let (mut recording, frames) = frames("/image/rgb8", points);
         let loaded = frames
