@@ -6,7 +6,7 @@ use super::stencil::Stencil;
 use lsdc_kernels::cholesky::{Eight, factorise};
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A factor.
 #[derive(Debug)]
@@ -21,7 +21,7 @@ pub(super) struct Factor {
 
 /// What is left of tiles and lines until the next line is eliminated.
 #[derive(Debug, Default)]
-struct Rests {
+pub(super) struct Rests {
     tiles: Vec<f64>,
     lines: Vec<f64>,
 }
@@ -29,27 +29,65 @@ struct Rests {
 /// Memory that factors of a plan use one after the other, because new memory costs as much time as a good part
 /// of the factor.
 #[derive(Debug, Default)]
-pub(super) struct Pool {
-    factors: Mutex<Vec<(Vec<Eight>, Vec<f64>)>>,
-    rests: Mutex<Vec<Rests>>,
-}
+pub(super) struct Pool(Mutex<Vec<(Vec<Eight>, Vec<f64>)>>);
+
+/// The same for what is left while a factor is made, whatever its plan.
+static RESTS: Mutex<Vec<Rests>> = Mutex::new(Vec::new());
 
 /// How many unused factors are kept, and how many bytes each may have: what is larger is given back.
 const SPARE: usize = 2;
 const MOST_BYTES: usize = 1 << 27;
 
-fn take<T: Default>(list: &Mutex<Vec<T>>) -> T {
-    let mut list = list.lock().unwrap_or_else(PoisonError::into_inner);
-    list.pop().unwrap_or_default()
+fn lock<T>(list: &Mutex<Vec<T>>) -> MutexGuard<'_, Vec<T>> {
+    list.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn give<T>(list: &Mutex<Vec<T>>, value: T, bytes: usize) {
     if bytes > MOST_BYTES {
         return;
     }
-    let mut list = list.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut list = lock(list);
     if list.len() < SPARE {
         list.push(value);
+    }
+}
+
+/// Makes memory of any values as long as needed. What is too short is given back first.
+fn resize<T: Clone>(memory: &mut Vec<T>, length: usize, value: T) {
+    if memory.capacity() < length {
+        *memory = Vec::new();
+    }
+    memory.resize(length, value);
+}
+
+impl Rests {
+    /// Of these lengths, in memory that was used before, if there is any: the smallest that suffices, or the largest.
+    fn take(tiles: usize, lines: usize) -> Self {
+        let mut rests = {
+            let mut list = lock(&RESTS);
+            list.sort_unstable_by_key(Self::room);
+            let suffices = |own: &Self| own.room() >= tiles + lines;
+            let place = list.iter().position(suffices);
+            let place = place.or(list.len().checked_sub(1));
+            place.map(|place| list.remove(place)).unwrap_or_default()
+        };
+        resize(&mut rests.tiles, tiles, 0.0);
+        resize(&mut rests.lines, lines, 0.0);
+        rests
+    }
+
+    fn room(&self) -> usize {
+        self.tiles.capacity() + self.lines.capacity()
+    }
+
+    fn give(self) {
+        let bytes = size_of::<f64>() * self.room();
+        give(&RESTS, self, bytes);
+    }
+
+    /// Gives the memory that is kept back, for what is needed after a factor and is as large.
+    pub(super) fn forget() {
+        lock(&RESTS).clear();
     }
 }
 
@@ -60,24 +98,22 @@ impl Drop for Factor {
             std::mem::take(&mut self.lines),
         );
         let bytes = size_of_val(&memory.0[..]) + size_of_val(&memory.1[..]);
-        give(&self.plan.pool.factors, memory, bytes);
+        give(&self.plan.pool.0, memory, bytes);
     }
 }
 
 impl Factor {
     /// Factorises a matrix; `None` if it is not positive definite.
     pub(super) fn new(plan: Arc<Plan>, stencil: &Stencil) -> Option<Self> {
-        let (mut tiles, mut lines) = take(&plan.pool.factors);
-        let mut rests = take(&plan.pool.rests);
+        let (mut tiles, mut lines) = lock(&plan.pool.0).pop().unwrap_or_default();
         let level = Level::here();
         let room = match plan.root {
             Half::Tile(_) => 0,
             Half::Line(root) => plan.lines[root].room + plan.lines[root].square(),
         };
-        tiles.resize(plan.lengths.tiles, [0.0; 8]);
-        lines.resize(plan.lengths.lines, 0.0);
-        rests.tiles.resize(plan.lengths.rests, 0.0);
-        rests.lines.resize(room, 0.0);
+        resize(&mut tiles, plan.lengths.tiles, [0.0; 8]);
+        resize(&mut lines, plan.lengths.lines, 0.0);
+        let mut rests = Rests::take(plan.lengths.rests, room);
         let mut found = eliminate_tiles(&plan, level, stencil, &mut tiles, &mut rests.tiles);
         if let (true, Half::Line(root)) = (found, plan.root) {
             let work = Lines {
@@ -89,8 +125,7 @@ impl Factor {
             let (rest, room) = rests.lines.split_at_mut(plan.lines[root].square());
             found = work.eliminate(root, &mut lines, 0, rest, room);
         }
-        let bytes = size_of_val(&rests.tiles[..]) + size_of_val(&rests.lines[..]);
-        give(&plan.pool.rests, rests, bytes);
+        rests.give();
         let factor = Self {
             plan,
             level,
