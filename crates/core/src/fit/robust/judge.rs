@@ -2,7 +2,9 @@
 
 use super::local::Local;
 use super::medians::deviation;
-use super::mixture::{Evidence, Judged, Judgement, Neighbours, judge as judge_all, judge_with};
+use super::mixture::{
+    Evidence, Judgement, Neighbours, judge as judge_all, judge_twice, judge_with,
+};
 use super::refit::Refit;
 use super::reweighted::reweighted;
 use super::{Loss, Robust};
@@ -92,7 +94,7 @@ fn key(rows: &Rows<'_>, i: usize) -> [f64; 4] {
 }
 
 /// The field alone predicts each of very many points from those next to it; what basis functions say, they say of
-/// all.
+/// all. That of blocks of pixels, which costs little, finds most of the wrong ones first.
 fn close(
     rows: &Rows<'_>,
     order: &[usize],
@@ -103,8 +105,21 @@ fn close(
     let points = evidence(rows, order, field.joint.data);
     let zeros = vec![0.0; order.len()];
     let rows = rows.alone(order, places(&points), &rests, &zeros);
-    let estimator = Estimator::Field(field.without_functions());
-    Ok(alone(&points, &Refit::new(&rows, estimator))?.judgements())
+    let field = field.without_functions();
+    let fine = field.scene.affinities;
+    let blocks = Blocks::new(fine.size(), BLOCKS);
+    let coarse = blocks.affinities(&fine.grid(0.0));
+    let refit = |field| Refit::new(&rows, Estimator::Field(field));
+    let rough = refit(field.on(&coarse, blocks.area()));
+    // The more points there are, the more a round costs, and the fewer are needed.
+    let rounds = match order.len() {
+        0..=20_000 => 4,
+        20_001..=40_000 => 2,
+        _ => 1,
+    };
+    let (neighbours, start) = start(&points, &rows.values);
+    let judged = judge_twice(&points, neighbours, &start, &rough, (&refit(field), rounds))?;
+    Ok(judged.judgements())
 }
 
 /// Where points are dense, some of them judge one another by a field of blocks of pixels, and then all others.
@@ -120,7 +135,8 @@ fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result
     let coarse = blocks.affinities(&fine.grid(0.0));
     let field = field.without_functions().on(&coarse, blocks.area());
     let refit = Refit::new(&own, Estimator::Field(field));
-    let judged = alone(&points, &refit)?;
+    let (neighbours, start) = start(&points, &own.values);
+    let judged = judge_with(&points, neighbours, &start, &refit)?;
 
     let points = evidence(rows, &others, field.joint.data);
     let read = |(&place, &i): (&[f64; 2], &usize)| (field.scene.taps(place), rests[i]);
@@ -155,19 +171,18 @@ fn places(points: &Evidence) -> &[[f64; 2]] {
     points.places.as_deref().unwrap_or_default()
 }
 
-/// Judges points by what basis functions leave of them.
-fn alone<'a>(points: &'a Evidence, refit: &Refit<'_>) -> Result<Judged<'a>> {
+/// The neighbours of points, and the variances of noise with which points predict others first, from what basis
+/// functions leave of them.
+fn start(points: &Evidence, rests: &[f64]) -> (Neighbours, Vec<f64>) {
     /// Smaller differences, relative to depth, may be due to the unit in which depths are stored.
     const ROUNDING: f64 = 1e-3;
     // A mean of many cannot tell the right ones from the wrong ones, a median can.
     let neighbours = Neighbours::new(points);
-    let off = neighbours.off(&refit.rows.values);
+    let off = neighbours.off(rests);
     let scale = deviation(&off).max(ROUNDING * points.unit);
     let pairs = points.noise.iter().zip(&off);
-    let start: Vec<f64> = pairs
-        .map(|(noise, off)| noise * (1.0 + (off / scale).powi(2)))
-        .collect();
-    judge_with(points, neighbours, &start, refit)
+    let start = pairs.map(|(noise, off)| noise * (1.0 + (off / scale).powi(2)));
+    (neighbours, start.collect())
 }
 
 /// Points are predicted by the nearest of those in their block, which is as large as covariances are cheap for.

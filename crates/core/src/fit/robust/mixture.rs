@@ -61,6 +61,9 @@ pub struct Judgement {
 
 /// The most rounds of predictions before neighbours are asked, and with them.
 const ROUNDS: [usize; 2] = [8, 4];
+/// The same by rough predictions: with 8 and 2, errors of maps are the same; with 1 and 1, those with many wrong points
+/// are 2 to 4 % larger.
+const ROUGHLY: [usize; 2] = [2, 1];
 /// Rounds end when no more points than one in so many change their probability by this.
 const SETTLED: (usize, f64) = (1000, 0.02);
 /// Steps of expectation maximisation in the first round, and in others.
@@ -90,10 +93,27 @@ pub(super) fn judge_with<'a>(
     if points.values.len() >= FEWEST {
         judged.rounds(false, ROUNDS[0], predict)?;
         judged.rounds(true, ROUNDS[1], predict)?;
-        judged.doubt = doubt(&judged.right);
-        doubted(&mut judged.right, judged.doubt);
-        judged.noise = points.noise_of(&judged.found, &judged.right);
+        judged.end(doubt(&judged.right));
     }
+    Ok(judged)
+}
+
+/// The same by rough predictions that cost little, and then by others in at most so many rounds. Where few points seem
+/// wrong by either, there is doubt.
+pub(super) fn judge_twice<'a>(
+    points: &'a Evidence,
+    neighbours: Neighbours,
+    start: &[f64],
+    rough: &impl Predict,
+    (predict, most): (&impl Predict, usize),
+) -> Result<Judged<'a>> {
+    let mut judged = Judged::new(points, neighbours, start, rough)?;
+    judged.rounds(false, ROUGHLY[0], rough)?;
+    judged.rounds(true, ROUGHLY[1], rough)?;
+    let before = doubt(&judged.right);
+    judged.turn_to(predict)?;
+    judged.rounds(true, most, predict)?;
+    judged.end(doubt(&judged.right).min(before));
     Ok(judged)
 }
 
@@ -149,6 +169,25 @@ impl<'a> Judged<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Goes on with other predictions, whose errors have the scale that those of right points have.
+    fn turn_to(&mut self, predict: &impl Predict) -> Result<()> {
+        self.found = predict.predict(&self.noise)?;
+        let spreads = self.points.spreads(&self.found);
+        let pairs = self.found.errors.iter().zip(&spreads).zip(&self.right);
+        let seen = pairs.filter(|(_, right)| **right > 0.5);
+        self.mixture
+            .scale_by(self.points, &spreads, seen.map(|((e, s), _)| e / s));
+        self.is_first = true;
+        Ok(())
+    }
+
+    /// Ends with this much doubt.
+    fn end(&mut self, doubt: f64) {
+        self.doubt = doubt;
+        doubted(&mut self.right, doubt);
+        self.noise = self.points.noise_of(&self.found, &self.right);
     }
 
     /// Steps of expectation maximisation with the same predictions.
@@ -325,6 +364,8 @@ struct Mixture {
     least: [f64; 2],
 }
 
+/// Smaller errors, in units, are rounding.
+const ROUNDING: f64 = 1e-9;
 /// The share of wrong points before any is seen, and as many points as that counts.
 const EXPECTED: (f64, f64) = (0.02, 50.0);
 /// As many wrong points are assumed to be off by as much as depths differ.
@@ -344,24 +385,33 @@ const SURE: f64 = 1e3;
 
 impl Mixture {
     fn new(points: &Evidence, errors: &[f64], spreads: &[f64]) -> Self {
-        const ROUNDING: f64 = 1e-9;
-        /// The median of the absolute values of the distribution of right points.
-        const MIDDLE: f64 = 0.9;
         let least = ROUNDING * points.unit;
-        let least = [least / median(spreads.iter().copied()), least];
-        let ratios = errors.iter().zip(spreads).map(|(e, s)| (e / s).abs());
         let squares: f64 = errors.iter().map(|e| e * e).sum();
         let middle = median(points.values.iter().copied());
         let rests: Vec<f64> = points.values.iter().map(|value| value - middle).collect();
-        Self {
-            scale: (median(ratios) / MIDDLE).max(least[0]),
-            size: (squares / errors.len() as f64).sqrt().max(least[1]),
+        let mut mixture = Self {
+            scale: 0.0,
+            size: (squares / errors.len() as f64).sqrt().max(least),
             differ: deviation(&rests),
             unit: points.unit,
             above: 0.5,
             share: 0.1,
-            least,
-        }
+            least: [0.0, least],
+        };
+        mixture.scale_by(
+            points,
+            spreads,
+            errors.iter().zip(spreads).map(|(e, s)| e / s),
+        );
+        mixture
+    }
+
+    /// The scale of the errors of right points from errors in such spreads.
+    fn scale_by(&mut self, points: &Evidence, spreads: &[f64], ratios: impl Iterator<Item = f64>) {
+        /// The median of the absolute values of the distribution of right points.
+        const MIDDLE: f64 = 0.9;
+        self.least[0] = ROUNDING * points.unit / median(spreads.iter().copied());
+        self.scale = (median(ratios.map(f64::abs)) / MIDDLE).max(self.least[0]);
     }
 
     /// A step of expectation maximisation: the probabilities that points are right, for errors of which right
@@ -505,12 +555,15 @@ impl Neighbours {
             };
         };
         let cells = Cells::new(places);
-        let nearest = |(i, place): (usize, &[f64; 2])| -> Vec<(f64, usize)> {
-            let found = cells.nearest(*place, COUNT + 1).into_iter();
-            let others = found.filter(|(_, j)| *j != i).take(COUNT);
-            others.map(|(square, j)| (square.sqrt(), j)).collect()
+        let nearest = |found: &mut Vec<(f64, usize)>, (i, place): (usize, &[f64; 2])| {
+            cells.find(*place, COUNT + 1, found);
+            let others = found.iter().filter(|(_, j)| *j != i).take(COUNT);
+            let mut near = Vec::with_capacity(COUNT);
+            near.extend(others.map(|&(square, j)| (square.sqrt(), j)));
+            near
         };
-        let mut nearest: Vec<_> = places.par_iter().enumerate().map(nearest).collect();
+        let numbered = places.par_iter().enumerate();
+        let mut nearest: Vec<_> = numbered.map_init(Vec::new, nearest).collect();
         let distances = nearest.iter().flatten().map(|(distance, _)| *distance);
         let closest = (CLOSEST * median(distances)).max(f64::MIN_POSITIVE);
         for (distance, _) in nearest.iter_mut().flatten() {
