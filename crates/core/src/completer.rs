@@ -366,6 +366,12 @@ impl Completer {
         }
     }
 
+    /// Gives back memory that is kept for further images, where none will follow.
+    #[doc(hidden)]
+    pub fn release(&self) {
+        self.network.release();
+    }
+
     pub(crate) fn network(&self) -> &dyn Network {
         &*self.network
     }

@@ -157,7 +157,17 @@ impl Scene {
     /// # fn main() {}
     /// ```
     pub fn complete(&self, observations: &Observations) -> Result<Completion> {
-        self.complete_with(observations, None)
+        self.complete_with(observations, None, false)
+    }
+
+    /// The same where no other fit to the image follows: what only others need is given back, and is computed again
+    /// if one does.
+    ///
+    /// # Errors
+    /// As for [`Self::complete`].
+    #[doc(hidden)]
+    pub fn complete_once(&self, observations: &Observations) -> Result<Completion> {
+        self.complete_with(observations, None, true)
     }
 
     /// The same, but with a prior centred on the weights of another fit, up to their scale: for the next
@@ -170,13 +180,14 @@ impl Scene {
         observations: &Observations,
         weights: &[f64],
     ) -> Result<Completion> {
-        self.complete_with(observations, Some(weights))
+        self.complete_with(observations, Some(weights), false)
     }
 
     fn complete_with(
         &self,
         observations: &Observations,
         near: Option<&[f64]>,
+        once: bool,
     ) -> Result<Completion> {
         let started = Instant::now();
         let inner = &*self.0;
@@ -203,7 +214,7 @@ impl Scene {
                 }
                 let (field, solving) = (factorising.elapsed(), Instant::now());
                 let bases = rows.as_deref().map_or(Bases::Functions(inner), Bases::Rows);
-                let points = inner.points(bases, &usable, affinities);
+                let points = inner.points(bases, &usable, affinities, once);
                 Ok((fit(&points, &config, prior)?, field, solving.elapsed()))
             })
         });
@@ -242,6 +253,7 @@ impl Scene {
             Bases::Rows(&bases),
             &usable,
             None,
+            false,
         ))?)
     }
 
@@ -284,7 +296,7 @@ impl Scene {
         inner.completer.run(|| {
             let rows = inner.held(usable);
             let bases = rows.as_deref().map_or(Bases::Functions(inner), Bases::Rows);
-            let points = inner.points(bases, usable, inner.needed_affinities()?);
+            let points = inner.points(bases, usable, inner.needed_affinities()?, false);
             judge(&points, config, prior)
         })
     }
@@ -419,6 +431,7 @@ impl Inner {
         bases: Bases<'a>,
         usable: &'a Usable,
         affinities: Option<&'a Affinities>,
+        once: bool,
     ) -> Points<'a> {
         let size = self.size;
         Points {
@@ -431,6 +444,7 @@ impl Inner {
                 affinities,
                 size,
                 upsampling: self.upsampling.as_deref(),
+                once,
             }),
         }
     }

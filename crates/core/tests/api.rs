@@ -642,3 +642,22 @@ fn handles_are_printed_without_their_numbers() {
         assert!(text.len() < 2000, "{text}");
     }
 }
+
+/// What is given back after the only fit to an image is found again where it is asked for.
+#[test]
+fn the_only_fit_to_an_image_is_that_of_any_other() {
+    let (width, height) = (320, 240);
+    let scene = scene_of(&COMPLETER, width, height);
+    let points = observations(width, height, 60_000);
+    let kept = scene.complete(&points).unwrap();
+    let once = scene.complete_once(&points).unwrap();
+    let again = scene.complete(&points).unwrap();
+    for other in [once, again] {
+        assert_eq!(other.depth().unwrap(), kept.depth().unwrap());
+        assert_eq!(other.weights(), kept.weights());
+        assert_eq!(
+            other.standard_deviation().unwrap(),
+            kept.standard_deviation().unwrap()
+        );
+    }
+}

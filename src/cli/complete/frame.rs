@@ -125,9 +125,13 @@ impl<'a> Engine<'a> {
         })
     }
 
-    /// Completes a frame.
-    pub(super) fn complete(&self, frame: &Frame) -> Result<Completed> {
-        let fitted = self.prepare(frame)?.fit(&frame.points, None)?;
+    /// Completes a frame that no other follows.
+    pub(super) fn complete(self, frame: &Frame) -> Result<Completed> {
+        let prepared = self.prepare(frame)?;
+        if let Loaded::Trained(completer) = &self.method {
+            completer.release();
+        }
+        let fitted = prepared.fit(&frame.points, None)?;
         self.finish(&frame.rgb, &frame.points, fitted)
     }
 
@@ -218,10 +222,10 @@ fn check_temporal(fit: &FitConfig) -> Result<()> {
 }
 
 impl Prepared {
-    /// The middle part: the weights, near those of the frame before, if they are given.
+    /// The middle part: the weights, near those of the frame before, if they are given. The scene is not fitted again.
     pub(super) fn fit(self, points: &Sparse, near: Option<&[f64]>) -> Result<Fitted> {
         Ok(match (self, near) {
-            (Self::Trained(scene), None) => Fitted::Trained(scene.complete(&points.points)?),
+            (Self::Trained(scene), None) => Fitted::Trained(scene.complete_once(&points.points)?),
             (Self::Trained(scene), Some(weights)) => {
                 Fitted::Trained(scene.complete_near(&points.points, weights)?)
             }

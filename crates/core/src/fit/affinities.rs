@@ -6,7 +6,7 @@ use crate::error::FitError;
 use crate::field::{FieldPrior, Grid};
 use crate::upsampling::Upsampling;
 use rayon::prelude::*;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 /// The affinities of the pixels of an image with their neighbours. Cheap to clone.
 #[derive(Clone, Debug)]
@@ -19,7 +19,7 @@ struct Inner {
     right: Vec<f64>,
     down: Vec<f64>,
     /// The field of these affinities before any observation, and its level.
-    prior: OnceLock<(f64, Option<FieldPrior>)>,
+    prior: Mutex<Option<(f64, Option<FieldPrior>)>>,
     /// Those of blocks of pixels.
     blocks: OnceLock<Affinities>,
 }
@@ -57,7 +57,7 @@ impl Affinities {
             width,
             right,
             down,
-            prior: OnceLock::new(),
+            prior: Mutex::default(),
             blocks: OnceLock::new(),
         }))
     }
@@ -89,15 +89,23 @@ impl Affinities {
 
     /// The field before any observation, factorised on first use; `None` without a level.
     pub fn prior(&self, level: f64) -> Option<FieldPrior> {
-        let of = |kept: &(f64, Option<FieldPrior>)| (kept.0 == level).then(|| kept.1.clone());
-        if let Some(prior) = self.0.prior.get().and_then(of) {
+        let kept = self.kept().clone();
+        if let Some((_, prior)) = kept.filter(|(of, _)| *of == level) {
             return prior;
         }
-        // Not within the initialiser: a thread that waits for others there may take up work that asks for the
-        // same.
+        // Not under the lock: a thread that waits for others there may take up work that asks for the same.
         let found = FieldPrior::new(&self.grid(level));
-        let _ = self.0.prior.set((level, found.clone()));
+        self.kept().get_or_insert((level, found.clone()));
         found
+    }
+
+    /// Gives this field back, which is factorised again if it is asked for.
+    pub(super) fn forget_prior(&self) {
+        *self.kept() = None;
+    }
+
+    fn kept(&self) -> MutexGuard<'_, Option<(f64, Option<FieldPrior>)>> {
+        self.0.prior.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The blocks that pixels make for what is asked of the field roughly.
@@ -151,6 +159,8 @@ pub struct Scene<'a> {
     pub size: (usize, usize),
     /// How positions are read, if not bilinearly.
     pub upsampling: Option<&'a Upsampling>,
+    /// Whether no other fit to the image follows, so that nothing need be kept for it.
+    pub once: bool,
 }
 
 impl Scene<'_> {

@@ -100,6 +100,13 @@ impl Pool {
         Some(free.swap_remove(place))
     }
 
+    /// Lets all memory go.
+    pub(super) fn clear(&self) {
+        if let Ok(mut free) = self.0.lock() {
+            free.clear();
+        }
+    }
+
     /// Takes a map back; if there are too many, the smallest is let go.
     pub(super) fn give(&self, map: Map) {
         if let Ok(mut free) = self.0.lock() {

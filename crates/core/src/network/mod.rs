@@ -52,6 +52,9 @@ pub trait Network: Debug + Send + Sync {
     /// # Errors
     /// An image that cannot be encoded.
     fn basis(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Basis>, Error>;
+
+    /// Gives back memory that is kept for further images.
+    fn release(&self) {}
 }
 
 /// The basis functions and affinities of one image.
@@ -154,6 +157,11 @@ impl Network for Prepared {
             image: map,
             encoded,
         }))
+    }
+
+    fn release(&self) {
+        self.0.pool.clear();
+        self.0.scratch.clear();
     }
 }
 

@@ -196,7 +196,7 @@ impl Sparse {
         } else {
             image.stored()
         };
-        let mut points = Points::new(self.size);
+        let mut points = Points::with_room(self.size, self.points.len());
         for (number, point) in self.points.iter().enumerate() {
             let mut place = [point.u, point.v];
             if !upright {
@@ -274,7 +274,7 @@ impl Sparse {
         if !upright && !as_stored {
             return Err(other_shape(path, own, image));
         }
-        let mut points = Points::new(size);
+        let mut points = Points::with_room(size, depth.count());
         points.ignored = depth.ignored();
         let shown = if upright { size } else { image.stored() };
         for point in depth.points() {
@@ -314,7 +314,7 @@ impl Sparse {
         image: &Orientation,
     ) -> Result<Self> {
         let metres = known.unit.metres();
-        let mut points = Points::new(image.upright());
+        let mut points = Points::with_room(image.upright(), table.rows.len());
         for Row {
             number,
             values: [u, v, depth],

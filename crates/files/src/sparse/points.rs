@@ -37,6 +37,14 @@ impl Points {
         }
     }
 
+    /// The same with room for so many.
+    pub(super) fn with_room(size: (usize, usize), count: usize) -> Self {
+        Self {
+            found: Vec::with_capacity(count),
+            ..Self::new(size)
+        }
+    }
+
     /// Takes in the point of that number: its place (u, v), depth and standard deviation in metres.
     pub(super) fn add(&mut self, [u, v]: [f64; 2], depth: f64, sigma: Option<f64>, number: usize) {
         let sound = |value: f32| value > 0.0 && value.is_finite();

@@ -115,6 +115,15 @@ impl Scratch {
         Self::lend(Some(&self.whole), length, f)
     }
 
+    /// Lets the memory go that nobody uses.
+    pub fn clear(&self) {
+        for slot in self.slots.iter().chain([&self.whole]) {
+            if let Ok(mut memory) = slot.try_lock() {
+                *memory = Buffer::default();
+            }
+        }
+    }
+
     fn lend<R>(slot: Option<&Mutex<Buffer>>, length: usize, f: impl FnOnce(&mut [f32]) -> R) -> R {
         // Taken already only if a thread stole work in the midst of its own, or if two threads
         // outside of the pool compute at once: rare.

@@ -68,6 +68,7 @@ impl FieldEstimator<'_> {
                 affinities: blocks,
                 size: self.scene.size,
                 upsampling: None,
+                once: false,
             },
             joint: JointConfig {
                 level: self.joint.level * area as f64,
@@ -206,6 +207,13 @@ impl FieldEstimator<'_> {
             solution.weights = minimum.weights;
             known = (sample.len() == sites.len()).then_some((field, minimum.rest));
         }
+        let (mut start, mut sample) = (Some(some), sample);
+        if self.scene.once && enough == START {
+            // A field of so many sites is large, and standard deviations, for which the one of the first estimate is
+            // needed again, are not always asked for.
+            (start, sample) = (None, first);
+            self.scene.affinities.forget_prior();
+        }
         let (field, rest, residuals) = if let Some((field, rest)) = known {
             (field, rest, None)
         } else {
@@ -221,7 +229,7 @@ impl FieldEstimator<'_> {
             form: Form::Many {
                 field,
                 share: determined / sites.len() as f64,
-                start: Some(some),
+                start,
             },
             sample,
             residuals,

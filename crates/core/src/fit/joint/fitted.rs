@@ -34,7 +34,8 @@ pub(super) enum Form {
         field: Observed,
         /// The share of a site in what the sites determine of the weights.
         share: f64,
-        /// The field of some sites, from which the covariance of the weights was found, unless there are none.
+        /// The field of some sites, from which the covariance of the weights was found, unless it is that of the
+        /// sample.
         start: Option<Kriged>,
     },
 }
@@ -114,7 +115,7 @@ impl FieldFit {
         };
         let own = field.pixel_variances();
         let coarse = Coarse::new(self.size, FINE);
-        let added = self.added(solution, &coarse, bases);
+        let added = self.added(solution, &coarse, bases)?;
         let own_at = coarse.pixels().map(|(x, y)| own[y * self.size.1 + x]);
         let weights: Vec<f64> = match &self.form {
             Form::Few(_) => {
@@ -147,7 +148,7 @@ impl FieldFit {
         let taps: Vec<Taps> = taps.collect();
         let field = smoothness.observed(&taps, &self.sites.weights)?;
         let coarse = Coarse::new(self.size, ROUGH);
-        let added = self.added(solution, &coarse, bases);
+        let added = self.added(solution, &coarse, bases)?;
         let weights: Vec<f64> = added.into_iter().map(|(_, squares)| squares).collect();
         Ok(Variances {
             size: blocks.counts(),
@@ -163,13 +164,21 @@ impl FieldFit {
         solution: &Solution,
         coarse: &Coarse,
         bases: impl FnOnce(&[[f64; 2]]) -> Vec<f32>,
-    ) -> Vec<(f64, f64)> {
+    ) -> Result<Vec<(f64, f64)>, FitError> {
+        let again;
         let field = match &self.form {
             Form::Few(field)
             | Form::Many {
                 start: Some(field), ..
             } => field,
-            Form::Many { start: None, .. } => return vec![(0.0, 0.0); coarse.pixels().count()],
+            // The field alone.
+            Form::Many { .. } if self.sample.len() == 0 => {
+                return Ok(vec![(0.0, 0.0); coarse.pixels().count()]);
+            }
+            Form::Many { .. } => {
+                again = self.smoothness.untied().kriged(&self.sample, &[])?;
+                &again
+            }
         };
         let places: Vec<[f64; 2]> = coarse.pixels().map(|(x, y)| [x as f64, y as f64]).collect();
         let pixel = |(x, y): (usize, usize)| Taps::pixel((y * self.size.1 + x) as u32);
@@ -185,7 +194,7 @@ impl FieldFit {
         });
         let along = rows * factor - responses;
         let squares = along.row_iter().map(|row| row.squared_norm_l2());
-        variances.into_iter().zip(squares).collect()
+        Ok(variances.into_iter().zip(squares).collect())
     }
 }
 

@@ -65,6 +65,7 @@ impl Example {
             affinities: &self.affinities,
             size: (HEIGHT, WIDTH),
             upsampling: None,
+            once: false,
         }
     }
 
@@ -267,6 +268,7 @@ fn rough_variances_are_nearly_those_of_the_pixels() {
             affinities: &affinities,
             size: (height, width),
             upsampling: None,
+            once: false,
         }),
         ..Points::new(&bases, &depths)
     };
@@ -359,6 +361,7 @@ fn errors_of_scenes_drawn_from_the_model_vary_as_predicted() {
                     affinities: &affinities,
                     size: (HEIGHT, WIDTH),
                     upsampling: None,
+                    once: false,
                 }),
             };
             let fit = fit(&points, &config, None).unwrap();
@@ -524,6 +527,7 @@ fn error_on_a_plane(frequency: f64, kind: PriorKind, lambda: f64) -> f64 {
             affinities: &affinities,
             size: (height, width),
             upsampling: None,
+            once: false,
         }),
     };
     let fit = fit(&points, &config, Some(&prior)).unwrap();
@@ -735,6 +739,7 @@ impl Many {
                 affinities: &self.affinities,
                 size: (MANY, MANY),
                 upsampling: None,
+                once: false,
             }),
         };
         fit(&points, &self.config, None).unwrap()
@@ -864,6 +869,7 @@ fn points_of_a_larger_image_tie_their_pixels() {
         affinities: &example.affinities,
         size: (3 * HEIGHT, 3 * WIDTH),
         upsampling: Some(&upsampling),
+        once: false,
     };
     let points = Points {
         places: Some(&example.places),
@@ -948,6 +954,7 @@ fn a_larger_image_is_observed_as_it_is_read() {
         scene: Some(Scene {
             size,
             upsampling: Some(&upsampling),
+            once: false,
             ..example.scene()
         }),
         ..Points::new(&example.bases, &example.depths)

@@ -137,14 +137,16 @@ impl Robust {
 pub(super) fn robust(
     rows: &Rows<'_>,
     estimator: Estimator<'_>,
-    plain: Estimate,
+    mut plain: Estimate,
     settings: Robust,
 ) -> Result<(Estimate, Vec<f64>)> {
     if settings.loss != Loss::Auto {
         return reweighted::reweighted(rows, estimator, plain, settings);
     }
-    let judged = judge(rows, estimator, &plain)?;
+    // Its field has the memory that the next ones take.
+    plain.field = None;
     let data = estimator.data();
-    let weights: Vec<f64> = judged.iter().map(|found| found.precision / data).collect();
+    let judged = judge(rows, estimator, &plain)?.into_iter();
+    let weights: Vec<f64> = judged.map(|found| found.precision / data).collect();
     Ok((estimator.solve(rows, &weights)?, weights))
 }

@@ -203,6 +203,7 @@ impl Slope {
                 affinities: &self.affinities,
                 size: (HEIGHT, WIDTH),
                 upsampling: None,
+                once: false,
             }),
         }
     }
