@@ -4,7 +4,10 @@
 #[derive(Clone, Debug)]
 pub struct Cells {
     places: Vec<[f64; 2]>,
-    members: Vec<Vec<usize>>,
+    /// The places of all cells, one cell after the other, each in their order.
+    members: Vec<usize>,
+    /// Where those of each cell begin, and the end.
+    starts: Vec<usize>,
     /// The corner of the first cell.
     origin: [f64; 2],
     side: f64,
@@ -27,15 +30,24 @@ impl Cells {
         let [columns, rows] = extent.map(|length| (length / side).ceil().max(1.0) as usize);
         let mut cells = Self {
             places: places.to_owned(),
-            members: vec![Vec::new(); columns * rows],
+            members: vec![0; places.len()],
+            starts: vec![0; columns * rows + 1],
             origin: if places.is_empty() { [0.0; 2] } else { low },
             side,
             columns,
             rows,
         };
-        for (i, &place) in places.iter().enumerate() {
-            let [column, row] = cells.cell(place);
-            cells.members[row as usize * columns + column as usize].push(i);
+        let own: Vec<usize> = places.iter().map(|&place| cells.index(place)).collect();
+        for &cell in &own {
+            cells.starts[cell + 1] += 1;
+        }
+        for cell in 0..columns * rows {
+            cells.starts[cell + 1] += cells.starts[cell];
+        }
+        let mut next = cells.starts.clone();
+        for (i, cell) in own.into_iter().enumerate() {
+            cells.members[next[cell]] = i;
+            next[cell] += 1;
         }
         cells
     }
@@ -118,8 +130,8 @@ impl Cells {
         for r in within(row, self.rows) {
             for c in within(column, self.columns) {
                 if (r - row).abs().max((c - column).abs()) == ring {
-                    let members = &self.members[r as usize * self.columns + c as usize];
-                    for &i in members {
+                    let cell = r as usize * self.columns + c as usize;
+                    for &i in &self.members[self.starts[cell]..self.starts[cell + 1]] {
                         visit(i);
                     }
                 }

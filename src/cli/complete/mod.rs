@@ -17,6 +17,7 @@ mod video;
 use super::args::Complete;
 use super::{Exit, ui};
 use crate::error::Result;
+use crate::process;
 use frame::Engine;
 use inputs::Job;
 use lsdc_files::has_ending;
@@ -37,6 +38,7 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
     if !inputs::is_one(&args) {
         return many::run(&args);
     }
+    process::share_heap();
     let result = inputs::one(&args).and_then(|job| one(&args, &job, &pipes));
     if let (Err(error), true) = (&result, args.json) {
         let name = args.rgb[0].file_name().unwrap_or_default();

@@ -19,101 +19,105 @@ pub(super) struct Factor {
     pub(super) lines: Vec<f64>,
 }
 
-/// What is left of tiles and lines until the next line is eliminated.
-#[derive(Debug, Default)]
-pub(super) struct Rests {
-    tiles: Vec<f64>,
+/// Memory for values of tiles and of lines: of a factor, or of what they leave until the next line is eliminated.
+#[derive(Debug)]
+struct Memory<T> {
+    tiles: Vec<T>,
     lines: Vec<f64>,
 }
 
-/// Memory that factors of a plan use one after the other, because new memory costs as much time as a good part
-/// of the factor.
-#[derive(Debug, Default)]
-pub(super) struct Pool(Mutex<Vec<(Vec<Eight>, Vec<f64>)>>);
+/// Memory that factors of any plan use one after the other, because new memory costs as much time as a good part of a
+/// factor.
+struct Spare<T>(Mutex<Vec<Memory<T>>>);
 
-/// The same for what is left while a factor is made, whatever its plan.
-static RESTS: Mutex<Vec<Rests>> = Mutex::new(Vec::new());
+static FACTORS: Spare<Eight> = Spare(Mutex::new(Vec::new()));
+static RESTS: Spare<f64> = Spare(Mutex::new(Vec::new()));
 
-/// How many unused factors are kept, and how many bytes each may have: what is larger is given back.
-const SPARE: usize = 2;
-const MOST_BYTES: usize = 1 << 27;
-
-fn lock<T>(list: &Mutex<Vec<T>>) -> MutexGuard<'_, Vec<T>> {
-    list.lock().unwrap_or_else(PoisonError::into_inner)
+/// Gives the memory that is kept for what tiles and lines leave back: for what is needed after a factor and is as large.
+pub(super) fn forget_rests() {
+    RESTS.list().clear();
 }
 
-fn give<T>(list: &Mutex<Vec<T>>, value: T, bytes: usize) {
-    if bytes > MOST_BYTES {
-        return;
+impl<T: Copy> Spare<T> {
+    fn list(&self) -> MutexGuard<'_, Vec<Memory<T>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    let mut list = lock(list);
-    if list.len() < SPARE {
-        list.push(value);
+
+    /// Any values of these lengths, in memory that was used before, if there is any: the smallest that suffices, or the
+    /// largest.
+    fn take(&self, (tiles, zero): (usize, T), lines: usize) -> Memory<T> {
+        let mut memory = {
+            let mut list = self.list();
+            list.sort_unstable_by_key(Memory::bytes);
+            let suffices =
+                |own: &Memory<T>| own.tiles.capacity() >= tiles && own.lines.capacity() >= lines;
+            let place = list.iter().position(suffices);
+            let place = place.or(list.len().checked_sub(1));
+            place.map(|place| list.remove(place))
+        }
+        .unwrap_or_default();
+        resize(&mut memory.tiles, tiles, zero);
+        resize(&mut memory.lines, lines, 0.0);
+        memory
+    }
+
+    fn give(&self, memory: Memory<T>) {
+        /// How many are kept, and how many bytes each may have: what is larger is given back.
+        const KEPT: usize = 4;
+        const MOST_BYTES: usize = 1 << 27;
+        let mut list = self.list();
+        if list.len() < KEPT && memory.bytes() <= MOST_BYTES {
+            list.push(memory);
+        }
     }
 }
 
 /// Makes memory of any values as long as needed. What is too short is given back first.
-fn resize<T: Clone>(memory: &mut Vec<T>, length: usize, value: T) {
+fn resize<T: Copy>(memory: &mut Vec<T>, length: usize, value: T) {
     if memory.capacity() < length {
         *memory = Vec::new();
     }
     memory.resize(length, value);
 }
 
-impl Rests {
-    /// Of these lengths, in memory that was used before, if there is any: the smallest that suffices, or the largest.
-    fn take(tiles: usize, lines: usize) -> Self {
-        let mut rests = {
-            let mut list = lock(&RESTS);
-            list.sort_unstable_by_key(Self::room);
-            let suffices = |own: &Self| own.room() >= tiles + lines;
-            let place = list.iter().position(suffices);
-            let place = place.or(list.len().checked_sub(1));
-            place.map(|place| list.remove(place)).unwrap_or_default()
-        };
-        resize(&mut rests.tiles, tiles, 0.0);
-        resize(&mut rests.lines, lines, 0.0);
-        rests
+impl<T> Memory<T> {
+    fn bytes(&self) -> usize {
+        size_of::<T>() * self.tiles.capacity() + size_of::<f64>() * self.lines.capacity()
     }
+}
 
-    fn room(&self) -> usize {
-        self.tiles.capacity() + self.lines.capacity()
-    }
-
-    fn give(self) {
-        let bytes = size_of::<f64>() * self.room();
-        give(&RESTS, self, bytes);
-    }
-
-    /// Gives the memory that is kept back, for what is needed after a factor and is as large.
-    pub(super) fn forget() {
-        lock(&RESTS).clear();
+impl<T> Default for Memory<T> {
+    fn default() -> Self {
+        Self {
+            tiles: Vec::new(),
+            lines: Vec::new(),
+        }
     }
 }
 
 impl Drop for Factor {
     fn drop(&mut self) {
-        let memory = (
-            std::mem::take(&mut self.tiles),
-            std::mem::take(&mut self.lines),
-        );
-        let bytes = size_of_val(&memory.0[..]) + size_of_val(&memory.1[..]);
-        give(&self.plan.pool.0, memory, bytes);
+        FACTORS.give(Memory {
+            tiles: std::mem::take(&mut self.tiles),
+            lines: std::mem::take(&mut self.lines),
+        });
     }
 }
 
 impl Factor {
     /// Factorises a matrix; `None` if it is not positive definite.
     pub(super) fn new(plan: Arc<Plan>, stencil: &Stencil) -> Option<Self> {
-        let (mut tiles, mut lines) = lock(&plan.pool.0).pop().unwrap_or_default();
+        let factor = FACTORS.take((plan.lengths.tiles, [0.0; 8]), plan.lengths.lines);
+        let Memory {
+            mut tiles,
+            mut lines,
+        } = factor;
         let level = Level::here();
         let room = match plan.root {
             Half::Tile(_) => 0,
             Half::Line(root) => plan.lines[root].room + plan.lines[root].square(),
         };
-        resize(&mut tiles, plan.lengths.tiles, [0.0; 8]);
-        resize(&mut lines, plan.lengths.lines, 0.0);
-        let mut rests = Rests::take(plan.lengths.rests, room);
+        let mut rests = RESTS.take((plan.lengths.rests, 0.0), room);
         let mut found = eliminate_tiles(&plan, level, stencil, &mut tiles, &mut rests.tiles);
         if let (true, Half::Line(root)) = (found, plan.root) {
             let work = Lines {
@@ -125,7 +129,7 @@ impl Factor {
             let (rest, room) = rests.lines.split_at_mut(plan.lines[root].square());
             found = work.eliminate(root, &mut lines, 0, rest, room);
         }
-        rests.give();
+        RESTS.give(rests);
         let factor = Self {
             plan,
             level,

@@ -6,7 +6,7 @@
 //!
 //! > inverse_IJ = -inverse_II X,   inverse_JJ = L_JJ'^-1 L_JJ^-1 - X' inverse_IJ
 
-use super::factor::{Factor, Rests, both};
+use super::factor::{Factor, both, forget_rests};
 use super::plan::{Batch, FORK, Half, Line};
 use super::stencil::Stencil;
 use super::tile::{Program, Step};
@@ -33,7 +33,7 @@ impl Factor {
     pub(super) fn inverse(&self) -> Stencil {
         let plan = &*self.plan;
         // Rings and fronts are as large as what is left while a factor is made.
-        Rests::forget();
+        forget_rests();
         let mut inverse = Stencil::zeros(plan.height, plan.width);
         let found = match plan.root {
             Half::Tile(tile) => {

@@ -4,7 +4,6 @@
 //! Lines one pixel wide cut the grid into tiles. The tiles are eliminated first, then the lines between them, in
 //! the order of nested dissection (George 1973): the line that separates two halves after both.
 
-use super::factor::Pool;
 use super::runs::{Run, runs};
 use super::stencil::{Entry, Neighbours, padded};
 use super::tile::Program;
@@ -122,8 +121,6 @@ pub(crate) struct Plan {
     pub(super) homes: Vec<Home>,
     /// The whole grid.
     pub(super) root: Half,
-    /// Memory of factors that are no longer used.
-    pub(super) pool: Pool,
     pub(super) lengths: Lengths,
 }
 
@@ -234,7 +231,6 @@ impl Plan {
                 lines: Vec::new(),
                 homes,
                 root: Half::Tile(0),
-                pool: Pool::default(),
                 lengths,
             },
             across,

@@ -208,13 +208,11 @@ impl FieldEstimator<'_> {
             known = (sample.len() == sites.len()).then_some((field, minimum.rest));
         }
         let (mut start, mut sample) = (Some(some), sample);
-        if enough == START {
+        if self.scene.once && enough == START {
             // A field of so many sites is large, and standard deviations, for which the one of the first estimate is
             // needed again, are not always asked for.
             (start, sample) = (None, first);
-            if self.scene.once {
-                self.scene.affinities.forget_prior();
-            }
+            self.scene.affinities.forget_prior();
         }
         let (field, rest, residuals) = if let Some((field, rest)) = known {
             (field, rest, None)

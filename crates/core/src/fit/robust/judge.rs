@@ -101,8 +101,6 @@ fn close(
     field: FieldEstimator<'_>,
     plain: &Estimate,
 ) -> Result<Vec<Judgement>> {
-    /// More points than this are judged in one round by the field of pixels, others in two.
-    const ONCE: usize = 60_000;
     let rests = rows.residuals(&plain.solution.weights);
     let points = evidence(rows, order, field.joint.data);
     let zeros = vec![0.0; order.len()];
@@ -113,7 +111,12 @@ fn close(
     let coarse = blocks.affinities(&fine.grid(0.0));
     let refit = |field| Refit::new(&rows, Estimator::Field(field));
     let rough = refit(field.on(&coarse, blocks.area()));
-    let rounds = if order.len() > ONCE { 1 } else { 2 };
+    // The more points there are, the more a round costs, and the fewer are needed.
+    let rounds = match order.len() {
+        0..=20_000 => 4,
+        20_001..=40_000 => 2,
+        _ => 1,
+    };
     let (neighbours, start) = start(&points, &rows.values);
     let judged = judge_twice(&points, neighbours, &start, &rough, (&refit(field), rounds))?;
     Ok(judged.judgements())
