@@ -6,7 +6,7 @@ use super::{Lab, Study};
 use crate::error::Result;
 use crate::metrics::Metric;
 use crate::model::{InitNetwork as _, NetworkConfig};
-use crate::report::{Chart, Column, Contest, Line, Row, Section, Table, Training};
+use crate::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table, Training};
 use burn::tensor::Device;
 
 const BASES: [usize; 6] = [16, 32, 64, 128, 256, 512];
@@ -178,7 +178,7 @@ impl Family<'_> {
                 title: &format!("{}: {}", self.title, metric.label()),
                 across: &format!("epochs of {epoch:.0} steps"),
                 up: &super::points::axis(metric),
-                logarithmic: false,
+                scales: Scales::Linear,
                 lines: lines.collect(),
             };
             let name = format!("{}-{}", self.name, metric.key());

@@ -6,7 +6,7 @@ use super::{Lab, Study};
 use crate::error::Result;
 use crate::metrics::Metric;
 use crate::predict::{open_completer, open_weights, weights_name};
-use crate::report::{Chart, Column, Contest, Line, Row, Section, Table};
+use crate::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table};
 use crate::sample::Pattern;
 use std::path::Path;
 
@@ -182,7 +182,7 @@ impl Study for Knowledge<'_> {
                 title: metric.label(),
                 across: "sparse points",
                 up: &super::points::axis(metric),
-                logarithmic: true,
+                scales: Scales::Logarithmic,
                 lines,
             };
             let caption = format!("{} against the number of points.", metric.label());

@@ -5,7 +5,7 @@ use super::cell::{Cell, Measured};
 use super::{Lab, Study};
 use crate::error::Result;
 use crate::metrics::Metric;
-use crate::report::{Chart, Column, Contest, Line, Row, Section, Table};
+use crate::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table};
 use crate::sample::Pattern;
 
 const COUNTS: [usize; 9] = [50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000];
@@ -45,7 +45,7 @@ impl Study for Points<'_> {
                 title: metric.label(),
                 across: "sparse points",
                 up: &axis(metric),
-                logarithmic: true,
+                scales: Scales::Logarithmic,
                 lines: chart,
             };
             let caption = format!("{} against the number of points.", metric.label());

@@ -7,7 +7,7 @@ use crate::data::{Dataset, DepthMap, Frame, FrameId};
 use crate::error::Result;
 use crate::metrics::Metric;
 use crate::predict::{Classic, Method};
-use crate::report::{Chart, Section};
+use crate::report::{Chart, Scales, Section};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -68,7 +68,7 @@ impl Study for Scale<'_> {
             title: "REL against the scale of the depths",
             across: "factor",
             up: &axis(Metric::Rel),
-            logarithmic: true,
+            scales: Scales::LogarithmicAcross,
             lines,
         };
         section.show(

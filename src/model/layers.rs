@@ -8,14 +8,16 @@ use burn::tensor::{Device, Tensor, TensorData};
 use lsdc_core::network::{CHANNELS_PER_GROUP, EPSILON, NormKind};
 use lsdc_rng::Rng;
 
-/// Slow, because batches are small.
-const MOMENTUM: f64 = 0.01;
+/// How far the running statistics of batch normalisation follow each batch: slowly, because batches are small.
+pub(crate) const MOMENTUM: f64 = 0.01;
 
 /// What every layer needs to be built.
 pub(crate) struct Init {
     /// Source of random weights; without it they are 0.
     pub(crate) rng: Option<Rng>,
     pub(crate) norm: NormKind,
+    /// Of batch normalisation.
+    pub(crate) momentum: f64,
     pub(crate) device: Device,
 }
 
@@ -43,10 +45,12 @@ pub(crate) struct BatchNorm {
     training: Param<Flag>,
     running_mean: RunningState<Tensor<1>>,
     running_variance: RunningState<Tensor<1>>,
+    #[module(skip)]
+    momentum: f64,
 }
 
 impl BatchNorm {
-    fn init(channels: usize, device: &Device) -> Self {
+    fn init(channels: usize, momentum: f64, device: &Device) -> Self {
         let fill = |value: f32| TensorData::new(vec![value; channels], [channels]);
         Self {
             gain: Param::from_data(fill(1.0), device),
@@ -54,6 +58,7 @@ impl BatchNorm {
             training: Param::from_bool(true),
             running_mean: RunningState::new(Tensor::zeros([channels], device)),
             running_variance: RunningState::new(Tensor::ones([channels], device)),
+            momentum,
         }
     }
 
@@ -61,8 +66,8 @@ impl BatchNorm {
         let own = x.device().is_autodiff() && self.training.is_enabled();
         let (mean, variance) = if own {
             let (mean, variance) = moments(x.clone());
-            follow(&self.running_mean, mean.clone());
-            follow(&self.running_variance, variance.clone());
+            self.follow(&self.running_mean, mean.clone());
+            self.follow(&self.running_variance, variance.clone());
             (mean, variance)
         } else {
             let device = x.device();
@@ -78,12 +83,12 @@ impl BatchNorm {
         };
         normalise(x, self.gain.val(), self.shift.val(), mean, variance, spec)
     }
-}
 
-fn follow(running: &RunningState<Tensor<1>>, now: Tensor<1>) {
-    running.update(running.value() * (1.0 - MOMENTUM) + now * MOMENTUM);
-    // Written through at once: a checkpoint must hold the last batch too.
-    running.value_sync();
+    fn follow(&self, running: &RunningState<Tensor<1>>, now: Tensor<1>) {
+        running.update(running.value() * (1.0 - self.momentum) + now * self.momentum);
+        // Written through at once: a checkpoint must hold the last batch too.
+        running.value_sync();
+    }
 }
 
 /// Switches batch normalisation from the statistics of each batch to the running ones.
@@ -104,7 +109,7 @@ pub(crate) enum Norm {
 impl Norm {
     pub(crate) fn init(channels: usize, init: &Init) -> Self {
         match init.norm {
-            NormKind::Batch => Self::Batch(BatchNorm::init(channels, &init.device)),
+            NormKind::Batch => Self::Batch(BatchNorm::init(channels, init.momentum, &init.device)),
             NormKind::Group => {
                 let config = GroupNormConfig::new(channels / CHANNELS_PER_GROUP, channels);
                 Self::Group(config.with_epsilon(EPSILON).init(&init.device))

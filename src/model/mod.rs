@@ -69,6 +69,7 @@ fn build(config: &NetworkConfig, rng: Option<Rng>, device: &Device) -> Result<Ba
     let mut init = Init {
         rng,
         norm: config.norm,
+        momentum: layers::MOMENTUM,
         device: device.clone(),
     };
     BasisNet::init(config, &mut init)

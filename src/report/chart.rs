@@ -12,10 +12,21 @@ pub struct Chart<'a> {
     pub across: &'a str,
     /// The vertical axis, with its unit.
     pub up: &'a str,
-    /// Whether the horizontal axis is logarithmic.
-    pub logarithmic: bool,
+    /// Their scales.
+    pub scales: Scales,
     /// What is drawn; lines with names are listed beside the chart.
     pub lines: Vec<Line>,
+}
+
+/// How the axes of a chart run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scales {
+    /// Both evenly, the vertical one from 0.
+    Linear,
+    /// The horizontal one logarithmically, the vertical one evenly from 0.
+    LogarithmicAcross,
+    /// Both logarithmically. Values that are not positive are left out.
+    Logarithmic,
 }
 
 /// A line of a chart.
@@ -56,8 +67,12 @@ impl Chart<'_> {
 
     /// The chart as a picture.
     pub fn draw(&self) -> Drawing {
-        let all = || self.lines.iter().flat_map(|line| &line.points);
-        let range = |of: fn(&(f64, f64)) -> f64| {
+        let shown = |line: &Line| -> Vec<(f64, f64)> {
+            let positive = |&(_, v): &(f64, f64)| self.scales != Scales::Logarithmic || v > 0.0;
+            line.points.iter().copied().filter(positive).collect()
+        };
+        let all = || self.lines.iter().flat_map(shown);
+        let range = |of: fn((f64, f64)) -> f64| {
             all()
                 .map(of)
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
@@ -65,7 +80,7 @@ impl Chart<'_> {
                 })
         };
         let (mut left, mut right) = range(|p| p.0);
-        let (_, mut top) = range(|p| p.1);
+        let (mut low, mut top) = range(|p| p.1);
         let named = self.lines.iter().any(|line| line.name.is_some());
         let mut drawing = Drawing {
             title: self.title.to_owned(),
@@ -79,13 +94,22 @@ impl Chart<'_> {
         if right <= left {
             (left, right) = (0.5 * left, 2.0 * right);
         }
-        top = if top > 0.0 { 1.05 * top } else { 1.0 };
-        let across = |v: f64| if self.logarithmic { v.ln() } else { v };
-        let x = |v: f64| {
-            let share = (across(v) - across(left)) / (across(right) - across(left));
-            LEFT + share * (WIDTH - LEFT - RIGHT)
+        let [by_log, rising] = match self.scales {
+            Scales::Linear => [false; 2],
+            Scales::LogarithmicAcross => [true, false],
+            Scales::Logarithmic => [true; 2],
         };
-        let y = |v: f64| HEIGHT - BOTTOM - v / top * (HEIGHT - BOTTOM - TOP);
+        top = if top > 0.0 { 1.05 * top } else { 1.0 };
+        low = if rising { low / 1.05 } else { 0.0 };
+        let x = |v: f64| LEFT + share(v, (left, right), by_log) * (WIDTH - LEFT - RIGHT);
+        let y = |v: f64| HEIGHT - BOTTOM - share(v, (low, top), rising) * (HEIGHT - BOTTOM - TOP);
+        let marks = |by_log, low, high| {
+            if by_log {
+                logarithmic_ticks(low, high)
+            } else {
+                ticks(low, high)
+            }
+        };
         let svg = &mut drawing.body;
         let floor = HEIGHT - BOTTOM;
         let middle = 0.5 * (LEFT + WIDTH - RIGHT);
@@ -100,7 +124,7 @@ impl Chart<'_> {
             0.5 * (TOP + floor),
             escaped(self.up)
         );
-        for tick in ticks(0.0, top) {
+        for tick in marks(rising, low, top) {
             let at = y(tick);
             let _ = write!(
                 svg,
@@ -112,12 +136,7 @@ impl Chart<'_> {
                 number(tick)
             );
         }
-        let marks = if self.logarithmic {
-            logarithmic_ticks(left, right)
-        } else {
-            ticks(left, right)
-        };
-        for tick in marks {
+        for tick in marks(by_log, left, right) {
             let at = x(tick);
             let _ = write!(
                 svg,
@@ -128,8 +147,8 @@ impl Chart<'_> {
             );
         }
         for line in &self.lines {
-            let path: Vec<String> = line
-                .points
+            let points = shown(line);
+            let path: Vec<String> = points
                 .iter()
                 .map(|&(u, v)| format!("{:.1} {:.1}", x(u), y(v)))
                 .collect();
@@ -140,8 +159,8 @@ impl Chart<'_> {
                 "<polyline points='{}' fill='none' stroke='{colour}' stroke-width='1.8'{dashes}/>",
                 path.join(" ")
             );
-            if line.points.len() <= MARKED {
-                for &(u, v) in &line.points {
+            if points.len() <= MARKED {
+                for (u, v) in points {
                     let _ = write!(
                         svg,
                         "<circle cx='{:.1}' cy='{:.1}' r='2.6' fill='{colour}'/>",
@@ -170,6 +189,12 @@ impl Chart<'_> {
         }
         drawing
     }
+}
+
+/// How far a value is from the lower to the upper of two.
+fn share(value: f64, (low, high): (f64, f64), by_log: bool) -> f64 {
+    let scaled = |v: f64| if by_log { v.ln() } else { v };
+    (scaled(value) - scaled(low)) / (scaled(high) - scaled(low))
 }
 
 fn dashes(dashed: bool) -> &'static str {
@@ -223,10 +248,31 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_logarithmic_axis_has_equal_steps_for_equal_ratios() {
+        let places = [0.05, 0.5, 5.0].map(|v| share(v, (0.05, 5.0), true));
+        assert!((places[1] - 0.5).abs() < 1e-12 && places[0] == 0.0 && places[2] == 1.0);
+        let chart = Chart {
+            title: "RMSE",
+            across: "points",
+            up: "m",
+            scales: Scales::Logarithmic,
+            lines: vec![Line {
+                points: vec![(5.0, 1.0), (50.0, 0.0), (500.0, 0.1)],
+                ..Line::default()
+            }],
+        };
+        let drawing = chart.draw();
+        // That of the error 0 is left out.
+        assert_eq!(drawing.body.matches("<circle").count(), 2);
+        assert!(!drawing.body.contains("NaN") && !drawing.body.contains("inf"));
+    }
+
+    #[test]
     fn ticks_are_round_and_inside() {
         assert_eq!(ticks(0.0, 1.05), [0.0, 0.5, 1.0]);
         assert_eq!(ticks(0.0, 0.9), [0, 1, 2, 3, 4].map(|i| f64::from(i) * 0.2));
         assert_eq!(logarithmic_ticks(0.7, 10.0), [1.0, 2.0, 5.0, 10.0]);
+        assert_eq!(logarithmic_ticks(0.03, 40.0), [0.1, 1.0, 10.0]);
         assert_eq!(number(3.0 * 0.2), "0.6");
         assert_eq!(number(20.0), "20");
     }

@@ -1,6 +1,6 @@
 //! Error against the number of points: one evaluation for each number.
 
-use super::chart::{Chart, Line};
+use super::chart::{Chart, Line, Scales};
 use super::drawing::escaped;
 use super::html::{begin, legend};
 use super::text::shown;
@@ -92,7 +92,7 @@ impl Curve {
                 title: metric.label(),
                 across: "sparse points",
                 up: &up,
-                logarithmic: true,
+                scales: Scales::LogarithmicAcross,
                 lines: lines.collect(),
             };
             page.push_str(&chart.svg());

@@ -1,6 +1,6 @@
 //! One page that needs nothing else: tables, charts, and pictures of remarkable frames.
 
-use super::chart::{COLOURS, Chart, Line};
+use super::chart::{COLOURS, Chart, Line, Scales};
 use super::colour::{coloured, errors};
 use super::drawing::{encoded, escaped};
 use super::text::{TABLES, shown};
@@ -161,42 +161,42 @@ impl Report {
                 title: "Errors that intervals hold (dashed: as many as they should)",
                 across: "level of the interval, %",
                 up: "errors within, %",
-                logarithmic: false,
+                scales: Scales::Linear,
                 lines: held,
             },
             Chart {
                 title: "RMSE of the pixels that are left (dashed: at best)",
                 across: "most uncertain pixels removed, %",
                 up: "RMSE, m",
-                logarithmic: false,
+                scales: Scales::Linear,
                 lines: left,
             },
             Chart {
                 title: "Mean absolute error against depth",
                 across: "true depth, m",
                 up: "MAE, m",
-                logarithmic: true,
+                scales: Scales::LogarithmicAcross,
                 lines: lines(&|i| curve(Axis::Depth, i)),
             },
             Chart {
                 title: "Mean absolute error against distance to a point",
                 across: "distance to the nearest point, pixels (left end: at a point)",
                 up: "MAE, m",
-                logarithmic: true,
+                scales: Scales::LogarithmicAcross,
                 lines: lines(&|i| curve(Axis::Distance, i)),
             },
             Chart {
                 title: "How large the errors are",
                 across: "absolute error, m (half octaves)",
                 up: "pixels, %",
-                logarithmic: true,
+                scales: Scales::LogarithmicAcross,
                 lines: lines(&sizes),
             },
             Chart {
                 title: "RMSE of the frames, from best to worst",
                 across: "frames, %",
                 up: "RMSE, m",
-                logarithmic: false,
+                scales: Scales::Linear,
                 lines: lines(&frames),
             },
         ];

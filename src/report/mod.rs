@@ -15,7 +15,7 @@ mod text;
 mod training;
 
 pub use bars::Bars;
-pub use chart::{Chart, Line};
+pub use chart::{Chart, Line, Scales};
 pub use colour::{coloured, signed};
 pub use curve::Curve;
 pub use drawing::Drawing;

@@ -1,6 +1,6 @@
 //! How training went: one run, or several side by side.
 
-use super::chart::{Chart, Line};
+use super::chart::{Chart, Line, Scales};
 use super::drawing::escaped;
 use super::html::{begin, legend};
 use crate::data::write_atomically;
@@ -93,7 +93,7 @@ impl Training {
                 title,
                 across: "step",
                 up,
-                logarithmic: false,
+                scales: Scales::Linear,
                 lines: lines.collect(),
             };
             page.push_str(&chart.svg());

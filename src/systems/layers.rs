@@ -181,6 +181,7 @@ mod tests {
         let mut init = Init {
             rng: Some(Rng::stream(0, &["up"])),
             norm: NormKind::Batch,
+            momentum: 0.1,
             device: device.clone(),
         };
         let x = init.normal([2, 4, 5, 6], 1.0).val();

@@ -181,6 +181,8 @@ impl SystemConfig {
         let mut init = Init {
             rng,
             norm: NormKind::Batch,
+            // That of PyTorch, with which their authors trained them.
+            momentum: 0.1,
             device: device.clone(),
         };
         Ok(match self {

@@ -4,7 +4,7 @@ use super::conditions::{COUNTS, Conditions};
 use crate::error::Result;
 use crate::experiment::points::axis;
 use crate::metrics::Metric;
-use crate::report::{Chart, Line, Section, Table};
+use crate::report::{Chart, Line, Scales, Section, Table};
 
 /// A measure against the number of points, of a table whose first row has those of the training.
 pub(super) fn points(section: &mut Section, table: &Table, metric: Metric) {
@@ -23,7 +23,7 @@ pub(super) fn points(section: &mut Section, table: &Table, metric: Metric) {
         title: metric.label(),
         across: "sparse points",
         up: &axis(metric),
-        logarithmic: true,
+        scales: Scales::Logarithmic,
         lines: lines.collect(),
     };
     let caption = format!(
