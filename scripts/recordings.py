@@ -5,9 +5,11 @@
     python3 scripts/recordings.py golden             writes tests/golden/recordings
     python3 scripts/recordings.py check [PROGRAM]    reads back what lsdc writes
     python3 scripts/recordings.py drive FRAMES OUT   makes a recording of rendered frames (docs/recordings.md)
+    python3 scripts/recordings.py truth POINTS       compares points with what was rendered there: lines `stamp,u,v,depth`, as the
+                                                     example `points` of lsdc-recordings prints them
 
-`golden` writes `types`, a message of every type and encoding, in every container, and `drive`, a car with a camera and a
-scanner, with what NumPy and OpenCV make of them in `expected.json`: colours, depths, and where OpenCV projects the points.
+`golden` writes `types`, a message of every type and encoding, in every container, `drive`, a car with a camera and a
+scanner, and `turn`, a scanner that passes a wall while it turns, with what NumPy and OpenCV make of them in `expected.json`: colours, depths, and where OpenCV projects the points.
 """
 
 import json
@@ -76,10 +78,12 @@ def camera(stamp: int, frame: str, size, model: str, k, d):
     )
 
 
-def cloud(stamp: int, frame: str, points: np.ndarray, layout: np.dtype, big: bool = False, rows: int = 1):
-    """Points in any layout; fields that are not x, y, z hold numbers of no meaning."""
-    kinds = {"u1": 2, "u2": 4, "f4": 7, "f8": 8}
+def cloud(stamp: int, frame: str, points: np.ndarray, layout: np.dtype, big=False, rows=1, times=None):
+    """Points in any layout; fields that are neither x, y, z nor the last one, with times, hold numbers of no meaning."""
+    kinds = {"u1": 2, "u2": 4, "u4": 6, "f4": 7, "f8": 8}
     data = np.zeros(len(points), layout)
+    if times is not None:
+        data[layout.names[-1]] = times
     for axis, name in enumerate("xyz"):
         data[name] = points[:, axis]
     fields = [
@@ -381,6 +385,53 @@ def drive() -> tuple[Log, dict]:
     return log, expected
 
 
+def turn() -> tuple[Log, dict]:
+    """A car whose scanner passes over a wall while it drives and turns: twice, the second time after the last transform. The
+    times of the points are those of several drivers. Where the wall is seen is a closed form."""
+    size, k = (48, 36), (40.0, 40.0, 23.5, 17.5)
+    lidar, eye = matrix(*LIDAR), matrix(*CAMERA)
+    normal, offset = np.array([0.96, 0.28, 0.0]), 14.0
+    log, expected = Log(), {"frames": []}
+    fixed = transforms(transform(START, "base_link", "lidar", *LIDAR), transform(START, "base_link", "camera", *CAMERA))
+    log.add("/tf_static", START, fixed)
+    for step in range(13):
+        stamp = START + step * 50_000_000
+        log.add("/tf", stamp, transforms(transform(stamp, "odom", "base_link", *car(0.05 * step))))
+    grey = np.full((size[1], size[0]), 90, np.uint8)
+    grey[:, ::2] = 140
+    nanoseconds = np.arange(80) * 1_000_000
+    elevations = np.radians(np.linspace(-18, 18, 6))
+    for begin, shot in ((0.28, 0.32), (0.56, 0.58)):
+        start, stamp = START + round(begin * 1e9), START + round(shot * 1e9)
+        log.add("/camera/image_raw", stamp, image(stamp, "camera", "mono8", grey))
+        log.add("/camera/camera_info", stamp, camera(stamp, "camera", size, "plumb_bob", k, [0.0] * 5))
+        points = []
+        for past in nanoseconds:
+            pose = matrix(*car(begin + past * 1e-9)) @ lidar
+            # The scanner is turned against the car; it passes from right to left.
+            azimuth = np.radians(-28 + 56 * past / nanoseconds[-1]) - LIDAR[0][2]
+            level = np.cos(elevations)
+            rays = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevations)])
+            far = (offset - normal @ pose[:3, 3]) / (rays @ pose[:3, :3].T @ normal)
+            points.append(rays * far[:, None])
+        points, times = np.concatenate(points), np.repeat(nanoseconds, len(elevations))
+        last = int(nanoseconds[-1])
+        drivers = {
+            "ouster": (start, "t", "<u4", times),
+            "velodyne": (start + last, "time", "<f4", (times - last) * 1e-9),
+            "hesai": (start, "timestamp", "<f8", (start + times) * 1e-9),
+            "livox": (start, "timestamp", "<f8", (start + times).astype(float)),
+        }
+        for name, (time, field, kind, values) in drivers.items():
+            layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("ring", "<u2"), (field, kind)])
+            log.add(f"/{name}/points", time, cloud(time, "lidar", points, layout, times=values))
+        pose = matrix(*car(shot)) @ eye
+        plane = [*(normal @ pose[:3, :3]), offset - normal @ pose[:3, 3]]
+        expected["frames"].append({"stamp": stamp, "plane": plane})
+    log.sort(key=lambda message: message[1])
+    return log, expected
+
+
 def golden() -> None:
     GOLDEN.mkdir(parents=True, exist_ok=True)
     log, kinds = types()
@@ -393,7 +444,9 @@ def golden() -> None:
             (GOLDEN / "bag" / file.name).write_bytes(file.read_bytes())
     log, frames = drive()
     log.mcap(GOLDEN / "drive.mcap", CompressionType.LZ4)
-    (GOLDEN / "expected.json").write_text(json.dumps({**kinds, **frames}, separators=(",", ":")) + "\n")
+    log, wall = turn()
+    log.mcap(GOLDEN / "turn.mcap", CompressionType.ZSTD)
+    (GOLDEN / "expected.json").write_text(json.dumps({**kinds, **frames, "turn": wall}, separators=(",", ":")) + "\n")
     total = sum(file.stat().st_size for file in GOLDEN.rglob("*") if file.is_file())
     print(f"{total} bytes in {GOLDEN}")
 
@@ -476,21 +529,27 @@ def walk(seconds: float) -> np.ndarray:
     return matrix([0, 0, heading], [2.6 * np.cos(angle), 0.3 + 1.6 * np.sin(angle), 0.5])
 
 
-def spinning(seconds: float) -> np.ndarray:
-    """A turn of a scanner of 16 lasers while it moves, in its own frame at the middle of the turn."""
-    turns = np.linspace(-0.5, 0.5, 900, endpoint=False)
+SCANNER = ([0.0, 0.0, 0.0], [0.1, 0.0, 0.4])
+EYE = (CAMERA[0], [0.15, 0.0, 0.3])
+
+
+def spinning(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A turn of a scanner of 16 lasers while it moves, that begins at a time: points in its own frame, each at its own
+    nanosecond, these, and the points in the room."""
+    turns = np.arange(900)
     elevations = np.radians(np.linspace(-15, 15, 16))
-    lidar, points = matrix([0, 0, 0], [0.1, 0, 0.4]), []
-    back = np.linalg.inv(walk(seconds) @ lidar)
+    points, room = [], []
     for turn in turns:
-        pose = walk(seconds + 0.1 * turn) @ lidar
-        azimuth = 2 * np.pi * turn
+        pose = walk(seconds + 0.1 * turn / len(turns)) @ matrix(*SCANNER)
+        # Ahead in the middle of the turn.
+        azimuth = 2 * np.pi * (turn / len(turns) - 0.5)
         level = np.cos(elevations)
-        rays = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevations)]) @ pose[:3, :3].T
-        far, _ = cast(pose[:3, 3], rays)
-        points.append(pose[:3, 3] + rays * far[:, None])
-    points = np.concatenate(points)
-    return points @ back[:3, :3].T + back[:3, 3]
+        rays = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevations)])
+        far, _ = cast(pose[:3, 3], rays @ pose[:3, :3].T)
+        points.append(rays * far[:, None])
+        room.append(points[-1] @ pose[:3, :3].T + pose[:3, 3])
+    times = np.repeat(np.round(1e8 * turns / len(turns)).astype(np.uint32), len(elevations))
+    return np.concatenate(points), times, np.concatenate(room)
 
 
 def rendered(pose: np.ndarray) -> np.ndarray:
@@ -506,14 +565,13 @@ def rendered(pose: np.ndarray) -> np.ndarray:
 
 
 def room_drive(frames: int, output: Path) -> None:
-    """Images and turns of the scanner, ten a second, 20 ms apart; and the same frames as files, but for what is hidden."""
+    """Images and turns of the scanner, ten a second, which begin 30 ms before the images; and the same frames as files, but for
+    what is hidden."""
     (output / "images").mkdir(parents=True)
     (output / "points").mkdir()
-    lidar = ([0.0, 0.0, 0.0], [0.1, 0.0, 0.4])
-    eye = (CAMERA[0], [0.15, 0.0, 0.3])
-    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<u4")])
     log = Log()
-    fixed = [transform(START, "base_link", "lidar", *lidar), transform(START, "base_link", "camera", *eye)]
+    fixed = [transform(START, "base_link", "lidar", *SCANNER), transform(START, "base_link", "camera", *EYE)]
     log.add("/tf_static", START, transforms(*fixed))
     for step in range(5 * frames + 10):
         seconds = 0.02 * step - 0.1
@@ -522,14 +580,13 @@ def room_drive(frames: int, output: Path) -> None:
         log.add("/tf", stamp, transforms(transform(stamp, "odom", "base_link", turned, pose[:3, 3])))
         if step < 5 or step % 5 or step // 5 > frames:
             continue
-        scan, shot = walk(seconds + 0.02) @ matrix(*lidar), pose @ matrix(*eye)
-        shown, points = rendered(shot), spinning(seconds + 0.02)
+        shot = pose @ matrix(*EYE)
+        shown, (points, times, room) = rendered(shot), spinning(seconds - 0.03)
         log.add("/camera/image_raw", stamp, image(stamp, "camera", "rgb8", shown))
         info = camera(stamp, "camera", SIZE, "plumb_bob", (FOCAL, FOCAL, *MIDDLE), [0.0] * 5)
         log.add("/camera/camera_info", stamp, info)
-        log.add("/lidar/points", stamp + 70_000_000, cloud(stamp + 20_000_000, "lidar", points, layout))
-        moved = np.linalg.inv(shot) @ scan
-        places = points @ moved[:3, :3].T + moved[:3, 3]
+        log.add("/lidar/points", stamp + 70_000_000, cloud(stamp - 30_000_000, "lidar", points, layout, times=times))
+        places = (room - shot[:3, 3]) @ shot[:3, :3]
         places = places[places[:, 2] > 0]
         seen = np.column_stack([FOCAL * places[:, :2] / places[:, 2:] + MIDDLE, places[:, 2]])
         inside = (seen[:, :2] > -0.5).all(1) & (seen[:, :2] < np.array(SIZE) - 0.5).all(1)
@@ -539,6 +596,20 @@ def room_drive(frames: int, output: Path) -> None:
     log.mcap(output / "drive.mcap", CompressionType.LZ4, size=4 << 20)
 
 
+def truth(path: Path) -> None:
+    """How far the depths of points are from what the camera of `drive` sees at their places."""
+    rows = np.loadtxt(path, delimiter=",", dtype=np.float64, converters={0: lambda text: int(text) - START})
+    off = []
+    for stamp in np.unique(rows[:, 0]):
+        u, v, depth = rows[rows[:, 0] == stamp, 1:].T
+        pose = walk(stamp * 1e-9) @ matrix(*EYE)
+        rays = np.column_stack([(u - MIDDLE[0]) / FOCAL, (v - MIDDLE[1]) / FOCAL, np.ones(len(u))]) @ pose[:3, :3].T
+        off.append(depth - cast(pose[:3, 3], rays)[0])
+    off = np.abs(np.concatenate(off))
+    rms = np.sqrt((off**2).mean())
+    print(f"{len(off)} points: {rms:.4f} m rms, median {np.median(off):.4f} m, {(off > 0.05).mean():.2%} off by 5 cm")
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["golden"]:
         golden()
@@ -546,5 +617,7 @@ if __name__ == "__main__":
         check(str(Path(sys.argv[2] if len(sys.argv) > 2 else ROOT / "target/release/lsdc").resolve()))
     elif sys.argv[1:2] == ["drive"] and len(sys.argv) == 4:
         room_drive(int(sys.argv[2]), Path(sys.argv[3]))
+    elif sys.argv[1:2] == ["truth"] and len(sys.argv) == 3:
+        truth(Path(sys.argv[2]))
     else:
         sys.exit(__doc__)

@@ -569,16 +569,28 @@ fn recordings() {
         survive(&path, || message(kind, &std::fs::read(&path).unwrap()));
     }
     let path = folder.path().join("frames.mcap");
-    std::fs::copy(golden.join("drive.mcap"), &path).unwrap();
-    survive(&path, || {
-        let read = || {
-            let mut recording = Recording::open(&path)?;
-            let frames = Frames::of(&mut recording, &Wanted::default())?;
-            for frame in &frames.found {
-                frames.read(&mut recording, frame)?.decode(&frames)?;
-            }
-            Ok::<bool, lsdc::error::Error>(frames.found.len() == 4 && frames.remarks.is_empty())
+    // The second has times of its points.
+    for (name, points, count) in [
+        ("drive.mcap", "/lidar/points", 4),
+        ("turn.mcap", "/velodyne/points", 1),
+    ] {
+        std::fs::copy(golden.join(name), &path).unwrap();
+        let wanted = Wanted {
+            points: Some(points.to_owned()),
+            ..Wanted::default()
         };
-        read().unwrap_or(false)
-    });
+        survive(&path, || {
+            let read = || {
+                let mut recording = Recording::open(&path)?;
+                let frames = Frames::of(&mut recording, &wanted)?;
+                for frame in &frames.found {
+                    frames.read(&mut recording, frame)?.decode(&frames)?;
+                }
+                Ok::<bool, lsdc::error::Error>(
+                    frames.found.len() == count && frames.remarks.is_empty(),
+                )
+            };
+            read().unwrap_or(false)
+        });
+    }
 }

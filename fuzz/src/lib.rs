@@ -36,16 +36,24 @@ pub fn with_dataset(data: &[u8], name: &str, kind: DatasetKind) {
     });
 }
 
-/// Counts what is in a recording, and reads its frames.
+/// Counts what is in a recording, and reads its frames with each topic of points.
 pub fn recording(path: &Path) {
     let Ok(mut recording) = Recording::open(path) else {
         return;
     };
-    let _ = Survey::of(&mut recording);
-    let Ok(frames) = Frames::of(&mut recording, &Wanted::default()) else {
+    let Ok(survey) = Survey::of(&mut recording) else {
         return;
     };
-    for frame in &frames.found {
-        let _ = frames.read(&mut recording, frame).and_then(|stored| stored.decode(&frames));
+    for counted in survey.topics.iter().take(8) {
+        let wanted = Wanted {
+            points: Some(counted.topic.name.clone()),
+            ..Wanted::default()
+        };
+        let Ok(frames) = Frames::of(&mut recording, &wanted) else {
+            continue;
+        };
+        for frame in &frames.found {
+            let _ = frames.read(&mut recording, frame).and_then(|stored| stored.decode(&frames));
+        }
     }
 }

@@ -196,6 +196,41 @@ fn a_recording_goes_into_a_recording() {
     assert_eq!(names(folder.path()), ["mm.mcap", "out", "out.mcap"]);
 }
 
+/// Each point at its own time, what has none left out, and both said; the points of a cloud at its stamp if that is asked for.
+#[test]
+fn what_becomes_of_turns_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let turn = golden("turn.mcap");
+    let run = |points: &str, more: &[&str], words: &[&str]| {
+        let args = [&["complete", &turn, "--points", points, "-o", "out"], more].concat();
+        let run = lsdc(folder.path()).args(args).assert().success();
+        told(&run, words);
+    };
+    run(
+        "/ouster/points",
+        &["--formats", "npy"],
+        &[
+            "each point counts at its own time: `t`, 0.0790 s",
+            "2 completed, 0 there already, 0 failed",
+            "234 without a time, or transforms at it",
+        ],
+    );
+    // Other results; those that are there are not taken for them.
+    run(
+        "/ouster/points",
+        &["--formats", "npy", "--no-deskew", "--force"],
+        &[
+            "deskewed  no: all points of a cloud count at its stamp",
+            "2 completed, 0 there already, 0 failed",
+        ],
+    );
+    run(
+        "/hesai/points",
+        &["--formats", "npy", "--tf", "/tf_static", "--force"],
+        &["warning: the points have times of their own (`timestamp`), but no transforms that move"],
+    );
+}
+
 #[test]
 fn what_is_wrong_is_said() {
     let folder = room();
@@ -222,6 +257,10 @@ fn what_is_wrong_is_said() {
     refused(
         &["rgb.png", "sparse.npy", "--image", "/left"],
         &["`--image` is for a recording"],
+    );
+    refused(
+        &["rgb.png", "sparse.npy", "--no-deskew"],
+        &["`--no-deskew` is for a recording"],
     );
     refused(
         &["rgb.png"],

@@ -1,5 +1,6 @@
 //! What fuzzers and tests call: the readers of messages, without a recording.
 
+use crate::frames::timed;
 use crate::message::{
     Header, Kind, Points, camera_of, colours, compressed_depths, depths, transforms,
 };
@@ -24,7 +25,11 @@ pub(crate) fn read(kind: Kind, data: &[u8]) -> bool {
             colours || depths
         }
         Kind::CameraInfo => camera_of(data, false).is_ok() && camera_of(data, true).is_ok(),
-        Kind::PointCloud2 => Points::of(data).is_ok_and(|points| points.iter().count() > 0),
+        Kind::PointCloud2 => Points::of(data).is_ok_and(|points| {
+            let stamp = Header::of(data).map_or(0, |header| header.stamp);
+            let count = points.iter().count();
+            count > 0 && timed(&points, stamp) <= count
+        }),
         Kind::Transforms => transforms(data).is_ok(),
     }
 }

@@ -32,7 +32,7 @@ mod transforms;
 mod writer;
 
 pub use container::{Flaws, Message, Place, Topic};
-pub use frames::{Dropped, Frame, Frames, Loaded, Reason, Stored, Wanted};
+pub use frames::{Deskewed, Dropped, Frame, Frames, Loaded, Reason, Stored, Wanted};
 pub use message::{Header, Kind, Stamp, TransformStamped, write_cloud, write_depth};
 pub use recording::Recording;
 pub use rigid::Rigid;

@@ -175,6 +175,12 @@ impl Transforms {
         Ok(up(1)?.inverse().after(up(0)?))
     }
 
+    /// Whether any frame on a route moves.
+    pub fn move_on(&self, route: &Route) -> bool {
+        let moves = |frame: &String| self.links.get(frame).is_some_and(|link| !link.is_static);
+        route.ends.iter().flatten().any(moves)
+    }
+
     /// Where a frame is in its parent at a time, between the transforms before and after it.
     fn place(&self, frame: &str, stamp: Stamp) -> std::result::Result<Rigid, Gap> {
         let Some(link) = self.links.get(frame) else {

@@ -27,6 +27,11 @@ pub(in crate::cli) struct Recorded {
     /// How many seconds the points may be off an image; images without such points are left out, and counted.
     #[arg(long, value_name = "SECONDS", default_value_t = USUAL, value_parser = seconds, hide_short_help = true)]
     pub(in crate::cli) tolerance: f64,
+    /// Take all points of a cloud at its stamp. Else points with times of their own (a field t, time, timestamp, time_stamp,
+    /// offset_time or time_offset) are seen from where the scanner was at these; those that transforms do not reach are left
+    /// out, and counted.
+    #[arg(long, hide_short_help = true)]
+    pub(in crate::cli) no_deskew: bool,
     /// With -o FILE.mcap: depths in m (32FC1) or mm (16UC1).
     #[arg(long, value_enum, default_value = "m", hide_short_help = true)]
     pub(in crate::cli) units: Units,
@@ -65,6 +70,7 @@ impl Recorded {
             ("--tf", !self.tf.is_empty()),
             ("--fixed-frame", self.fixed_frame.is_some()),
             ("--tolerance", self.tolerance != USUAL),
+            ("--no-deskew", self.no_deskew),
         ];
         let given = options.into_iter().filter(|(_, given)| *given);
         given.map(|(name, _)| name).chain(self.of_bags()).collect()

@@ -53,6 +53,10 @@ impl Input<'_> {
 pub(super) struct Loaded {
     pub(super) rgb: RgbImage,
     pub(super) points: Sparse,
+    /// Points that were left out before, as it is not known when or where they were measured.
+    pub(super) unplaced: usize,
+    /// Whether all points count at the stamp of their cloud, though those of other frames do not.
+    pub(super) skewed: bool,
     pub(super) camera: Option<Camera>,
     pub(super) guide: Option<DepthGuide>,
     pub(super) reading: Duration,
@@ -116,6 +120,8 @@ impl Job {
         Ok(Loaded {
             rgb,
             points,
+            unplaced: 0,
+            skewed: false,
             camera,
             guide: None,
             reading: Duration::ZERO,

@@ -5,7 +5,7 @@ use crate::cli::args::Complete;
 use crate::cli::ui;
 use crate::error::{Error, Result};
 use crate::provenance;
-use lsdc_recordings::{Dropped, Frame, Frames, Header, Recording, Stored, Wanted};
+use lsdc_recordings::{Deskewed, Dropped, Frame, Frames, Header, Recording, Stored, Wanted};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -33,6 +33,7 @@ impl Recorded {
             tolerance: Duration::from_secs_f64(asked.tolerance),
             camera: args.camera.clone(),
             unit: args.depth_unit,
+            deskew: !asked.no_deskew,
         };
         let frames = Frames::of(&mut recording, &wanted)?;
         for remark in &frames.remarks {
@@ -68,6 +69,15 @@ impl Recorded {
             found.len(),
             dropped.len()
         ));
+        match self.frames.deskewed() {
+            Some(Deskewed { field, seconds, .. }) => tell(&format!(
+                "deskewed  each point counts at its own time: `{field}`, {seconds:.4} s from the first of a cloud to the last"
+            )),
+            None if self.frames.has_clouds() => {
+                tell("deskewed  no: all points of a cloud count at its stamp");
+            }
+            None => {}
+        }
         let mut kinds: Vec<&str> = dropped
             .iter()
             .map(|dropped| dropped.reason.kind())
@@ -122,6 +132,8 @@ impl Recorded {
         let loaded = Loaded {
             rgb: found.image,
             points: found.points,
+            unplaced: found.unplaced,
+            skewed: found.skewed,
             camera: found.camera,
             guide: None,
             reading: started.elapsed(),
@@ -132,7 +144,7 @@ impl Recorded {
     /// What a frame is made from, by its contents.
     pub(super) fn content(&self, frame: &Frame) -> Result<String> {
         let stored = self.read(frame)?;
-        let projection = self.frames.projection(frame);
+        let projection = stored.projection(&self.frames);
         Ok(provenance::bytes(&[
             &stored.image,
             &stored.points,
@@ -147,7 +159,7 @@ pub(super) fn settings(args: &Complete) -> Option<Value> {
     args.rgb.is_empty().then(|| {
         json!({
             "image": asked.image, "points": asked.points, "camera_info": asked.camera_info, "tf": asked.tf,
-            "fixed_frame": asked.fixed_frame, "tolerance": asked.tolerance,
+            "fixed_frame": asked.fixed_frame, "tolerance": asked.tolerance, "deskew": !asked.no_deskew,
         })
     })
 }

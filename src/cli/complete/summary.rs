@@ -39,6 +39,12 @@ struct Points {
     ignored: usize,
     outside: usize,
     hidden: usize,
+    /// Measured when the place of the scanner is not known.
+    #[serde(skip_serializing_if = "is_zero")]
+    unplaced: usize,
+    /// Whether all count at the stamp of their cloud, though those of other frames do not.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    skewed: bool,
     unit: String,
     unit_guessed: bool,
     /// Whether the method looks at the deviations that came with the points; without that they only
@@ -130,6 +136,8 @@ impl Summary {
                 ignored: points.ignored + report.map_or(0, |report| report.invalid),
                 outside: points.outside + report.map_or(0, |report| report.outside),
                 hidden: points.hidden,
+                unplaced: frame.unplaced,
+                skewed: frame.skewed,
                 unit: points.unit.to_string(),
                 unit_guessed: points.guessed,
                 deviations_used: points
@@ -203,10 +211,20 @@ impl Summary {
         cloud.map_or([0; 2], |cloud| [cloud.uncertain, cloud.unseen])
     }
 
-    /// Points that were not fitted: without a usable depth, outside the image, and behind others.
-    pub(super) fn left_out_of_points(&self) -> [usize; 3] {
+    /// Points that were not fitted: without a usable depth, outside the image, behind others, and without a known place.
+    pub(super) fn left_out_of_points(&self) -> [usize; 4] {
         let points = &self.points;
-        [points.ignored, points.outside, points.hidden]
+        [
+            points.ignored,
+            points.outside,
+            points.hidden,
+            points.unplaced,
+        ]
+    }
+
+    /// Whether all points count at the stamp of their cloud, though those of other frames do not.
+    pub(super) fn is_skewed(&self) -> bool {
+        self.points.skewed
     }
 
     /// Whether a text is the same but for times.
@@ -314,11 +332,12 @@ pub(super) fn raised(pixels: usize) -> Option<String> {
 }
 
 /// Points that were not fitted, in words.
-pub(super) fn left_out_of_points(counts: [usize; 3]) -> Option<String> {
+pub(super) fn left_out_of_points(counts: [usize; 4]) -> Option<String> {
     let reasons = [
         "NaN, infinite or negative values ignored",
         "outside the image",
         "behind others",
+        "without a time, or transforms at it",
     ];
     in_words(counts.into_iter().zip(reasons))
 }

@@ -15,8 +15,9 @@ pub(super) struct Tally<'a> {
     count: usize,
     unusual_png_units: BTreeMap<String, usize>,
     png_raised: usize,
-    left_out_of_points: [usize; 3],
+    left_out_of_points: [usize; 4],
     left_out_of_clouds: [usize; 2],
+    skewed: usize,
 }
 
 impl<'a> Tally<'a> {
@@ -29,8 +30,9 @@ impl<'a> Tally<'a> {
             count: 0,
             unusual_png_units: BTreeMap::new(),
             png_raised: 0,
-            left_out_of_points: [0; 3],
+            left_out_of_points: [0; 4],
             left_out_of_clouds: [0; 2],
+            skewed: 0,
         }
     }
 
@@ -54,6 +56,7 @@ impl<'a> Tally<'a> {
         let pairs = self.left_out_of_clouds.iter_mut();
         let pairs = pairs.zip(summary.left_out_of_cloud());
         pairs.for_each(|(sum, count)| *sum += count);
+        self.skewed += usize::from(summary.is_skewed());
         self.bar.inc(1);
         if self.json {
             self.bar.suspend(|| ui::print(&summary.value().to_string()));
@@ -74,6 +77,13 @@ impl<'a> Tally<'a> {
         ));
         if let Some(points) = left_out_of_points(self.left_out_of_points) {
             tell(&format!("points    {points}"));
+        }
+        if self.skewed > 0 {
+            let skewed = self.skewed;
+            tell(&format!(
+                "deskewed  {} of {done} frames; in {skewed} all points count at the stamp of their cloud",
+                done - skewed
+            ));
         }
         for (unit, count) in &self.unusual_png_units {
             tell(&format!(

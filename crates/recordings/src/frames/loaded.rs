@@ -1,5 +1,6 @@
 //! One frame of a recording in memory.
 
+use super::sweep::{Motions, Sweep};
 use super::{Frame, Frames};
 use crate::Recording;
 use crate::message::{DepthImage, Header, Kind, Points, colours, depths};
@@ -26,6 +27,11 @@ pub struct Loaded {
     pub image: RgbImage,
     /// Its points, where the camera was when it took the image.
     pub points: Sparse,
+    /// Points that were left out, as it is not known when they were measured, or where the scanner was then.
+    pub unplaced: usize,
+    /// Whether all points count at the stamp of their cloud, though those of other clouds do at their own times: these are not
+    /// known here. A remark of the points says so.
+    pub skewed: bool,
     /// The camera, at the origin unless it was given.
     pub camera: Option<Camera>,
 }
@@ -43,16 +49,6 @@ impl Frames {
         })
     }
 
-    /// The camera of a frame before it is fitted to the image, and the motion from its points to it, as text.
-    pub fn projection(&self, frame: &Frame) -> String {
-        let camera = self
-            .given
-            .as_ref()
-            .or_else(|| self.cameras.valid(frame.stamp));
-        let depth_camera = self.depth_cameras.valid(frame.points_stamp);
-        format!("{camera:?} {depth_camera:?} {:?}", self.motion(frame))
-    }
-
     /// From the points of a frame to its camera.
     fn motion(&self, frame: &Frame) -> Result<Rigid> {
         let Some(route) = &self.route else {
@@ -62,6 +58,14 @@ impl Frames {
             .transforms
             .between(route, [frame.points_stamp, frame.stamp]);
         moved.map_err(|gap| Error::config(gap.to_string()))
+    }
+
+    /// From the points of a cloud to the camera of its frame, each at its own time; none if that is not wanted, or they
+    /// have no times.
+    fn motions(&self, frame: &Frame, cloud: &Points<'_>) -> Option<Motions<'_>> {
+        let route = self.route.as_ref()?;
+        let sweep = Sweep::of(cloud, frame.points_stamp, self.deskewed.as_ref()?)?;
+        Some(sweep.motions(&self.transforms, route, frame.stamp))
     }
 
     /// The camera of a frame for an image of this width and height.
@@ -75,6 +79,20 @@ impl Frames {
 }
 
 impl Stored {
+    /// The camera before it is fitted to the image, and the motion from the points to it, as text.
+    pub fn projection(&self, frames: &Frames) -> String {
+        let Self { frame, points, .. } = self;
+        let camera = frames
+            .given
+            .as_ref()
+            .or_else(|| frames.cameras.valid(frame.stamp));
+        let depth_camera = frames.depth_cameras.valid(frame.points_stamp);
+        let cloud = Points::of(points).ok();
+        let motions = cloud.and_then(|cloud| Some(frames.motions(frame, &cloud)?.edges));
+        let motion = frames.motion(frame);
+        format!("{camera:?} {depth_camera:?} {motion:?} {motions:?}")
+    }
+
     /// The frame that the messages hold.
     ///
     /// # Errors
@@ -97,9 +115,22 @@ impl Stored {
             (None, _) => Err(Error::config("the camera of the images is not known")),
         };
         let name = Path::new(&frames.topics.points.0);
+        let (mut unplaced, mut skewed) = (0, false);
         let points = if frames.topics.points.1 == Kind::PointCloud2 {
             let cloud = Points::of(points)?;
-            Sparse::of_cloud(name, cloud.iter(), &placed()?, size)?
+            let moved = frames.motions(frame, &cloud);
+            let moved = moved.and_then(|motions| deskewed(&cloud, &motions));
+            if let (Some((places, left_out)), Some(camera)) = (moved, &camera) {
+                unplaced = left_out;
+                Sparse::of_cloud(name, places, camera, size)?
+            } else {
+                let mut found = Sparse::of_cloud(name, cloud.iter(), &placed()?, size)?;
+                skewed = frames.deskewed.is_some();
+                if skewed {
+                    found.remarks.push(SKEWED.to_owned());
+                }
+                found
+            }
         } else {
             let unit = |whole: bool| {
                 let usual = if whole { Unit::MILLIMETRE } else { Unit::METRE };
@@ -124,9 +155,36 @@ impl Stored {
             header,
             image,
             points,
+            unplaced,
+            skewed,
             camera,
         })
     }
+}
+
+/// Where a cloud is without what others have.
+const SKEWED: &str = "the points have no times, or transforms do not reach there: all count at the stamp of their cloud, and motion \
+                      within the turn is not taken away";
+
+/// The points of a cloud where the camera sees them, and how many have no known place, unless that are all.
+fn deskewed(cloud: &Points<'_>, motions: &Motions<'_>) -> Option<(Vec<[f64; 3]>, usize)> {
+    let (mut placed, mut unplaced) = (0_usize, 0);
+    let places = cloud.timed()?.filter_map(|(place, time)| {
+        // What is no place is counted where it is projected.
+        if place.iter().any(|v| !v.is_finite()) {
+            return Some(place);
+        }
+        let motion = motions.at(time);
+        let count = if motion.is_some() {
+            &mut placed
+        } else {
+            &mut unplaced
+        };
+        *count += 1;
+        Some(motion?.apply(place))
+    });
+    let places = places.collect();
+    (placed > 0).then_some((places, unplaced))
 }
 
 /// The pixels of an image of depths in the frame of its camera.

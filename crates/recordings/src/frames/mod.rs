@@ -2,11 +2,14 @@
 
 mod choice;
 mod loaded;
+mod sweep;
 
 pub use loaded::{Loaded, Stored};
+pub use sweep::Deskewed;
+pub(crate) use sweep::timed;
 
 use crate::container::Place;
-use crate::message::{Header, Kind, Stamp, camera_of, transforms};
+use crate::message::{Header, Kind, Points, Stamp, camera_of, transforms};
 use crate::series::Series;
 use crate::transforms::{Gap, Route, Transforms};
 use crate::{Flaws, Recording};
@@ -14,6 +17,7 @@ use choice::Topics;
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{Camera, Unit};
 use std::time::Duration;
+use sweep::Trial;
 
 /// Which frames are wanted of a recording.
 #[derive(Clone, Debug)]
@@ -34,6 +38,9 @@ pub struct Wanted {
     pub camera: Option<Camera>,
     /// What depths are stored in; else millimetres for whole numbers and metres for others.
     pub unit: Option<Unit>,
+    /// Whether points that have times of their own are seen from where the scanner was at these; else all count at the stamp of
+    /// their cloud.
+    pub deskew: bool,
 }
 
 impl Default for Wanted {
@@ -48,6 +55,7 @@ impl Default for Wanted {
             tolerance: Duration::from_millis(50),
             camera: None,
             unit: None,
+            deskew: true,
         }
     }
 }
@@ -69,6 +77,8 @@ pub struct Frames {
     transforms: Transforms,
     /// From the points to the camera, unless that is given.
     route: Option<Route>,
+    /// How points have times of their own by which they are seen, if they have.
+    deskewed: Option<Deskewed>,
 }
 
 /// An image and its points.
@@ -226,6 +236,8 @@ impl Frames {
         let (mut cameras, mut depth_cameras) = (Cameras::default(), Cameras::default());
         let mut tree = Transforms::default();
         let mut unusable = 0;
+        let deskew = wanted.deskew && topics.points.1 == Kind::PointCloud2;
+        let mut trial = Trial::default();
         let flaws = recording.visit(&|topic| topics.has(&topic.name), &mut |topic, message| {
             let name = topic.name.as_str();
             if name == topics.image.0 {
@@ -233,6 +245,10 @@ impl Frames {
             }
             if name == topics.points.0 {
                 points.add(message);
+                if let (true, Some((stamp, _))) = (deskew, points.found.last()) {
+                    // What is damaged is said where it is needed.
+                    let _ = Points::of(message.data).map(|cloud| trial.add(&cloud, *stamp));
+                }
             }
             if topics.camera_info.as_deref() == Some(name) {
                 cameras.add(message.data, rectified);
@@ -265,12 +281,46 @@ impl Frames {
             depth_cameras: Series::new(depth_cameras.found),
             transforms: tree,
             route: None,
+            deskewed: None,
             topics,
         };
         let bad = cameras.bad.or(depth_cameras.bad);
         frames.route = frames.routed([&images, &points], wanted, bad)?;
+        frames.deskew(trial);
         frames.pair(images, points, wanted.tolerance);
         Ok(frames)
+    }
+
+    /// How points have times of their own by which they are seen, if they have.
+    pub fn deskewed(&self) -> Option<&Deskewed> {
+        self.deskewed.as_ref()
+    }
+
+    /// Whether points are clouds, all of one time unless they are deskewed.
+    pub fn has_clouds(&self) -> bool {
+        self.topics.points.1 == Kind::PointCloud2
+    }
+
+    /// Sees points by their own times, or remarks why they are not, though they have some.
+    fn deskew(&mut self, trial: Trial) {
+        let route = self.route.as_ref();
+        let moves = route.is_some_and(|route| self.transforms.move_on(route));
+        let why = match trial.found() {
+            Ok(Some(found)) if moves => {
+                self.deskewed = Some(found);
+                return;
+            }
+            Ok(None) => return,
+            Ok(Some(Deskewed { field, .. })) => format!(
+                "the points have times of their own (`{field}`), but no transforms that move lead from them to the camera"
+            ),
+            Err((field, clouds)) => format!(
+                "most of the first {clouds} clouds have no times of their points in `{field}`: these are all the same, or far from \
+                 the stamp of the cloud"
+            ),
+        };
+        let remark = format!("{why}; all count at the stamp of their cloud");
+        self.remarks.push(remark);
     }
 
     /// The way from the points to the camera, unless the camera is given or its own depths are the points.
@@ -350,8 +400,9 @@ impl Frames {
         } = &self.topics;
         let camera = camera_info.as_deref().unwrap_or("none");
         let fixed = self.route.as_ref().map_or("none", Route::fixed);
+        let times = self.deskewed.as_ref().map_or("none", |found| &found.field);
         format!(
-            "{} with {}, camera {camera}, transforms {}, motion in {fixed}",
+            "{} with {}, camera {camera}, transforms {}, motion in {fixed}, times {times}",
             image.0,
             points.0,
             tf.join(" ")

@@ -11,20 +11,33 @@ pub(crate) struct Points<'a> {
     /// Bytes from a point to the next, and from a row to the next.
     steps: [usize; 2],
     size: [usize; 2],
-    axes: [Axis; 3],
+    axes: [Field; 3],
+    /// When each point was measured, and what that field is called.
+    time: Option<(String, Field)>,
     big_endian: bool,
 }
 
-/// A coordinate in the bytes of a point.
+/// A number in the bytes of a point.
 #[derive(Clone, Copy, Debug)]
-struct Axis {
+struct Field {
     offset: usize,
-    double: bool,
+    kind: u8,
 }
 
 /// Types of fields.
 const FLOAT32: u8 = 7;
 const FLOAT64: u8 = 8;
+
+/// What drivers call the time of a point: Ouster's `t` and Nebula's `time_stamp` count nanoseconds from the stamp of the
+/// message, Velodyne's `time` seconds; `timestamp` are seconds (Hesai, `RoboSense`) or nanoseconds (Livox) since 1970.
+const TIMES: [&str; 6] = [
+    "t",
+    "time",
+    "timestamp",
+    "time_stamp",
+    "offset_time",
+    "time_offset",
+];
 
 impl<'a> Points<'a> {
     /// Of a message.
@@ -43,22 +56,24 @@ impl<'a> Points<'a> {
         let [height, width] = [reader.u32()?, reader.u32()?].map(|v| v as usize);
         let count = reader.length(LEAST)?;
         let mut axes = [None; 3];
+        let mut time = None;
         for _ in 0..count {
             let name = reader.string()?;
-            let (offset, kind, _) = (reader.u32()? as usize, reader.u8()?, reader.u32()?);
+            let (offset, kind, count) = (reader.u32()? as usize, reader.u8()?, reader.u32()?);
+            let field = Field { offset, kind };
+            if time.is_none() && count == 1 && TIMES.contains(&name.as_str()) {
+                time = Some((name, field));
+                continue;
+            }
             let Some(axis) = ["x", "y", "z"].iter().position(|axis| *axis == name) else {
                 continue;
             };
-            let double = match kind {
-                FLOAT32 => false,
-                FLOAT64 => true,
-                _ => {
-                    return Err(damaged(format!(
-                        "has a field {name} that is no floating-point number"
-                    )));
-                }
-            };
-            axes[axis] = Some(Axis { offset, double });
+            if !matches!(kind, FLOAT32 | FLOAT64) {
+                return Err(damaged(format!(
+                    "has a field {name} that is no floating-point number"
+                )));
+            }
+            axes[axis] = Some(field);
         }
         let [Some(x), Some(y), Some(z)] = axes else {
             return Err(damaged("has no fields x, y and z"));
@@ -70,6 +85,7 @@ impl<'a> Points<'a> {
             steps: [step, row],
             size: [width, height],
             axes: [x, y, z],
+            time: time.filter(|(_, field)| field.bytes().is_some() && field.end() <= step),
             big_endian,
         };
         points.check()?;
@@ -78,10 +94,7 @@ impl<'a> Points<'a> {
 
     /// Checks that every point lies in the data.
     fn check(&self) -> Result<()> {
-        let ends = self
-            .axes
-            .iter()
-            .map(|axis| axis.offset.saturating_add(axis.bytes()));
+        let ends = self.axes.iter().map(|axis| axis.end());
         let [step, row] = self.steps;
         if ends.max().is_some_and(|end| end > step) {
             return Err(damaged(format!(
@@ -104,34 +117,91 @@ impl<'a> Points<'a> {
         }
     }
 
-    /// The x, y, z of each, which need not be finite, in the order of the message.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = [f64; 3]> {
+    /// Where each begins in the data, in the order of the message.
+    fn starts(&self) -> impl Iterator<Item = usize> {
         let [width, height] = self.size;
         let [step, row] = self.steps;
-        let starts = (0..height).flat_map(move |j| (0..width).map(move |i| j * row + i * step));
-        starts.map(|start| {
-            self.axes
-                .map(|axis| self.number(start + axis.offset, axis.double))
-        })
+        (0..height).flat_map(move |j| (0..width).map(move |i| j * row + i * step))
     }
 
-    fn number(&self, at: usize, double: bool) -> f64 {
-        let bytes = &self.data[at..];
-        let narrow = bytes.first_chunk().filter(|_| !double);
-        let wide = bytes.first_chunk();
-        match (narrow, wide) {
-            (Some(bytes), _) if self.big_endian => f32::from_be_bytes(*bytes).into(),
-            (Some(bytes), _) => f32::from_le_bytes(*bytes).into(),
-            (None, Some(bytes)) if self.big_endian => f64::from_be_bytes(*bytes),
-            (None, Some(bytes)) => f64::from_le_bytes(*bytes),
-            (None, None) => f64::NAN,
+    /// The x, y, z of each, which need not be finite, in the order of the message.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = [f64; 3]> {
+        self.starts().map(|start| self.place(start))
+    }
+
+    /// What the field with the time of each point is called, and its type, if there is one.
+    pub(crate) fn time_field(&self) -> Option<(&str, u8)> {
+        let (name, field) = self.time.as_ref()?;
+        Some((name, field.kind))
+    }
+
+    /// Whether times are whole numbers.
+    pub(crate) fn has_whole_times(&self) -> bool {
+        self.time_field()
+            .is_some_and(|(_, kind)| !matches!(kind, FLOAT32 | FLOAT64))
+    }
+
+    /// As [`Self::iter`], each with its time as it is stored, if there are times.
+    pub(crate) fn timed(&self) -> Option<impl Iterator<Item = ([f64; 3], f64)>> {
+        let (_, field) = self.time.as_ref()?;
+        let point = |start| (self.place(start), self.number(start, *field));
+        Some(self.starts().map(point))
+    }
+
+    /// Of the point that begins there. Zeros are no place, but what many scanners write where nothing came back.
+    fn place(&self, start: usize) -> [f64; 3] {
+        let place = self.axes.map(|axis| self.number(start, axis));
+        if place == [0.0; 3] {
+            [f64::NAN; 3]
+        } else {
+            place
+        }
+    }
+
+    /// A number of the point that begins there.
+    fn number(&self, start: usize, field: Field) -> f64 {
+        macro_rules! number {
+            ($type:ty) => {{
+                let bytes = self.data.get(start + field.offset..);
+                let bytes = bytes.and_then(|bytes| bytes.first_chunk());
+                bytes.map_or(f64::NAN, |bytes| {
+                    if self.big_endian {
+                        <$type>::from_be_bytes(*bytes).into()
+                    } else {
+                        <$type>::from_le_bytes(*bytes).into()
+                    }
+                })
+            }};
+        }
+        match field.kind {
+            1 => number!(i8),
+            2 => number!(u8),
+            3 => number!(i16),
+            4 => number!(u16),
+            5 => number!(i32),
+            6 => number!(u32),
+            FLOAT32 => number!(f32),
+            FLOAT64 => number!(f64),
+            _ => f64::NAN,
         }
     }
 }
 
-impl Axis {
-    fn bytes(self) -> usize {
-        if self.double { 8 } else { 4 }
+impl Field {
+    /// How many it takes, if its type is known.
+    fn bytes(self) -> Option<usize> {
+        match self.kind {
+            1 | 2 => Some(1),
+            3 | 4 => Some(2),
+            5 | 6 | FLOAT32 => Some(4),
+            FLOAT64 => Some(8),
+            _ => None,
+        }
+    }
+
+    /// Where it ends in the bytes of a point.
+    fn end(self) -> usize {
+        self.offset.saturating_add(self.bytes().unwrap_or(0))
     }
 }
 

@@ -9,7 +9,7 @@ use lsdc_rng::Rng;
 #[test]
 fn damaged_messages_do_no_harm() {
     let mut sound: Vec<(Kind, Vec<u8>)> = Vec::new();
-    for name in ["zstd.mcap", "drive.mcap"] {
+    for name in ["zstd.mcap", "drive.mcap", "turn.mcap"] {
         let visited =
             Recording::open(&golden(name))
                 .unwrap()

@@ -3,6 +3,7 @@
 mod containers;
 mod damaged;
 mod drive;
+mod turn;
 mod types;
 
 use serde_json::Value;
