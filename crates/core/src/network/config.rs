@@ -180,7 +180,8 @@ impl ExtractorConfig {
 }
 
 /// Low-rank changes of attention in the last blocks of a pretrained encoder (`LoRA`, Hu et al. 2022): to the weights W
-/// of queries and of values, A B is added, A of `width` x `rank` and B of `rank` x `width`. B is 0 before training.
+/// of queries and of values, A B / `rank` is added, A of `width` x `rank` and B of `rank` x `width`. B is 0 before
+/// training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AdapterConfig {

@@ -26,8 +26,8 @@ pub use config::{
     StageConfig,
 };
 pub use encoder::{
-    ADAPTERS, Encoded, Encoder, EncoderConfig, Features, LAYER_EPSILON, PATCH, in_patches,
-    positions,
+    ADAPTERS, Encoded, Encoder, EncoderConfig, Features, LAYER_EPSILON, MORE_BLOCKS, PATCH,
+    in_patches, positions,
 };
 pub use encoding::{channels, codes};
 pub use head::STEEPEST;

@@ -12,8 +12,10 @@ use std::sync::Arc;
 
 /// What the names of the tensors of adapters begin with.
 pub const ADAPTERS: &str = "adapters.";
+/// Why adapters do not belong to an encoder.
+pub const MORE_BLOCKS: &str = "it has adapters for more blocks than its encoder has";
 
-/// Two matrices whose product is added to one.
+/// Two matrices whose product, divided by their rank, is added to one.
 struct Product<'a> {
     /// `[width, rank]`
     down: &'a [f32],
@@ -45,7 +47,7 @@ impl<'a> Product<'a> {
         let up = self.up[column..].iter().step_by(self.width);
         let terms = down.iter().zip(up);
         let sum: f64 = terms.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-        sum as f32
+        (sum / rank as f64) as f32
     }
 }
 
@@ -70,8 +72,7 @@ impl Encoder {
     ) -> Result<Self, WeightsError> {
         let width = self.config.width;
         let Some(first) = self.blocks.len().checked_sub(blocks) else {
-            let why = "it has adapters for more blocks than its encoder has";
-            return Err(WeightsError::Unsupported(why));
+            return Err(WeightsError::Unsupported(MORE_BLOCKS));
         };
         let mut all = self.blocks.clone();
         for (i, block) in all[first..].iter_mut().enumerate() {

@@ -12,7 +12,7 @@ mod position;
 use super::tensors::Tensors;
 use crate::error::{Error, FitError, WeightsError};
 use crate::weights::Tensor;
-pub use adapters::ADAPTERS;
+pub use adapters::{ADAPTERS, MORE_BLOCKS};
 use block::{Block, Room};
 pub use encoded::{Encoded, in_patches};
 use lsdc_kernels::attention::layer_norm;

@@ -195,7 +195,7 @@ fn adapters_are_added_to_the_weights_of_queries_and_values() {
             for (output, input) in (0..width).flat_map(|o| (0..width).map(move |i| (o, i))) {
                 // Stored with the outputs first.
                 let terms = (0..3).map(|k| down[input * 3 + k] * up[k * width + output]);
-                values[(first + output) * width + input] += terms.sum::<f32>();
+                values[(first + output) * width + input] += terms.sum::<f32>() / 3.0;
             }
         }
         all.insert(name, Tensor::new(vec![3 * width, width], values).unwrap());
