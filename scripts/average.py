@@ -20,6 +20,7 @@ import numpy as np
 TYPES = {"F16": np.float16, "F32": np.float32}
 
 PRIOR = "table.prior."
+ADAPTERS = "adapters."
 
 
 def read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
@@ -95,6 +96,9 @@ def main() -> None:
         del first[name]
     if {n: t.shape for n, t in first.items()} != {n: t.shape for n, t in second.items()}:
         parser.error("the tensors of both files must have the same names and shapes")
+    # Only their products could be averaged, whose mean has a higher rank.
+    if any(n.startswith(ADAPTERS) and (first[n] != second[n]).any() for n in second):
+        parser.error("weights with different adapters of their encoder cannot be averaged")
     mean = {n: (1.0 - args.share) * first[n] + args.share * second[n] for n in second}
     record = made([(args.first, old), (args.second, notes)], args.share)
     write(args.output, {**notes, "history": json.dumps([record])}, mean)

@@ -4,7 +4,7 @@ use crate::data::DataConfig;
 use crate::error::{Error, Result};
 use crate::eval::EvalConfig;
 use crate::fit_settings::{FitSettings, merge};
-use crate::model::NetworkConfig;
+use crate::model::{AdapterConfig, NetworkConfig};
 use crate::renamed::renamed;
 use crate::systems::SystemConfig;
 use crate::train::TrainConfig;
@@ -39,6 +39,9 @@ pub enum Preset {
 pub struct Config {
     /// The network by name.
     pub preset: Preset,
+    /// Low-rank changes of attention in the last blocks of the pretrained encoder, trained with the network of
+    /// `preset = "anything"`; absent: the encoder stays as it is.
+    pub adapters: Option<AdapterConfig>,
     /// The network in full; replaces `preset`.
     pub network: Option<NetworkConfig>,
     /// A system that the paper compares itself with, which is trained in the place of the network.
@@ -110,7 +113,7 @@ impl Config {
 
     /// The network that is meant.
     pub fn network(&self) -> NetworkConfig {
-        self.network.clone().unwrap_or(match self.preset {
+        let network = self.network.clone().unwrap_or(match self.preset {
             Preset::Paper => NetworkConfig::paper(),
             Preset::Medium => NetworkConfig::medium(),
             Preset::Sharp => NetworkConfig::sharp(),
@@ -118,7 +121,11 @@ impl Config {
             Preset::Taught => NetworkConfig::taught(),
             Preset::TaughtSmall => NetworkConfig::taught_small(),
             Preset::Anything => NetworkConfig::anything(),
-        })
+        });
+        NetworkConfig {
+            adapters: self.adapters.or(network.adapters),
+            ..network
+        }
     }
 
     /// The settings as a configuration file.
@@ -307,6 +314,30 @@ mod tests {
         let nothing = load(&[measured]).unwrap_err();
         assert!(nothing.to_string().contains("teacher_span"), "{nothing}");
         load(&[measured, "train.loss.teacher_span=0.1"]).unwrap();
+    }
+
+    #[test]
+    fn adapters_are_of_an_encoder() {
+        let load = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|s| (*s).to_owned()).collect();
+            Config::load(None, &sets)
+        };
+        let config = load(&["preset=anything", "adapters={ blocks = 2 }"]).unwrap();
+        let adapters = AdapterConfig { blocks: 2, rank: 8 };
+        assert_eq!(config.network().adapters, Some(adapters));
+        let text = config.to_toml().unwrap();
+        assert_eq!(toml::from_str::<Config>(&text).unwrap(), config);
+        for wrong in [
+            "{ blocks = 13 }",
+            "{ blocks = 0 }",
+            "{ rank = 0 }",
+            "{ rank = 193 }",
+        ] {
+            let error = load(&["preset=anything", &format!("adapters={wrong}")]).unwrap_err();
+            assert!(error.to_string().contains("adapters."), "{error}");
+        }
+        let error = load(&["preset=sharp", "adapters={}"]).unwrap_err();
+        assert!(error.to_string().contains("pretrained encoder"), "{error}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::data::write_atomically;
 use crate::error::{Error, Result};
 use crate::history::{self, Made};
 use crate::metrics::{Metric, Scores};
-use crate::model::to_bytes;
+use crate::model::{AdapterConfig, to_bytes};
 use crate::predict::{embedded, open_weights, weights_name};
 use crate::pretrained::{KNOWN, Store, how_to_install};
 use crate::systems::{Trained, is_system};
@@ -113,6 +113,11 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
             ""
         }
     ));
+    if let Some(AdapterConfig { blocks, rank }) = network.adapters {
+        ui::print(&format!(
+            "encoder    changed in its last blocks ({blocks}), by adapters of rank {rank}"
+        ));
+    }
     ui::print(&format!("input      {width}x{height}"));
     ui::print(&format!("fit        {fit}"));
     trained(training, scores);

@@ -227,6 +227,11 @@ impl Linear {
         }
     }
 
+    #[cfg(test)]
+    pub(super) fn weight(&self) -> &Param<Tensor<2>> {
+        &self.weight
+    }
+
     /// `[rows, from]` to `[rows, to]`.
     pub(crate) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         linear(x, self.weight.val())

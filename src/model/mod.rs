@@ -2,6 +2,7 @@
 //! affinities. Knows no file, no dataset, and never sees a sparse depth. Its sizes are those of
 //! `lsdc_core::network`, which prepares it for the CPU.
 
+mod adapters;
 mod affinities;
 mod affinity_net;
 mod bases;
@@ -14,22 +15,25 @@ mod on_device;
 #[cfg(test)]
 mod prepared_tests;
 #[cfg(test)]
-mod random_encoder;
+pub(crate) mod random_encoder;
 mod resample;
 #[cfg(test)]
 mod tests;
 mod vision;
 pub(crate) mod weights;
 
+pub use adapters::Adapters;
 pub use bases::{Bases, BasisHead};
 pub use encoding::encode;
 pub use extractor::Extractor;
-pub use lsdc_core::network::{ExtractorConfig, NetworkConfig, NormKind, StageConfig};
+pub use lsdc_core::network::{
+    AdapterConfig, EncoderConfig, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
+};
 pub use lsdc_core::weights::{Normalisation, Tensor as Table};
 pub use on_device::{AnyEncoder, OnDevice, encoded_tensor};
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;
-pub use vision::VisionTransformer;
+pub use vision::{LastBlocks, VisionTransformer};
 pub use weights::{Precision, load, stored_bytes, to_bytes, transfer, weights_of};
 
 use crate::error::Result;
@@ -82,6 +86,7 @@ pub struct BasisNet {
     head: BasisHead,
     /// Named as the tensors in weights files.
     edges: Option<AffinityNet>,
+    adapters: Option<Adapters>,
 }
 
 impl BasisNet {
@@ -91,6 +96,9 @@ impl BasisNet {
             extractor: extractor::build(&config.extractor, init),
             head: BasisHead::init(config, init),
             edges: (config.affinities > 0).then(|| AffinityNet::init(config, init)),
+            adapters: config
+                .adapters
+                .map(|adapters| Adapters::init(adapters, EncoderConfig::small().width, init)),
         })
     }
 
@@ -107,6 +115,21 @@ impl BasisNet {
         let edges = self.edges.as_ref();
         let changes = edges.map(|net| net.forward(images.clone(), encoded));
         affinities::affinities(images, changes)
+    }
+
+    /// The changes of the pretrained encoder, if it has any: what [`BasisNet::bases`] and [`BasisNet::affinities`] are
+    /// given must have been computed with them.
+    pub fn adapters(&self) -> Option<&Adapters> {
+        self.adapters.as_ref()
+    }
+
+    /// Keeps the changes of the pretrained encoder as they are from now on.
+    #[must_use]
+    pub fn fix_adapters(self) -> Self {
+        Self {
+            adapters: self.adapters.map(Adapters::no_grad),
+            ..self
+        }
     }
 
     /// Keeps the affinity network, its statistics included, as it is from now on.

@@ -1,7 +1,7 @@
 //! The pretrained encoder below a network.
 
 use crate::error::Result;
-use crate::model::{AnyEncoder, NetworkConfig, VisionTransformer};
+use crate::model::{AnyEncoder, LastBlocks, NetworkConfig, VisionTransformer};
 use crate::pretrained::installed;
 use burn::tensor::Device;
 use lsdc_core::network::{Encoder, EncoderConfig};
@@ -35,4 +35,31 @@ pub fn encoder_of(network: &NetworkConfig) -> Result<Option<Arc<Encoder>>> {
         *prepared = Some(Arc::new(encoder));
     }
     Ok(prepared.clone())
+}
+
+/// The first block of the encoder that adapters of a network change.
+pub(crate) fn first_adapted(network: &NetworkConfig) -> Option<usize> {
+    let adapters = network.adapters?;
+    EncoderConfig::small().blocks.checked_sub(adapters.blocks)
+}
+
+/// The blocks of the encoder that adapters of a network change, on a device; nothing if it has none.
+///
+/// # Errors
+/// An encoder that has not been added, or is damaged.
+pub(crate) fn adapted_blocks(
+    network: &NetworkConfig,
+    device: &Device,
+) -> Result<Option<LastBlocks>> {
+    let Some(adapters) = network.adapters else {
+        return Ok(None);
+    };
+    let tensors = installed()?;
+    let config = EncoderConfig::small();
+    Ok(Some(LastBlocks::new(
+        &config,
+        adapters.blocks,
+        &tensors,
+        device,
+    )?))
 }

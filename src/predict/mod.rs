@@ -8,6 +8,7 @@ mod weights;
 
 pub use encoder::encoder_of;
 use encoder::encoder_on;
+pub(crate) use encoder::{adapted_blocks, first_adapted};
 pub use lsdc_classic::Classic;
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
@@ -60,7 +61,7 @@ pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
 /// Weights that do not belong to their network.
 pub fn plain_completer(weights: &Weights, device: &Device) -> Result<Completer> {
     let encoder = encoder_on(&weights.network, device)?;
-    let network = OnDevice::new(load(weights, device)?, encoder, device);
+    let network = OnDevice::new(load(weights, device)?, encoder, device)?;
     Ok(Completer::builder(weights)
         .network(Arc::new(network))
         .build()?)

@@ -1,5 +1,6 @@
 //! Samples to tensors.
 
+use super::Said;
 use super::patches::Sample;
 use crate::error::{Error, Result};
 use crate::model::encoded_tensor;
@@ -14,6 +15,8 @@ pub struct Batch {
     pub images: Tensor<4>,
     /// What a pretrained encoder says of the images, `[batch, rows, columns, channels]`.
     pub encoded: Option<Tensor<4>>,
+    /// The tokens that enter the first block of the encoder that is trained, `[batch, 1 + rows x columns, width]`.
+    pub entering: Option<Tensor<3>>,
     /// Rows and columns of the images.
     pub size: (usize, usize),
     /// Pixels at which basis functions are needed, for each image.
@@ -58,7 +61,11 @@ impl Batch {
                 .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
         }
         let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
-        let encoded: Option<Vec<&Encoded>> = samples.iter().map(|s| s.encoded.as_ref()).collect();
+        let said: Option<Vec<&Said>> = samples.iter().map(|s| s.said.as_ref()).collect();
+        let encoded = said.as_ref().map(|said| {
+            let features: Vec<&Encoded> = said.iter().map(|said| &said.features).collect();
+            encoded_tensor(&features, device)
+        });
         let all = |of: fn(&Sample) -> &Vec<f32>| -> Vec<f32> {
             samples.iter().flat_map(|s| of(s).iter().copied()).collect()
         };
@@ -85,7 +92,8 @@ impl Batch {
             maps: whole(all(|s| &s.map)),
             weights,
             images: image_tensor(&images, mean, deviation, device)?,
-            encoded: encoded.map(|encoded| encoded_tensor(&encoded, device)),
+            encoded,
+            entering: said.and_then(|said| entering(&said, device)),
             size: (height, width),
             pixels: samples.iter().map(|s| s.pixels.clone()).collect(),
             depths: matrix(all(|s| &s.depths), [samples.len(), pixels], device),
@@ -94,6 +102,19 @@ impl Batch {
             patch: first.patch,
         })
     }
+}
+
+/// The tokens that enter the first block that is trained, if each sample has them.
+fn entering(said: &[&Said], device: &Device) -> Option<Tensor<3>> {
+    let tokens: Vec<&[f32]> = said
+        .iter()
+        .map(|said| said.entering.as_deref())
+        .collect::<Option<_>>()?;
+    let features = &said.first()?.features;
+    let count = 1 + features.rows * features.columns;
+    let values = tokens.concat();
+    let shape = [said.len(), count, values.len() / (said.len() * count)];
+    Some(Tensor::from_data(TensorData::new(values, shape), device))
 }
 
 /// Images to `[batch, height, width, 3]`; colours become (value / 255 - mean) / deviation.

@@ -86,7 +86,7 @@ impl Sampler {
                 };
                 let encoding = self.encoding.as_ref();
                 Ok(Sample {
-                    encoded: encoding.map(|e| e.of(&frame.rgb)).transpose()?,
+                    said: encoding.map(|e| e.of(&frame.rgb)).transpose()?,
                     ..Sample::draw(&frame, &config.supervision, &mut rng)
                 })
             })

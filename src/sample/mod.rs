@@ -17,7 +17,7 @@ mod resize;
 
 pub use augment::AugmentConfig;
 pub use batch::{Batch, image_tensor, image_values};
-pub use encoding::Encoding;
+pub use encoding::{Encoding, Said};
 pub use flaws::Flaw;
 pub use halves::Halves;
 pub use loader::{Loader, Sampler, SamplerConfig};

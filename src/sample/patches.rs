@@ -1,9 +1,9 @@
 //! Which pixels of a frame take part in a training step.
 
+use super::Said;
 use crate::data::{DepthMap, Frame};
 use crate::error::{Error, Result};
 use image::RgbImage;
-use lsdc_core::network::Encoded;
 use lsdc_rng::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -59,7 +59,7 @@ pub struct Sample {
     /// The colour image.
     pub rgb: RgbImage,
     /// What a pretrained encoder says of it, for networks trained on one.
-    pub encoded: Option<Encoded>,
+    pub said: Option<Said>,
     /// Pixels `y * width + x`: first the candidate points, then the patches row by row.
     pub pixels: Vec<u32>,
     /// The depth of each candidate point in metres; 0 = none.
@@ -118,7 +118,7 @@ impl Sample {
         depths[found..config.points].fill(0.0);
         Self {
             rgb: frame.rgb.clone(),
-            encoded: None,
+            said: None,
             map: map.values().to_vec(),
             weights: target.map(|target| target.weights.clone()),
             pixels,

@@ -78,7 +78,7 @@ pub enum SystemConfig {
     /// Convolutional spatial propagation.
     Cspn(CspnConfig),
     /// Learned steering kernels.
-    Lsk(LskConfig),
+    Lsk(Box<LskConfig>),
 }
 
 impl SystemConfig {

@@ -9,8 +9,8 @@ use super::parallel::gradients;
 use super::step::Step;
 use super::{LossConfig, Losses, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
-use crate::model::BasisNet;
 use crate::model::layers::FreezeStatistics;
+use crate::model::{BasisNet, LastBlocks};
 use crate::ops::Reweighting;
 use crate::sample::Batch;
 use crate::systems::Net;
@@ -24,7 +24,10 @@ use lsdc_core::fit::FitConfig;
 /// What a step asks of a network.
 pub trait Objective<M>: Sync {
     /// The losses of a batch.
-    fn losses(&self, net: &M, batch: &Batch) -> Losses;
+    ///
+    /// # Errors
+    /// A batch without something that the network needs.
+    fn losses(&self, net: &M, batch: &Batch) -> Result<Losses>;
 }
 
 /// Basis functions whose fits are near the depths.
@@ -35,19 +38,44 @@ pub struct Fitting {
     part: Part,
     /// The network of a teacher, which is compared with.
     teacher: Option<BasisNet>,
+    /// The blocks of the pretrained encoder that adapters change.
+    blocks: Option<LastBlocks>,
+}
+
+impl Fitting {
+    /// A batch whose features are those of the encoder with the adapters of a network; nothing if it has none.
+    fn adapted(&self, net: &BasisNet, batch: &Batch) -> Result<Option<Batch>> {
+        let Some(adapters) = net.adapters() else {
+            return Ok(None);
+        };
+        let seen = batch.encoded.clone().zip(batch.entering.clone());
+        let blocks = self.blocks.as_ref();
+        let blocks = blocks.filter(|blocks| blocks.count() == adapters.config().blocks);
+        let (Some(blocks), Some((encoded, entering))) = (blocks, seen) else {
+            let what = "adapters are trained with the blocks that they change and what enters them";
+            return Err(Error::shape(what));
+        };
+        let blocks = blocks.to_device(&batch.images.device());
+        Ok(Some(Batch {
+            encoded: Some(blocks.features(encoded, entering, adapters)),
+            ..batch.clone()
+        }))
+    }
 }
 
 impl Objective<BasisNet> for Fitting {
-    fn losses(&self, net: &BasisNet, batch: &Batch) -> Losses {
+    fn losses(&self, net: &BasisNet, batch: &Batch) -> Result<Losses> {
+        let adapted = self.adapted(net, batch)?;
         let shown = self.teacher.as_ref().map(|teacher| {
             let device = batch.images.device().inner();
             Shown::new(&teacher.clone().to_device(&device), batch, &self.loss)
         });
         let (shown, fit, loss) = (shown.as_ref(), &self.fit, &self.loss);
-        match self.part {
+        let batch = adapted.as_ref().unwrap_or(batch);
+        Ok(match self.part {
             Part::All | Part::Bases => losses(net, batch, shown, fit, self.robust, loss),
             Part::Affinities => field_losses(net, batch, shown, fit, loss),
-        }
+        })
     }
 }
 
@@ -57,8 +85,8 @@ pub struct Predicting {
 }
 
 impl Objective<Net> for Predicting {
-    fn losses(&self, net: &Net, batch: &Batch) -> Losses {
-        system_losses(net, batch, &self.loss)
+    fn losses(&self, net: &Net, batch: &Batch) -> Result<Losses> {
+        Ok(system_losses(net, batch, &self.loss))
     }
 }
 
@@ -75,7 +103,9 @@ impl Learner {
     /// Starts with a network on an autodiff device, and the optimiser of `config`.
     pub fn new(net: BasisNet, fit: &FitConfig, config: &TrainConfig) -> Self {
         let net = match config.part {
-            Part::All | Part::Affinities => net,
+            Part::All => net,
+            // Basis functions read what adapters change.
+            Part::Affinities => net.fix_adapters(),
             Part::Bases => net.fix_affinities(),
         };
         let objective = Fitting {
@@ -84,6 +114,7 @@ impl Learner {
             loss: config.loss,
             part: config.part,
             teacher: None,
+            blocks: None,
         };
         Self::with(net, objective, config)
     }
@@ -93,6 +124,13 @@ impl Learner {
     #[must_use]
     pub fn taught_by(mut self, teacher: Option<BasisNet>) -> Self {
         self.objective.teacher = teacher;
+        self
+    }
+
+    /// Gives adapters the blocks of the pretrained encoder that they change, on an autodiff device.
+    #[must_use]
+    pub fn adapting(mut self, blocks: Option<LastBlocks>) -> Self {
+        self.objective.blocks = blocks;
         self
     }
 }
@@ -174,7 +212,7 @@ fn descent<M: Module>(
     batch: &Batch,
     part: f64,
 ) -> Result<(GradientsParams, Step)> {
-    let losses = objective.losses(net, batch);
+    let losses = objective.losses(net, batch)?;
     let step = Step::of(&losses);
     if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {
         return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
@@ -190,30 +228,44 @@ fn descent<M: Module>(
 mod tests {
     use super::*;
     use crate::data::{Rooms, RoomsConfig, Split};
+    use crate::model::random_encoder::{random_tensors, short};
     use crate::model::{
-        ExtractorConfig, InitNetwork as _, NetworkConfig, Normalisation, weights_of,
+        AdapterConfig, ExtractorConfig, InitNetwork as _, NetworkConfig, Normalisation, Table,
+        weights_of,
     };
     use crate::sample::{AugmentConfig, Protocol, Sampler, SamplerConfig, SupervisionConfig};
-    use burn::tensor::Device;
+    use burn::tensor::{Device, Tensor, TensorData};
     use lsdc_core::fit::FitMethod;
+    use lsdc_rng::Rng;
+    use std::collections::BTreeMap;
     use std::sync::Arc;
 
-    #[test]
-    fn basis_functions_are_trained_without_the_affinities() {
+    fn fit() -> FitConfig {
+        FitConfig {
+            method: FitMethod::Joint,
+            ..FitConfig::default()
+        }
+    }
+
+    fn config(part: Part) -> TrainConfig {
+        TrainConfig {
+            part,
+            loss: LossConfig {
+                regularisation: 0.0,
+                ..LossConfig::default()
+            },
+            ..TrainConfig::default()
+        }
+    }
+
+    /// Two rooms.
+    fn batch(device: &Device) -> Batch {
         let rooms = RoomsConfig {
             width: 48,
             height: 36,
             ..RoomsConfig::default()
         };
         let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
-        let config = TrainConfig {
-            part: Part::Bases,
-            loss: LossConfig {
-                regularisation: 0.0,
-                ..LossConfig::default()
-            },
-            ..TrainConfig::default()
-        };
         let sampler = SamplerConfig {
             protocol: Protocol::default(),
             augment: AugmentConfig::none(),
@@ -226,16 +278,16 @@ mod tests {
             batch: 2,
             seed: 0,
         };
-        let samples = Sampler::new(rooms, vec![0, 1], sampler)
-            .unwrap()
-            .batch(0)
-            .unwrap();
-        let device = Device::flex().autodiff();
+        let sampler = Sampler::new(rooms, vec![0, 1], sampler).unwrap();
+        let samples = sampler.batch(0).unwrap();
         let Normalisation {
             mean, deviation, ..
         } = Normalisation::default();
-        let batch = Batch::new(&samples, mean, deviation, &device).unwrap();
-        let network = NetworkConfig {
+        Batch::new(&samples, mean, deviation, device).unwrap()
+    }
+
+    fn network() -> NetworkConfig {
+        NetworkConfig {
             extractor: ExtractorConfig {
                 // It begins with zeros, behind which nothing moves in the first step.
                 sharpening: 0,
@@ -245,22 +297,84 @@ mod tests {
             bases: 12,
             affinities: 8,
             ..NetworkConfig::sharp()
-        };
-        let fit = FitConfig {
-            method: FitMethod::Joint,
-            ..FitConfig::default()
-        };
-        let tensors = |net: &BasisNet| {
-            weights_of(&net.valid(), network.clone(), Normalisation::default()).tensors
-        };
+        }
+    }
+
+    fn tensors(net: &BasisNet, network: &NetworkConfig) -> BTreeMap<String, Table> {
+        weights_of(&net.valid(), network.clone(), Normalisation::default()).tensors
+    }
+
+    #[test]
+    fn basis_functions_are_trained_without_the_affinities() {
+        let (network, device) = (network(), Device::flex().autodiff());
         let net = network.init(0, &device).unwrap();
-        let before = tensors(&net);
-        let learner = Learner::new(net, &fit, &config);
-        let (learner, _) = learner.step(&[batch], 1e-2, 1).unwrap();
-        let after = tensors(learner.net());
+        let before = tensors(&net, &network);
+        let learner = Learner::new(net, &fit(), &config(Part::Bases));
+        let (learner, _) = learner.step(&[batch(&device)], 1e-2, 1).unwrap();
+        let after = tensors(learner.net(), &network);
         for (name, tensor) in &before {
             let same = after[name] == *tensor;
             assert_eq!(same, name.starts_with("edges."), "{name}");
         }
+    }
+
+    #[test]
+    fn adapters_learn_with_the_basis_functions() {
+        let device = Device::flex().autodiff();
+        let mut network = network();
+        network.extractor.encoder = 16;
+        network.adapters = Some(AdapterConfig { blocks: 2, rank: 3 });
+        let blocks = LastBlocks::new(&short(), 2, &random_tensors(), &device).unwrap();
+        let mut rng = Rng::stream(0, &["said"]);
+        let mut normal = |shape: [usize; 3]| {
+            let values: Vec<f32> = (0..shape.iter().product()).map(|_| rng.normal()).collect();
+            Tensor::<3>::from_data(TensorData::new(values, shape), &device)
+        };
+        let (width, channels) = (short().width, short().channels());
+        let batch = Batch {
+            encoded: Some(normal([2, 12, channels]).reshape([2, 3, 4, channels])),
+            entering: Some(normal([2, 13, width])),
+            ..batch(&device)
+        };
+        for part in [Part::All, Part::Bases, Part::Affinities] {
+            let net = network.init(0, &device).unwrap();
+            let before = tensors(&net, &network);
+            let learner = Learner::new(net, &fit(), &config(part)).adapting(Some(blocks.clone()));
+            let (learner, _) = learner.step(std::slice::from_ref(&batch), 1e-2, 1).unwrap();
+            let after = tensors(learner.net(), &network);
+            // The others move once these are not 0 any more.
+            let second = before
+                .keys()
+                .filter(|name| name.starts_with("adapters.") && name.contains(".up."));
+            let mut count = 0;
+            for name in second {
+                assert_eq!(
+                    after[name] == before[name],
+                    part == Part::Affinities,
+                    "{name}"
+                );
+                count += 1;
+            }
+            assert_eq!(count, 4);
+        }
+        // Without what they change, nothing is trained as if there were none.
+        let learner = || {
+            Learner::new(
+                network.init(0, &device).unwrap(),
+                &fit(),
+                &config(Part::All),
+            )
+        };
+        assert!(
+            learner()
+                .step(std::slice::from_ref(&batch), 1e-2, 1)
+                .is_err()
+        );
+        let without = Batch {
+            entering: None,
+            ..batch
+        };
+        let learner = learner().adapting(Some(blocks));
+        assert!(learner.step(&[without], 1e-2, 1).is_err());
     }
 }

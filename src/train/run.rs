@@ -4,7 +4,7 @@ use super::checkpoint::Checkpoints;
 use super::learner::Objective;
 use super::log::Log;
 use super::record::Record;
-use super::setup::{imitated, input_size, sampler};
+use super::setup::{imitated, input_size, sampler, start_adapters};
 use super::{Learner, Part, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, DepthMap, Mixture, Shard, write_atomically};
 use crate::error::{Cause, Error, Result};
@@ -13,7 +13,9 @@ use crate::model::{
     AnyEncoder, BasisNet, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision,
     load, to_bytes, transfer, weights_of,
 };
-use crate::predict::{complete, completer, encoder_of, open_weights};
+use crate::predict::{
+    adapted_blocks, complete, completer, encoder_of, first_adapted, open_weights,
+};
 use crate::provenance;
 use crate::sample::{Batch, Encoding, Loader, Pattern, Sample, Sampler};
 use crate::systems::{Net, Predictor, SystemConfig, Trained, begin};
@@ -147,7 +149,10 @@ impl Trainer {
             (None, Some(weights)) => encoder_of(&weights.network)?,
             _ => encoder.clone(),
         }
-        .map(|encoder| Encoding::new(encoder, normalisation, config.features.clone()));
+        .map(|encoder| {
+            let encoding = Encoding::new(encoder, normalisation, config.features.clone());
+            encoding.entering(first_adapted(&network))
+        });
         Ok(Self {
             folder: folder.to_owned(),
             data: provenance::frames(&mixture),
@@ -266,7 +271,9 @@ impl Trainer {
                 let teacher = bases.imitated.as_ref();
                 let teacher = teacher.map(|weights| load(weights, self.device()));
                 let learner = Learner::new(net, &bases.fit, &self.config);
-                let learner = learner.taught_by(teacher.transpose()?);
+                let learner = learner
+                    .taught_by(teacher.transpose()?)
+                    .adapting(adapted_blocks(&bases.network, &device)?);
                 let measure = |net: &BasisNet| self.measure(&self.completer(bases, net)?);
                 let (learner, outcome) = self.go_on(learner, measure, stop, report)?;
                 if outcome == Outcome::Finished {
@@ -378,7 +385,9 @@ impl Trainer {
         let Some(path) = &self.config.start else {
             return Ok(net);
         };
-        let (net, new) = transfer(&open_weights(Some(path))?, net)?;
+        let start = open_weights(Some(path))?;
+        start_adapters(&start.network, &bases.network)?;
+        let (net, new) = transfer(&start, net)?;
         tracing::info!("{new} tensors do not fit the start weights and begin at random");
         Ok(net)
     }
@@ -394,7 +403,7 @@ impl Trainer {
             net.valid(),
             bases.encoder.clone().map(AnyEncoder::Prepared),
             self.device(),
-        );
+        )?;
         let completer = Completer::builder(&weights).network(Arc::new(network));
         Ok(completer.fit(bases.fit).build()?)
     }

@@ -4,7 +4,7 @@ use super::teacher::Taught;
 use super::{TrainConfig, divide};
 use crate::data::{Dataset, Mixture};
 use crate::error::{Error, Result};
-use crate::model::Normalisation;
+use crate::model::{AdapterConfig, NetworkConfig, Normalisation};
 use crate::predict::open_weights;
 use crate::sample::{Order, Protocol, Sampler, SamplerConfig};
 use lsdc_core::Weights;
@@ -19,6 +19,12 @@ pub(super) fn imitated(
         return Ok(None);
     };
     let weights = open_weights(Some(&teacher.weights))?;
+    if weights.network.adapters.is_some() {
+        return Err(Error::config(
+            "the network of a teacher with adapters cannot be compared with: it reads other features",
+        )
+        .hint("take a teacher without, or set the losses of a teacher's network to 0"));
+    }
     let Normalisation { input, .. } = weights.normalisation;
     if weights.normalisation == *normalisation {
         return Ok(Some(weights));
@@ -28,6 +34,23 @@ pub(super) fn imitated(
         input[0], input[1], normalisation.input[0], normalisation.input[1]
     ))
     .hint("set `train.protocol` to the size of the teacher, or the losses of a teacher's network to 0"))
+}
+
+/// Whether a network can start from weights: adapters belong to what was trained with them.
+pub(super) fn start_adapters(start: &NetworkConfig, network: &NetworkConfig) -> Result<()> {
+    let Some(adapters) = start.adapters else {
+        return Ok(());
+    };
+    if network.adapters == start.adapters {
+        return Ok(());
+    }
+    let AdapterConfig { blocks, rank } = adapters;
+    Err(Error::config(
+        "the start weights were trained with other adapters of their encoder than are trained now",
+    )
+    .hint(format!(
+        "set `adapters = {{ blocks = {blocks}, rank = {rank} }}`"
+    )))
 }
 
 /// Samples of the frames that are learned from: all but those held out of the first dataset.

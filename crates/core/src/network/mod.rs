@@ -22,10 +22,12 @@ mod tensors;
 pub use colours::{CONTRAST, LEAST, MOST_CHANGE};
 pub use colours_alone::ColoursAlone;
 pub use config::{
-    CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
+    AdapterConfig, CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind,
+    StageConfig,
 };
 pub use encoder::{
-    Encoded, Encoder, EncoderConfig, Features, LAYER_EPSILON, PATCH, in_patches, positions,
+    ADAPTERS, Encoded, Encoder, EncoderConfig, Features, LAYER_EPSILON, MORE_BLOCKS, PATCH,
+    in_patches, positions,
 };
 pub use encoding::{channels, codes};
 pub use head::STEEPEST;
@@ -108,6 +110,10 @@ impl Prepared {
             return Err(WeightsError::Unsupported(why).into());
         }
         let tensors = Tensors::new(tensors, level);
+        let encoder = match (encoder, config.adapters) {
+            (Some(encoder), Some(adapters)) => Some(Arc::new(encoder.adapted(adapters, &tensors)?)),
+            (encoder, _) => encoder,
+        };
         let channels = encoder.as_ref().map(|encoder| encoder.config().channels());
         let affinities =
             (config.affinities > 0).then(|| AffinityNet::new(config, channels, &tensors));

@@ -6,6 +6,7 @@ use crate::network::tensors::Tensors;
 use lsdc_kernels::attention::{attention, gelu, layer_norm};
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// What blocks work with.
 #[derive(Clone, Copy)]
@@ -23,9 +24,9 @@ pub(super) struct Block {
     /// To queries, keys and values.
     queries: Packed,
     /// From the answers of all heads; the scale of the layer is part of it, as of `second`.
-    mixed: Packed,
-    first: Packed,
-    second: Packed,
+    mixed: Arc<Packed>,
+    first: Arc<Packed>,
+    second: Arc<Packed>,
 }
 
 impl Block {
@@ -57,10 +58,24 @@ impl Block {
             heads: config.heads,
             norms: [norm("norm1")?, norm("norm2")?],
             queries: linear("attn.qkv", (width, 3 * width), None)?,
-            mixed: linear("attn.proj", (width, width), Some("ls1.gamma"))?,
-            first: linear("mlp.fc1", (width, hidden), None)?,
-            second: linear("mlp.fc2", (hidden, width), Some("ls2.gamma"))?,
+            mixed: Arc::new(linear("attn.proj", (width, width), Some("ls1.gamma"))?),
+            first: Arc::new(linear("mlp.fc1", (width, hidden), None)?),
+            second: Arc::new(linear("mlp.fc2", (hidden, width), Some("ls2.gamma"))?),
         })
+    }
+
+    /// The block with `change(input, output)` added to the weights of queries, keys and values, which lie side by side.
+    /// All other weights are shared.
+    pub(super) fn plus(&self, change: impl Fn(usize, usize) -> f32) -> Self {
+        Self {
+            width: self.width,
+            heads: self.heads,
+            norms: self.norms.clone(),
+            queries: self.queries.plus(change),
+            mixed: self.mixed.clone(),
+            first: self.first.clone(),
+            second: self.second.clone(),
+        }
     }
 
     /// What attention answers to the tokens, head by head; `rows` takes queries, keys and values.

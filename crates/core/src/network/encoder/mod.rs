@@ -4,6 +4,7 @@
 //! An image is cut into patches; each becomes a token, beside one for the whole image. Every block adds attention to
 //! the tokens, then a multilayer perceptron. The tokens after some of the blocks, normalised, are the features.
 
+mod adapters;
 mod block;
 mod encoded;
 mod position;
@@ -11,6 +12,7 @@ mod position;
 use super::tensors::Tensors;
 use crate::error::{Error, FitError, WeightsError};
 use crate::weights::Tensor;
+pub use adapters::{ADAPTERS, MORE_BLOCKS};
 use block::{Block, Room};
 pub use encoded::{Encoded, in_patches};
 use lsdc_kernels::attention::layer_norm;
@@ -18,6 +20,7 @@ use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 pub use position::positions;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Pixels of a side of a patch.
 pub const PATCH: usize = 14;
@@ -86,11 +89,11 @@ impl EncoderConfig {
 pub struct Encoder {
     config: EncoderConfig,
     level: Level,
-    patches: Packed,
+    patches: Arc<Packed>,
     whole: Vec<f32>,
     /// `[side x side, width]`, and that of the token for the whole image before it.
-    positions: Vec<f32>,
-    blocks: Vec<Block>,
+    positions: Arc<[f32]>,
+    blocks: Vec<Arc<Block>>,
     last: (Vec<f32>, Vec<f32>),
     scratch: Scratch,
 }
@@ -121,18 +124,18 @@ impl Encoder {
         let (width, depth) = (config.width, 3 * PATCH * PATCH);
         let kernel = tensors.values("patch_embed.proj.weight", &[width, 3, PATCH, PATCH])?;
         let bias = tensors.values("patch_embed.proj.bias", &[width])?;
-        let blocks = (0..config.blocks).map(|i| Block::new(&config, i, &tensors));
+        let blocks = (0..config.blocks).map(|i| Block::new(&config, i, &tensors).map(Arc::new));
         let values = |name: &str| tensors.values(name, &[width]).map(<[f32]>::to_vec);
         let count = 1 + config.side * config.side;
         let encoder = Self {
             level,
-            patches: Packed::new(level, (depth, width), bias, |row, column| {
+            patches: Arc::new(Packed::new(level, (depth, width), bias, |row, column| {
                 // Rows are (y, x, channel), as images are stored.
                 let (pixel, channel) = (row / 3, row % 3);
                 kernel[(column * 3 + channel) * PATCH * PATCH + pixel]
-            }),
+            })),
             whole: tensors.values("cls_token", &[1, 1, width])?.to_vec(),
-            positions: tensors.values("pos_embed", &[1, count, width])?.to_vec(),
+            positions: tensors.values("pos_embed", &[1, count, width])?.into(),
             blocks: blocks.collect::<Result<_, _>>()?,
             last: (values("norm.weight")?, values("norm.bias")?),
             scratch: Scratch::new(),
@@ -153,38 +156,17 @@ impl Encoder {
     ///
     /// # Errors
     /// A height or width that is no multiple of [`PATCH`], or another number of values.
-    pub fn features(
-        &self,
-        image: &[f32],
-        (height, width): (usize, usize),
-    ) -> Result<Features, FitError> {
-        let whole = |length: usize| length > 0 && length.is_multiple_of(PATCH);
-        if !(whole(height) && whole(width) && image.len() == 3 * height * width) {
-            return Err(FitError::Shape(format!(
-                "{} values are no image of {width}x{height} pixels whose sides are multiples of {PATCH}",
-                image.len()
-            )));
-        }
-        let size = (height / PATCH, width / PATCH);
+    pub fn features(&self, image: &[f32], size: (usize, usize)) -> Result<Features, FitError> {
+        let (rows, columns) = patches_of(image, size)?;
         let channels = self.config.width;
         // On a thread of the pool, which need not be awaited for each step.
         Ok(rayon::scope(|_| {
-            let mut tokens = self.tokens(image, size);
-            let count = tokens.len() / channels;
-            let mut rows = vec![0.0; 3 * tokens.len()];
-            let mut answers = vec![0.0; tokens.len()];
             let mut taps = Vec::new();
-            let room = Room {
-                level: self.level,
-                scratch: &self.scratch,
-            };
-            for (i, block) in self.blocks.iter().enumerate() {
-                block.attend(room, &tokens, &mut rows, &mut answers);
-                block.transform(room, &answers, &mut tokens);
+            self.through(image, (rows, columns), self.config.blocks, |i, tokens| {
                 if self.config.taps.contains(&i) {
-                    let mut tap = vec![0.0; (count - 1) * channels];
+                    let mut tap = vec![0.0; tokens.len() - channels];
                     let last = (&self.last.0[..], &self.last.1[..]);
-                    let part = share(count) * channels;
+                    let part = share(tokens.len() / channels) * channels;
                     let parts = tap.par_chunks_mut(part);
                     let tokens = tokens[channels..].par_chunks(part);
                     parts
@@ -192,13 +174,57 @@ impl Encoder {
                         .for_each(|(tap, x)| layer_norm(self.level, x, last, LAYER_EPSILON, tap));
                     taps.push(tap);
                 }
-            }
+            });
             Features {
-                columns: size.1,
-                rows: size.0,
+                columns,
+                rows,
                 taps,
             }
         }))
+    }
+
+    /// The tokens of a normalised image that enter a block, `[1 + rows x columns, width]`, that of the whole image first.
+    ///
+    /// # Errors
+    /// As [`Encoder::features`], and a block that the encoder does not have.
+    pub fn entering(
+        &self,
+        image: &[f32],
+        size: (usize, usize),
+        block: usize,
+    ) -> Result<Vec<f32>, FitError> {
+        let size = patches_of(image, size)?;
+        if block >= self.config.blocks {
+            let blocks = self.config.blocks;
+            let what = format!("an encoder of {blocks} blocks has no block {block}");
+            return Err(FitError::Shape(what));
+        }
+        Ok(rayon::scope(|_| {
+            self.through(image, size, block, |_, _| ())
+        }))
+    }
+
+    /// The tokens after the first `count` blocks; `each` sees them after every one.
+    fn through(
+        &self,
+        image: &[f32],
+        size: (usize, usize),
+        count: usize,
+        mut each: impl FnMut(usize, &[f32]),
+    ) -> Vec<f32> {
+        let mut tokens = self.tokens(image, size);
+        let mut rows = vec![0.0; 3 * tokens.len()];
+        let mut answers = vec![0.0; tokens.len()];
+        let room = Room {
+            level: self.level,
+            scratch: &self.scratch,
+        };
+        for (i, block) in self.blocks.iter().take(count).enumerate() {
+            block.attend(room, &tokens, &mut rows, &mut answers);
+            block.transform(room, &answers, &mut tokens);
+            each(i, &tokens);
+        }
+        tokens
     }
 
     /// The tokens of the image and of its patches, with their positions.
@@ -226,6 +252,18 @@ impl Encoder {
         });
         tokens
     }
+}
+
+/// Patches down and across a normalised image `[height, width, 3]`.
+fn patches_of(image: &[f32], (height, width): (usize, usize)) -> Result<(usize, usize), FitError> {
+    let whole = |length: usize| length > 0 && length.is_multiple_of(PATCH);
+    if whole(height) && whole(width) && image.len() == 3 * height * width {
+        return Ok((height / PATCH, width / PATCH));
+    }
+    Err(FitError::Shape(format!(
+        "{} values are no image of {width}x{height} pixels whose sides are multiples of {PATCH}",
+        image.len()
+    )))
 }
 
 #[cfg(test)]

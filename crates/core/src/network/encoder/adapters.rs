@@ -1,0 +1,102 @@
+//! Changes of attention that were trained with a network, added to the weights of an encoder once: what they cost
+//! afterwards is nothing.
+
+use super::Encoder;
+use crate::error::{Error, WeightsError};
+use crate::network::config::AdapterConfig;
+use crate::network::tensors::Tensors;
+use crate::weights::Tensor;
+use lsdc_kernels::simd::Scratch;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// What the names of the tensors of adapters begin with.
+pub const ADAPTERS: &str = "adapters.";
+/// Why adapters do not belong to an encoder.
+pub const MORE_BLOCKS: &str = "it has adapters for more blocks than its encoder has";
+
+/// Two matrices whose product, divided by their rank, is added to one.
+struct Product<'a> {
+    /// `[width, rank]`
+    down: &'a [f32],
+    /// `[rank, width]`
+    up: &'a [f32],
+    width: usize,
+}
+
+impl<'a> Product<'a> {
+    fn new(
+        tensors: &Tensors<'a>,
+        name: &str,
+        width: usize,
+        rank: usize,
+    ) -> Result<Self, WeightsError> {
+        let values = |part: &str, shape: [usize; 2]| {
+            tensors.values(&format!("{ADAPTERS}{name}.{part}.weight"), &shape)
+        };
+        Ok(Self {
+            down: values("down", [width, rank])?,
+            up: values("up", [rank, width])?,
+            width,
+        })
+    }
+
+    fn at(&self, row: usize, column: usize) -> f32 {
+        let rank = self.up.len() / self.width;
+        let down = &self.down[row * rank..][..rank];
+        let up = self.up[column..].iter().step_by(self.width);
+        let terms = down.iter().zip(up);
+        let sum: f64 = terms.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+        (sum / rank as f64) as f32
+    }
+}
+
+impl Encoder {
+    /// The encoder with the adapters among these tensors. What they do not change is shared with it.
+    ///
+    /// # Errors
+    /// Adapters of more blocks than there are, and tensors that are missing or of the wrong shape.
+    pub fn with_adapters(
+        &self,
+        config: AdapterConfig,
+        tensors: &BTreeMap<String, Tensor>,
+    ) -> Result<Self, Error> {
+        Ok(self.adapted(config, &Tensors::new(tensors, self.level))?)
+    }
+
+    /// The same, which says what tensors it used.
+    pub(in crate::network) fn adapted(
+        &self,
+        AdapterConfig { blocks, rank }: AdapterConfig,
+        tensors: &Tensors<'_>,
+    ) -> Result<Self, WeightsError> {
+        let width = self.config.width;
+        let Some(first) = self.blocks.len().checked_sub(blocks) else {
+            return Err(WeightsError::Unsupported(MORE_BLOCKS));
+        };
+        let mut all = self.blocks.clone();
+        for (i, block) in all[first..].iter_mut().enumerate() {
+            let product = |part: &str| {
+                let name = format!("blocks.{i}.{part}");
+                Product::new(tensors, &name, width, rank)
+            };
+            let (queries, values) = (product("queries")?, product("values")?);
+            *block = Arc::new(block.plus(|row, column| match column / width {
+                0 => queries.at(row, column),
+                2 => values.at(row, column % width),
+                // Keys.
+                _ => 0.0,
+            }));
+        }
+        Ok(Self {
+            config: self.config.clone(),
+            level: self.level,
+            patches: self.patches.clone(),
+            whole: self.whole.clone(),
+            positions: self.positions.clone(),
+            blocks: all,
+            last: self.last.clone(),
+            scratch: Scratch::new(),
+        })
+    }
+}
