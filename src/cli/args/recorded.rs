@@ -27,8 +27,8 @@ pub(in crate::cli) struct Recorded {
     /// How many seconds the points may be off an image; images without such points are left out, and counted.
     #[arg(long, value_name = "SECONDS", default_value_t = USUAL, value_parser = seconds, hide_short_help = true)]
     pub(in crate::cli) tolerance: f64,
-    /// Take all points of a cloud at its stamp. Else points with times of their own (a field t, time, timestamp, time_stamp,
-    /// offset_time or time_offset) are seen from where the scanner was at these; those that transforms do not reach are left
+    /// Take all points of a cloud at its stamp. Else points with times of their own (a field `t`, `time`, `timestamp`, `time_stamp`,
+    /// `offset_time` or `time_offset`) are seen from where the scanner was at these; those that transforms do not reach are left
     /// out, and counted.
     #[arg(long, hide_short_help = true)]
     pub(in crate::cli) no_deskew: bool,
