@@ -325,3 +325,24 @@ fn parameters_are_as_many_as_published() {
     assert_eq!(published("cspn"), 256_078_272);
     assert_eq!(published("lsk"), 13_421_970 + 3_065_475);
 }
+
+/// A mean that follows by a tenth what stays the same has a tenth of it after a step, 0.19 after two.
+#[test]
+fn running_statistics_follow_by_the_momentum_of_pytorch() {
+    let golden = golden();
+    let device = Device::flex().autodiff();
+    let seen = golden.seen(&device);
+    for case in &golden.cases {
+        let net = case.config.init(0, &device).unwrap();
+        let means = |net: &Net| -> Vec<f32> {
+            net.say(&seen);
+            let values = named_values(net).into_iter();
+            let means = values.filter(|(name, _)| name.ends_with("running_mean"));
+            means.flat_map(|(_, values)| values).collect()
+        };
+        let (once, twice) = (means(&net), means(&net));
+        assert!(!once.is_empty());
+        let expected: Vec<f32> = once.iter().map(|mean| 1.9 * mean).collect();
+        agree(&twice, &expected, 1e-5, &format!("{:?}", case.config));
+    }
+}

@@ -111,14 +111,8 @@ fn close(
     let coarse = blocks.affinities(&fine.grid(0.0));
     let refit = |field| Refit::new(&rows, Estimator::Field(field));
     let rough = refit(field.on(&coarse, blocks.area()));
-    // The more points there are, the more a round costs, and the fewer are needed.
-    let rounds = match order.len() {
-        0..=20_000 => 4,
-        20_001..=40_000 => 2,
-        _ => 1,
-    };
     let (neighbours, start) = start(&points, &rows.values);
-    let judged = judge_twice(&points, neighbours, &start, &rough, (&refit(field), rounds))?;
+    let judged = judge_twice(&points, neighbours, &start, &rough, &refit(field))?;
     Ok(judged.judgements())
 }
 

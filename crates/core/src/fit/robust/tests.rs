@@ -1,6 +1,6 @@
 //! Points judged by one another, against what is known of them.
 
-use super::mixture::{Evidence, Predict, Predictions, judge};
+use super::mixture::{Evidence, Predict, Predictions, judge, rounds_after_rough};
 use crate::error::Result;
 use crate::fit::{
     Affinities, Bases, CosineBasis, FitConfig, FitMethod, JointConfig, Lambda, Loss, NoisePrior,
@@ -269,6 +269,17 @@ fn wrong_points_are_found_and_lose_their_influence() {
         };
         let (plain, auto) = (error(None), error(Some(Loss::Auto)));
         assert!(auto < 0.1 * plain, "{auto} {plain}");
+    }
+}
+
+#[test]
+fn many_wrong_points_are_judged_in_more_rounds() {
+    for count in [15_000, 30_000, 100_000] {
+        let rounds = |wrong: usize| {
+            let right: Vec<f64> = (0..count).map(|i| f64::from(i % 10 >= wrong)).collect();
+            rounds_after_rough(&right)
+        };
+        assert!(rounds(3) >= 2 * rounds(1), "{count}");
     }
 }
 
