@@ -118,17 +118,19 @@ pub(super) fn judge_twice<'a>(
     Ok(judged)
 }
 
-/// The most rounds after rough predictions. The more points there are, the more a round costs, and the fewer are needed,
-/// but where many are wrong, which spoil rough predictions: then errors of maps are a sixth to a quarter larger without
-/// these rounds.
+/// The most rounds after rough predictions. The more points there are, the more a round costs, and the fewer are needed;
+/// but where many are wrong, these spoil the rough predictions, and with few rounds errors of maps are a sixth larger.
 pub(super) fn rounds_after_rough(right: &[f64]) -> usize {
     const MANY: f64 = 0.15;
-    match (right.len(), share_of_wrong(right) <= MANY) {
-        (0..=20_000, true) => 4,
-        (0..=40_000, false) => 8,
-        (20_001..=40_000, true) => 2,
-        (_, false) => 4,
-        (_, true) => 1,
+    let [few, many] = match right.len() {
+        0..=20_000 => [4, 8],
+        20_001..=40_000 => [2, 8],
+        _ => [1, 4],
+    };
+    if share_of_wrong(right) > MANY {
+        many
+    } else {
+        few
     }
 }
 
