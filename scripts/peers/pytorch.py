@@ -121,7 +121,8 @@ class Network(nn.Module):
     def forward(self, image):
         batch, _, height, width = image.shape
         if (height, width) not in self.codes:
-            self.codes[height, width] = tensor(encode(height, width, self.octaves))
+            codes = tensor(encode(height, width, self.octaves))
+            self.codes[height, width] = codes.to(image.device)
         x = self.stem(image)
         taps = []
         for stage in self.stages:
@@ -145,16 +146,16 @@ class Network(nn.Module):
         return self.last(self.hidden(x))
 
 
-def trainer(path: str, height: int, width: int, batch: int, points: int):
+def trainer(path: str, height: int, width: int, batch: int, points: int, device: str = "cpu"):
     """A function that makes one step as `lsdc bench --training` does: all pixels in the three
     losses, a fit in f64 with a ridge of 1e-4, Adam."""
-    net = Network(path).to(memory_format=torch.channels_last).train()
+    net = Network(path).to(device, memory_format=torch.channels_last).train()
     optimiser = torch.optim.Adam(net.parameters(), 1e-4, weight_decay=5e-4)
     generator = torch.Generator().manual_seed(0)
     image = torch.randn((batch, 3, height, width), generator=generator)
-    image = image.to(memory_format=torch.channels_last)
-    depth = 1 + torch.rand((batch, height * width, 1), generator=generator)
-    pixels = torch.randint(height * width, (batch, points), generator=generator)
+    image = image.to(device, memory_format=torch.channels_last)
+    depth = (1 + torch.rand((batch, height * width, 1), generator=generator)).to(device)
+    pixels = torch.randint(height * width, (batch, points), generator=generator).to(device)
 
     def step() -> None:
         bases = net(image).permute(0, 2, 3, 1).flatten(1, 2)
@@ -163,7 +164,8 @@ def trainer(path: str, height: int, width: int, batch: int, points: int):
         rows, known = at(bases).double(), at(depth).double()
         normal = rows.mT @ rows
         share = 1e-4 * normal.diagonal(dim1=1, dim2=2).mean(1)
-        normal = normal + share[:, None, None] * torch.eye(normal.shape[1], dtype=normal.dtype)
+        eye = torch.eye(normal.shape[1], dtype=normal.dtype, device=device)
+        normal = normal + share[:, None, None] * eye
         weights = torch.cholesky_solve(rows.mT @ known, torch.linalg.cholesky(normal))
         error = bases @ weights.float() - depth
         map = error.view(batch, height, width)

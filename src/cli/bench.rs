@@ -1,15 +1,20 @@
 //! `lsdc bench`: how fast is it on this machine.
 
-use super::args::{Bench, Model};
+use super::args::{Bench, Model, Settings};
+
 use super::systems::open_system;
 use super::{Exit, ui};
+use crate::config::Config;
 use crate::data::{Dataset as _, Rooms, RoomsConfig, Split};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::experiment::{Times, time, time_deviations};
-use crate::model::InitNetwork as _;
-use crate::predict::{Method, complete_classic, open_completer, open_weights};
-use crate::sample::{AugmentConfig, Batch, Pattern, Protocol, Sampler, SamplerConfig, Size};
+use crate::model::{InitNetwork as _, NetworkConfig, Normalisation};
+use crate::predict::{
+    Method, adapted_blocks, complete_classic, encoder_of, first_adapted, open_completer,
+    open_weights,
+};
+use crate::sample::{Batch, Encoding, Pattern, Protocol, Sampler, SamplerConfig, Size};
 use crate::train::{Learner, TrainConfig};
 use lsdc_core::fit::FitConfig;
 use lsdc_kernels::simd::Level;
@@ -68,11 +73,17 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
     if args.runs == 0 {
         return Err(Error::config("`--runs` must be above 0"));
     }
+    if is_given(&args.settings) && !args.training {
+        return Err(
+            Error::config("`--config` and `--set` are settings of training steps")
+                .hint("add `--training`"),
+        );
+    }
     if args.method != Method::Lsdc {
         return in_one_piece(args, size(args, 640, 480));
     }
     if args.training {
-        let outcome = train(&args.model, size(args, 304, 228), args.runs)?;
+        let outcome = train(args)?;
         let lines = [
             work(&outcome.setting, &format!("{} images", outcome.batch)),
             format!("step      {:8.1} ms", outcome.step_ms),
@@ -190,32 +201,73 @@ fn in_one_piece(args: &Bench, size: Size) -> Result<Exit> {
     report(args.json, &outcome, lines, outcome.peak_mb)
 }
 
-/// Trains the network of the weights from the start.
-fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
-    let device = device(&model.device)?.autodiff();
-    let weights = open_weights(model.weights.as_deref())?;
-    let config = TrainConfig::default();
+/// What is trained, and how.
+fn subject(args: &Bench) -> Result<(NetworkConfig, FitConfig, TrainConfig)> {
+    if is_given(&args.settings) {
+        let config = Config::load(args.settings.config.as_deref(), &args.settings.set)?;
+        if config.system.is_some() || config.train.teacher.is_some() {
+            return Err(Error::config(
+                "steps of other systems, and with a teacher, are not timed here",
+            )
+            .hint("`lsdc train` writes the time of every step to `metrics.jsonl`"));
+        }
+        let fit = config.fit.over(&FitConfig::default())?;
+        return Ok((config.network(), fit, config.train));
+    }
+    let weights = open_weights(args.model.weights.as_deref())?;
+    // Random basis functions may depend on each other.
+    let fit = FitConfig {
+        ridge: 1e-4,
+        ..FitConfig::default()
+    };
+    Ok((weights.network, fit, TrainConfig::default()))
+}
+
+fn is_given(settings: &Settings) -> bool {
+    settings.config.is_some() || !settings.set.is_empty()
+}
+
+/// Trains a network from random weights.
+fn train(args: &Bench) -> Result<Training> {
+    let device = device(&args.model.device)?.autodiff();
+    let (network, fit, config) = subject(args)?;
+    let learned = config.protocol.crop.or(config.protocol.resize);
+    let learned = learned.filter(|_| is_given(&args.settings));
+    let size = args.size.or(learned).unwrap_or(Size {
+        height: 228,
+        width: 304,
+    });
+    let normalisation = Normalisation {
+        input: [size.height, size.width],
+        ..Normalisation::default()
+    };
+    let encoding = encoder_of(&network)?.map(|encoder| {
+        Encoding::new(encoder, normalisation, None).entering(first_adapted(&network))
+    });
     let sampler = SamplerConfig {
         protocol: Protocol::default(),
-        augment: AugmentConfig::default(),
+        augment: config.augment,
         views: 0,
         supervision: config.supervision,
         batch: config.batch,
         seed: config.seed,
     };
     let frames = Arc::new(rooms(Split::Train, size)?);
-    let samples = Sampler::new(frames, (0..config.batch).collect::<Vec<_>>(), sampler)?.batch(0)?;
-    let colours = weights.normalisation;
-    let batch = Batch::new(&samples, colours.mean, colours.deviation, &device)?;
-    // Random basis functions may depend on each other.
-    let fit = FitConfig {
-        ridge: 1e-4,
-        ..FitConfig::default()
-    };
-    let net = weights.network.init(config.seed, &device)?;
-    let mut learner = Learner::new(net, &fit, &config);
-    let mut times = Vec::with_capacity(runs);
-    for run in 0..=runs {
+    let order = (0..config.batch).collect::<Vec<_>>();
+    let samples = Sampler::new(frames, order, sampler)?
+        .encoded(encoding)
+        .batch(0)?;
+    let batch = Batch::new(
+        &samples,
+        normalisation.mean,
+        normalisation.deviation,
+        &device,
+    )?;
+    let net = network.init(config.seed, &device)?;
+    let blocks = adapted_blocks(&network, &device)?;
+    let mut learner = Learner::new(net, &fit, &config).adapting(blocks);
+    let mut times = Vec::with_capacity(args.runs);
+    for run in 0..=args.runs {
         let started = Instant::now();
         (learner, _) = learner.step(std::slice::from_ref(&batch), config.learning_rate, run + 1)?;
         if run > 0 {
@@ -226,7 +278,7 @@ fn train(model: &Model, size: Size, runs: usize) -> Result<Training> {
         step_ms: median(times.into_iter()),
         batch: config.batch,
         peak_mb: peak_memory(),
-        setting: setting(model, size, runs),
+        setting: setting(&args.model, size, args.runs),
     })
 }
 

@@ -2,6 +2,8 @@
 //! that completion uses too.
 
 pub mod conv;
+#[cfg(feature = "wgpu")]
+mod gpu;
 pub mod interpolate;
 mod joint;
 mod lstsq;

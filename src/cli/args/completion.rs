@@ -1,7 +1,7 @@
 //! Arguments of `complete` and `bench`.
 
 use super::values::{Format, range, size, typed};
-use super::{FitFlags, Model, Recorded};
+use super::{FitFlags, Model, Recorded, Settings};
 use crate::data::{Camera, GuideSource, Shard, Unit};
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
@@ -158,9 +158,12 @@ pub(in crate::cli) struct Bench {
     /// the training images.
     #[arg(long)]
     pub(in crate::cli) full: bool,
-    /// Time training steps instead: two images, every pixel in the loss.
+    /// Time training steps instead, on procedural rooms: those of --config, or of the network of the weights by the
+    /// paper's settings (two images, every pixel in the loss).
     #[arg(long, conflicts_with_all = ["full", "points"])]
     pub(in crate::cli) training: bool,
+    #[command(flatten)]
+    pub(in crate::cli) settings: Settings,
     /// Print one JSON object.
     #[arg(long)]
     pub(in crate::cli) json: bool,

@@ -1,7 +1,9 @@
 //! 2-D convolution of images `[batch, height, width, channels]` as a burn extension op: fast
-//! kernels for flex, burn's own for other backends.
+//! kernels for flex and GPUs, burn's own for other backends.
 
 mod autodiff;
+#[cfg(feature = "wgpu")]
+mod cube;
 mod flex;
 #[cfg(test)]
 mod tests;
@@ -32,15 +34,7 @@ fn options(spec: ConvSpec) -> ConvOptions<2> {
 pub trait ConvBackend: Backend {
     /// `x [b, h, w, c]` with `weight [o, c, k, k]` to `[b, h', w', o]`.
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
-        if is_pointwise(spec, &weight.shape()) {
-            let rows = Self::float_matmul(
-                rows::<Self>(x.clone()),
-                Self::float_swap_dims(matrix::<Self>(weight), 0, 1),
-            );
-            return images::<Self>(rows, &x.shape());
-        }
-        let output = Self::conv2d(channels_first::<Self>(x), weight, None, options(spec));
-        channels_last::<Self>(output)
+        reference::<Self>(x, weight, spec)
     }
 
     /// The gradient of `x` from that of the output.
@@ -50,12 +44,7 @@ pub trait ConvBackend: Backend {
         grad: FloatTensor<Self>,
         spec: ConvSpec,
     ) -> FloatTensor<Self> {
-        if is_pointwise(spec, &weight.shape()) {
-            let rows = Self::float_matmul(rows::<Self>(grad), matrix::<Self>(weight));
-            return images::<Self>(rows, &x.shape());
-        }
-        let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
-        channels_last::<Self>(Self::conv2d_x_backward(x, weight, grad, options(spec)))
+        reference_input::<Self>(x, weight, grad, spec)
     }
 
     /// The gradient of `weight` from that of the output.
@@ -65,14 +54,56 @@ pub trait ConvBackend: Backend {
         grad: FloatTensor<Self>,
         spec: ConvSpec,
     ) -> FloatTensor<Self> {
-        if is_pointwise(spec, &weight.shape()) {
-            let grad = Self::float_swap_dims(rows::<Self>(grad), 0, 1);
-            let product = Self::float_matmul(grad, rows::<Self>(x));
-            return Self::float_reshape(product, weight.shape());
-        }
-        let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
-        Self::conv2d_weight_backward(x, weight, grad, options(spec))
+        reference_weight::<Self>(x, weight, grad, spec)
     }
+}
+
+/// The convolution in burn's own operations.
+fn reference<B: Backend>(
+    x: FloatTensor<B>,
+    weight: FloatTensor<B>,
+    spec: ConvSpec,
+) -> FloatTensor<B> {
+    if is_pointwise(spec, &weight.shape()) {
+        let rows = B::float_matmul(
+            rows::<B>(x.clone()),
+            B::float_swap_dims(matrix::<B>(weight), 0, 1),
+        );
+        return images::<B>(rows, &x.shape());
+    }
+    let output = B::conv2d(channels_first::<B>(x), weight, None, options(spec));
+    channels_last::<B>(output)
+}
+
+/// The gradient of its input in burn's own operations.
+fn reference_input<B: Backend>(
+    x: FloatTensor<B>,
+    weight: FloatTensor<B>,
+    grad: FloatTensor<B>,
+    spec: ConvSpec,
+) -> FloatTensor<B> {
+    if is_pointwise(spec, &weight.shape()) {
+        let rows = B::float_matmul(rows::<B>(grad), matrix::<B>(weight));
+        return images::<B>(rows, &x.shape());
+    }
+    let (x, grad) = (channels_first::<B>(x), channels_first::<B>(grad));
+    channels_last::<B>(B::conv2d_x_backward(x, weight, grad, options(spec)))
+}
+
+/// The gradient of its weights in burn's own operations.
+fn reference_weight<B: Backend>(
+    x: FloatTensor<B>,
+    weight: FloatTensor<B>,
+    grad: FloatTensor<B>,
+    spec: ConvSpec,
+) -> FloatTensor<B> {
+    if is_pointwise(spec, &weight.shape()) {
+        let grad = B::float_swap_dims(rows::<B>(grad), 0, 1);
+        let product = B::float_matmul(grad, rows::<B>(x));
+        return B::float_reshape(product, weight.shape());
+    }
+    let (x, grad) = (channels_first::<B>(x), channels_first::<B>(grad));
+    B::conv2d_weight_backward(x, weight, grad, options(spec))
 }
 
 /// `[b, h, w, c]` as rows `[b h w, c]`.
@@ -105,9 +136,6 @@ fn channels_last<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
 
 #[cfg(feature = "ndarray")]
 impl ConvBackend for burn_ndarray::NdArray {}
-
-#[cfg(feature = "wgpu")]
-impl ConvBackend for burn_cubecl::CubeBackend {}
 
 /// The product of `x [rows, in]` and `weight [in, out]`.
 pub fn linear(x: Tensor<2>, weight: Tensor<2>) -> Tensor<2> {

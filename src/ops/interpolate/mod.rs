@@ -1,7 +1,9 @@
-//! Features read between pixel centres, as a burn extension op: a fast path for flex, burn's own operations for
-//! other backends.
+//! Features read between pixel centres, as a burn extension op: fast paths for flex and GPUs,
+//! burn's own operations for other backends.
 
 mod autodiff;
+#[cfg(feature = "wgpu")]
+mod cube;
 mod flex;
 #[cfg(test)]
 mod tests;
@@ -97,9 +99,6 @@ fn corner<B: Backend>(
 
 #[cfg(feature = "ndarray")]
 impl InterpolateBackend for burn_ndarray::NdArray {}
-
-#[cfg(feature = "wgpu")]
-impl InterpolateBackend for burn_cubecl::CubeBackend {}
 
 /// Sums of four rows of `table [images, rows, channels]` for each cell of each image, one image after the other:
 /// `[images * cells, channels]`; differentiable in `table`.

@@ -1,7 +1,9 @@
-//! Batch normalisation with the ReLU that mostly follows it, as a burn extension op: a fast path
-//! for flex, burn's own operations for other backends.
+//! Batch normalisation with the ReLU that mostly follows it, as a burn extension op: fast paths
+//! for flex and GPUs, burn's own operations for other backends.
 
 mod autodiff;
+#[cfg(feature = "wgpu")]
+mod cube;
 mod flex;
 #[cfg(test)]
 mod tests;
@@ -155,9 +157,6 @@ fn reference_backward<B: Backend>(
 
 #[cfg(feature = "ndarray")]
 impl NormBackend for burn_ndarray::NdArray {}
-
-#[cfg(feature = "wgpu")]
-impl NormBackend for burn_cubecl::CubeBackend {}
 
 /// Mean and biased variance `[channels]` of `x [.., channels]`; not differentiated.
 pub fn moments<const D: usize>(x: Tensor<D>) -> (Tensor<1>, Tensor<1>) {

@@ -1,0 +1,451 @@
+//! The op on GPUs, as products of matrices whose left one, the patches of pixels around each output, is never made
+//! (implicit GEMM, Chetlur et al. 2014). A cube makes one tile of the result from tiles in its shared memory.
+
+use super::{ConvBackend, ConvSpec, reference, reference_input, reference_weight};
+use crate::ops::gpu::{UNITS, cube, empty, sum_of_parts, tile, tiles};
+use burn::backend::TensorMetadata as _;
+use burn::backend::ops::FloatTensorOps;
+use burn::backend::tensor::FloatTensor;
+use burn::tensor::DType;
+use burn_cubecl::CubeBackend;
+use burn_cubecl::cubecl::{self, prelude::*};
+use burn_cubecl::kernel::into_contiguous;
+use burn_cubecl::tensor::CubeTensor;
+
+/// Units of a cube are a square of this side, each with [`OWN`] rows of the tile and some columns.
+const SIDE: usize = 16;
+/// Rows of the tile of one unit.
+const OWN: usize = 4;
+/// Rows of a tile of the result.
+const ROWS: usize = SIDE * OWN;
+/// Products that are summed between two loads.
+const DEPTH: usize = 16;
+/// Cubes that fill a large GPU.
+const ENOUGH: usize = 2048;
+/// Pixels at least that one part of the gradient of weights is summed over.
+const PART: usize = 512;
+
+type Floats = FloatTensor<CubeBackend>;
+
+/// Between which pixels weights lie: those of `near [batch, height, width, channels]`, an input, and of the outputs.
+#[derive(Clone, Copy)]
+struct Geometry {
+    batch: usize,
+    /// Height, width and channels of inputs.
+    input: [usize; 3],
+    /// Height, width and channels of outputs.
+    output: [usize; 3],
+    taps: usize,
+    spec: ConvSpec,
+}
+
+impl Geometry {
+    fn new(x: &CubeTensor, weight: &CubeTensor, spec: ConvSpec) -> Self {
+        let (x, weight) = (x.shape(), weight.shape());
+        let taps = weight[2];
+        let reach = spec.dilation * (taps - 1) + 1;
+        let out = |length: usize| (length + 2 * spec.padding - reach) / spec.stride + 1;
+        Self {
+            batch: x[0],
+            input: [x[1], x[2], x[3]],
+            output: [out(x[1]), out(x[2]), weight[0]],
+            taps,
+            spec,
+        }
+    }
+}
+
+/// Whether the kernels apply.
+fn applies(x: &CubeTensor, weight: &CubeTensor) -> bool {
+    x.dtype() == DType::F32 && x.shape().num_elements() * weight.shape().num_elements() > 0
+}
+
+impl ConvBackend for CubeBackend {
+    fn conv(x: Floats, weight: Floats, spec: ConvSpec) -> Floats {
+        if !applies(&x, &weight) {
+            return reference::<Self>(x, weight, spec);
+        }
+        let geometry = Geometry::new(&x, &weight, spec);
+        let weights = Self::float_permute(weight, &[2, 3, 1, 0]);
+        from_patches(x, weights, geometry, false)
+    }
+
+    fn conv_backward_input(x: Floats, weight: Floats, grad: Floats, spec: ConvSpec) -> Floats {
+        if !applies(&x, &weight) {
+            return reference_input::<Self>(x, weight, grad, spec);
+        }
+        let geometry = Geometry::new(&x, &weight, spec);
+        let weights = Self::float_permute(weight, &[2, 3, 0, 1]);
+        from_patches(grad, weights, geometry, true)
+    }
+
+    fn conv_backward_weight(x: Floats, weight: Floats, grad: Floats, spec: ConvSpec) -> Floats {
+        if !applies(&x, &weight) {
+            return reference_weight::<Self>(x, weight, grad, spec);
+        }
+        let geometry = Geometry::new(&x, &weight, spec);
+        let gradient = of_weights(into_contiguous(x), into_contiguous(grad), geometry);
+        Self::float_permute(gradient, &[3, 2, 0, 1])
+    }
+}
+
+/// Outputs from inputs with `weights [taps, taps, in, out]`; or, `back`, the gradient of inputs from that of outputs with
+/// `weights [taps, taps, out, in]`.
+fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -> Floats {
+    let (from, weights) = (into_contiguous(from), into_contiguous(weights));
+    let Geometry {
+        batch, taps, spec, ..
+    } = geometry;
+    let (near, far) = if back {
+        (geometry.output, geometry.input)
+    } else {
+        (geometry.input, geometry.output)
+    };
+    let [height, width, channels] = far;
+    let result = empty(&from, [batch, height, width, channels]);
+    let across = if channels > 2 * SIDE { 4 } else { 2 };
+    multiply_patches::launch(
+        &from.client,
+        tiles(
+            (batch * height * width).div_ceil(ROWS),
+            channels.div_ceil(SIDE * across),
+        ),
+        cube(),
+        from.clone().into_buffer_arg(),
+        weights.into_buffer_arg(),
+        result.clone().into_buffer_arg(),
+        near[0] as u32,
+        near[1] as u32,
+        near[2] as u32,
+        height as u32,
+        width as u32,
+        channels as u32,
+        taps as u32,
+        spec.stride as u32,
+        spec.padding as u32,
+        spec.dilation as u32,
+        across,
+        back,
+    );
+    result
+}
+
+/// The gradient `[taps, taps, in, out]` of weights: sums over parts of all pixels, then the sum of these.
+fn of_weights(x: Floats, grad: Floats, geometry: Geometry) -> Floats {
+    let Geometry {
+        batch, taps, spec, ..
+    } = geometry;
+    let ([height, width, inputs], [rows, columns, outputs]) = (geometry.input, geometry.output);
+    let pixels = batch * rows * columns;
+    let across = if outputs > 2 * SIDE { 4 } else { 2 };
+    let places = [inputs.div_ceil(ROWS), outputs.div_ceil(SIDE * across)];
+    let cubes = places[0] * places[1] * taps * taps;
+    let count = ENOUGH.div_ceil(cubes).min(pixels.div_ceil(PART));
+    let part = pixels.div_ceil(count).next_multiple_of(DEPTH);
+    let count = pixels.div_ceil(part);
+    let parts = empty(&x, [count, taps, taps, inputs, outputs]);
+    multiply_by_patches::launch(
+        &x.client,
+        CubeCount::Static(
+            (places[0] * places[1]) as u32,
+            (taps * taps) as u32,
+            count as u32,
+        ),
+        cube(),
+        x.clone().into_buffer_arg(),
+        grad.into_buffer_arg(),
+        parts.clone().into_buffer_arg(),
+        height as u32,
+        width as u32,
+        inputs as u32,
+        rows as u32,
+        columns as u32,
+        outputs as u32,
+        taps as u32,
+        spec.stride as u32,
+        spec.padding as u32,
+        spec.dilation as u32,
+        pixels as u32,
+        part as u32,
+        across,
+    );
+    sum_of_parts(parts, [taps, taps, inputs, outputs])
+}
+
+/// Where along an axis of inputs of `length` a tap of output `at` reads; `length` where it is outside.
+#[cube]
+fn input_of(
+    at: usize,
+    tap: usize,
+    length: usize,
+    stride: usize,
+    padding: usize,
+    dilation: usize,
+) -> usize {
+    let place = at * stride + tap * dilation;
+    let mut found = length;
+    if place >= padding && place - padding < length {
+        found = place - padding;
+    }
+    found
+}
+
+/// Which output of `length` along an axis reads input `at` by a tap; `length` where none does.
+#[cube]
+fn output_of(
+    at: usize,
+    tap: usize,
+    length: usize,
+    stride: usize,
+    padding: usize,
+    dilation: usize,
+) -> usize {
+    let place = at + padding;
+    let mut found = length;
+    if place >= tap * dilation {
+        let place = place - tap * dilation;
+        if place % stride == 0 && place / stride < length {
+            found = place / stride;
+        }
+    }
+    found
+}
+
+/// Either of the two.
+#[cube]
+fn near(
+    at: usize,
+    tap: usize,
+    length: usize,
+    stride: usize,
+    padding: usize,
+    dilation: usize,
+    #[comptime] back: bool,
+) -> usize {
+    if comptime!(back) {
+        output_of(at, tap, length, stride, padding, dilation)
+    } else {
+        input_of(at, tap, length, stride, padding, dilation)
+    }
+}
+
+/// `result [pixels, outputs]` of the patches of `x [batch, near_height, near_width, channels]` times `weights [taps, taps,
+/// channels, outputs]`; pixels are those of `[batch, height, width]`.
+#[cube(launch)]
+fn multiply_patches(
+    x: &[f32],
+    weights: &[f32],
+    result: &mut [f32],
+    near_height: u32,
+    near_width: u32,
+    channels: u32,
+    height: u32,
+    width: u32,
+    outputs: u32,
+    taps: u32,
+    stride: u32,
+    padding: u32,
+    dilation: u32,
+    #[comptime] across: usize,
+    #[comptime] back: bool,
+) {
+    let (near_height, near_width) = (near_height as usize, near_width as usize);
+    let (height, width) = (height as usize, width as usize);
+    let (channels, outputs) = (channels as usize, outputs as usize);
+    let (taps, stride) = (taps as usize, stride as usize);
+    let (padding, dilation) = (padding as usize, dilation as usize);
+    let wide = comptime!(SIDE * across);
+    let unit = UNIT_POS_X as usize;
+    let first_row = tile() * ROWS;
+    let first_column = CUBE_POS_Y as usize * wide;
+    let pixels = result.len() / outputs;
+
+    // Four units load the patch of one pixel.
+    let loaded = unit / OWN;
+    let lane = unit % OWN * OWN;
+    let pixel = first_row + loaded;
+    let at_x = pixel % width;
+    let at_y = pixel / width % height;
+    let image = pixel / width / height;
+
+    let row = unit / SIDE * OWN;
+    let column = unit % SIDE;
+    let mut left = Shared::<[f32]>::new_slice(DEPTH * (ROWS + 1));
+    let mut right = Shared::<[f32]>::new_slice(comptime!(DEPTH * SIDE * across));
+    let mut sums = Array::<f32>::new(comptime!(OWN * across));
+    #[unroll]
+    for i in 0..comptime!(OWN * across) {
+        sums[i] = 0.0f32;
+    }
+    for tap in 0..taps * taps {
+        let (down, along) = (tap / taps, tap % taps);
+        let y = near(at_y, down, near_height, stride, padding, dilation, back);
+        let at = near(at_x, along, near_width, stride, padding, dilation, back);
+        let inside = pixel < pixels && y < near_height && at < near_width;
+        let base = ((image * near_height + y) * near_width + at) * channels;
+        let mut from = 0usize;
+        while from < channels {
+            #[unroll]
+            for i in 0..OWN {
+                let channel = from + lane + i;
+                let mut value = 0.0f32;
+                if inside && channel < channels {
+                    value = x[base + channel];
+                }
+                left[(lane + i) * (ROWS + 1) + loaded] = value;
+            }
+            #[unroll]
+            for i in 0..across {
+                let place = unit + i * UNITS;
+                let channel = from + place / wide;
+                let output = first_column + place % wide;
+                let mut value = 0.0f32;
+                if channel < channels && output < outputs {
+                    value = weights[(tap * channels + channel) * outputs + output];
+                }
+                right[place] = value;
+            }
+            sync_cube();
+            #[unroll]
+            for k in 0..DEPTH {
+                #[unroll]
+                for j in 0..across {
+                    let b = right[k * wide + column + j * SIDE];
+                    #[unroll]
+                    for i in 0..OWN {
+                        sums[i * across + j] += left[k * (ROWS + 1) + row + i] * b;
+                    }
+                }
+            }
+            sync_cube();
+            from += DEPTH;
+        }
+    }
+    #[unroll]
+    for i in 0..OWN {
+        let pixel = first_row + row + i;
+        #[unroll]
+        for j in 0..across {
+            let output = first_column + column + j * SIDE;
+            if pixel < pixels && output < outputs {
+                result[pixel * outputs + output] = sums[i * across + j];
+            }
+        }
+    }
+}
+
+/// Part by part of `pixels`, those of `grad [pixels, outputs]`: `parts [parts, taps, taps, inputs, outputs]`, the
+/// transposed patches of `x [batch, near_height, near_width, inputs]` times `grad`.
+#[cube(launch)]
+fn multiply_by_patches(
+    x: &[f32],
+    grad: &[f32],
+    parts: &mut [f32],
+    near_height: u32,
+    near_width: u32,
+    inputs: u32,
+    height: u32,
+    width: u32,
+    outputs: u32,
+    taps: u32,
+    stride: u32,
+    padding: u32,
+    dilation: u32,
+    pixels: u32,
+    part: u32,
+    #[comptime] across: usize,
+) {
+    let (near_height, near_width) = (near_height as usize, near_width as usize);
+    let (height, width) = (height as usize, width as usize);
+    let (inputs, outputs) = (inputs as usize, outputs as usize);
+    let (taps, stride) = (taps as usize, stride as usize);
+    let (padding, dilation) = (padding as usize, dilation as usize);
+    let (pixels, part) = (pixels as usize, part as usize);
+    let wide = comptime!(SIDE * across);
+    let unit = UNIT_POS_X as usize;
+    let tap = CUBE_POS_Y as usize;
+    let number = CUBE_POS_Z as usize;
+    let columns = outputs.div_ceil(wide);
+    let first_row = CUBE_POS_X as usize / columns * ROWS;
+    let first_column = CUBE_POS_X as usize % columns * wide;
+    let last = clamp_max((number + 1) * part, pixels);
+
+    // Sixteen units load the channels of one pixel.
+    let loaded = unit / SIDE;
+    let lane = unit % SIDE;
+    let row = unit / SIDE * OWN;
+    let mut left = Shared::<[f32]>::new_slice(DEPTH * ROWS);
+    let mut right = Shared::<[f32]>::new_slice(comptime!(DEPTH * SIDE * across));
+    let mut sums = Array::<f32>::new(comptime!(OWN * across));
+    #[unroll]
+    for i in 0..comptime!(OWN * across) {
+        sums[i] = 0.0f32;
+    }
+    let mut first = number * part;
+    while first < last {
+        let pixel = first + loaded;
+        let y = input_of(
+            pixel / width % height,
+            tap / taps,
+            near_height,
+            stride,
+            padding,
+            dilation,
+        );
+        let at = input_of(
+            pixel % width,
+            tap % taps,
+            near_width,
+            stride,
+            padding,
+            dilation,
+        );
+        let image = pixel / width / height;
+        let inside = pixel < last && y < near_height && at < near_width;
+        let base = ((image * near_height + y) * near_width + at) * inputs;
+        #[unroll]
+        for i in 0..OWN {
+            let channel = first_row + lane + i * SIDE;
+            let mut value = 0.0f32;
+            if inside && channel < inputs {
+                value = x[base + channel];
+            }
+            left[loaded * ROWS + lane + i * SIDE] = value;
+        }
+        #[unroll]
+        for i in 0..across {
+            let output = first_column + lane + i * SIDE;
+            let mut value = 0.0f32;
+            if pixel < last && output < outputs {
+                value = grad[pixel * outputs + output];
+            }
+            right[loaded * wide + lane + i * SIDE] = value;
+        }
+        sync_cube();
+        #[unroll]
+        for k in 0..DEPTH {
+            #[unroll]
+            for j in 0..across {
+                let b = right[k * wide + lane + j * SIDE];
+                #[unroll]
+                for i in 0..OWN {
+                    sums[i * across + j] += left[k * ROWS + row + i] * b;
+                }
+            }
+        }
+        sync_cube();
+        first += DEPTH;
+    }
+    #[unroll]
+    for i in 0..OWN {
+        let input = first_row + row + i;
+        #[unroll]
+        for j in 0..across {
+            let output = first_column + lane + j * SIDE;
+            if input < inputs && output < outputs {
+                let place = (number * taps * taps + tap) * inputs + input;
+                parts[place * outputs + output] = sums[i * across + j];
+            }
+        }
+    }
+}
