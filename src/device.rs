@@ -81,11 +81,10 @@ fn wgpu(name: &str, which: &str) -> Result<Device> {
         })
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(feature = "wgpu")))]
 mod tests {
     use super::*;
 
-    #[cfg(not(feature = "wgpu"))]
     #[test]
     fn a_device_that_was_not_built_names_the_command_that_builds_it() {
         for name in ["wgpu", "wgpu:1", "wgpu:software"] {

@@ -204,8 +204,9 @@ fn output_of(
     let mut found = length;
     if place >= tap * dilation {
         let place = place - tap * dilation;
-        if place % stride == 0 && place / stride < length {
-            found = place / stride;
+        let output = place / stride;
+        if output * stride == place && output < length {
+            found = output;
         }
     }
     found

@@ -239,7 +239,7 @@ fn moments_of_parts(x: &[f32], parts: &mut [f32], rows: u32, channels: u32, part
     }
 }
 
-/// Mean and variance of all `rows` from those of parts (Chan, Golub and LeVeque 1979).
+/// Mean and variance of all `rows` from those of parts (Chan, Golub and `LeVeque` 1979).
 #[cube(launch)]
 fn moments_of_all(parts: &[f32], mean: &mut [f32], variance: &mut [f32], rows: u32, part: u32) {
     let (rows, part) = (rows as usize, part as usize);
@@ -286,6 +286,16 @@ fn forward(
     }
 }
 
+/// The gradient of a value from that of its ReLU, if there is one.
+#[cube]
+fn passed(gradient: f32, value: f32, #[comptime] relu: bool) -> f32 {
+    let mut passed = gradient;
+    if comptime!(relu) {
+        passed = select(value > 0.0f32, gradient, 0.0f32);
+    }
+    passed
+}
+
 /// `parts [parts, 2, channels]`: sums of the gradient `grad [rows, channels]` of the output, and of it times the
 /// normalised `x`.
 #[cube(launch)]
@@ -320,12 +330,7 @@ fn sums_of_parts(
         let mut row = number * part + lane;
         while row < last {
             let v = x[row * channels + channel] - centre;
-            let mut g = grad[row * channels + channel];
-            if comptime!(relu) {
-                if v * slope + offset <= 0.0f32 {
-                    g = 0.0f32;
-                }
-            }
+            let g = passed(grad[row * channels + channel], v * slope + offset, relu);
             plain += g;
             along += g * (v * scale);
             row += LANES;
@@ -367,12 +372,8 @@ fn backward(
         let scale = 1.0f32 / (variance[channel] + epsilon).sqrt();
         let slope = gain[channel] * scale;
         let v = x[ABSOLUTE_POS] - mean[channel];
-        let mut g = grad[ABSOLUTE_POS];
-        if comptime!(relu) {
-            if v * slope + shift[channel] <= 0.0f32 {
-                g = 0.0f32;
-            }
-        }
+        let output = v * slope + shift[channel];
+        let mut g = passed(grad[ABSOLUTE_POS], output, relu);
         if comptime!(own) {
             let share = 1.0f32 / f32::cast_from(rows);
             g -= (sums[channel] + v * scale * sums[channels + channel]) * share;

@@ -7,6 +7,7 @@ mod triangular;
 
 use super::composed;
 use super::{LstsqBackend, host};
+use crate::ops::gpu::UNITS;
 use burn::backend::TensorMetadata as _;
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
@@ -18,8 +19,6 @@ use burn_cubecl::ops::numeric::zeros_client;
 use burn_cubecl::tensor::CubeTensor;
 use lsdc_core::fit::Solver;
 
-/// Units of a cube: what every WebGPU device offers.
-const UNITS: usize = 256;
 /// Columns that the QR works on at once.
 const COLUMNS: usize = UNITS / 2;
 /// Rows of one QR block at least; more are divided among cubes and their R's factored again.
