@@ -1,11 +1,11 @@
-//! Each shape of layer of the paper's network at 228x304, forward and backward.
+//! Each shape of layer of the paper's network at 228x304, and of the default network's where it differs, forward and
+//! backward.
 //!
 //!     cargo bench --bench layers
 
-use burn::tensor::{Device, Distribution, Tensor};
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use lsdc::ops::conv::conv2d;
-use lsdc_kernels::conv::{ConvSpec, Layer};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use lsdc::process::keep_pages;
+use lsdc_kernels::conv::{self, ConvSpec, Layer, Shape};
 use lsdc_kernels::simd::{Level, Scratch, Tail};
 use lsdc_rng::Rng;
 use std::hint::black_box;
@@ -45,6 +45,10 @@ fn cases() -> Vec<Case> {
         case("320-128", QUARTER, 320, 128, 3, same(1)),
         case("512-128 1x1", FULL, 512, 128, 1, ConvSpec::pointwise()),
         case("128-128 1x1", FULL, 128, 128, 1, ConvSpec::pointwise()),
+        case("16-16", HALF, 16, 16, 3, same(1)),
+        case("32-32 quarter", QUARTER, 32, 32, 3, same(1)),
+        case("160-64", QUARTER, 160, 64, 3, same(1)),
+        case("64-64 half", HALF, 64, 64, 3, same(1)),
     ]
 }
 
@@ -88,27 +92,39 @@ fn forward(criterion: &mut Criterion) {
     }
 }
 
+/// Both gradients of two images, kernel by kernel.
 fn backward(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("layer gradients, batch 2");
-    group.sample_size(10);
-    let device = Device::flex().autodiff();
-    for case in cases() {
-        let [height, width] = case.size;
-        let normal = Distribution::Normal(0.0, 1.0);
-        let x = Tensor::<4>::random([2, height, width, case.channels], normal, &device);
-        let sizes = [case.outputs, case.channels, case.taps, case.taps];
-        let weights = Tensor::<4>::random(sizes, normal, &device);
-        group.throughput(case.products());
-        group.bench_function(case.name, |bencher| {
-            bencher.iter_batched(
-                || {
-                    let (x, weights) = (x.clone().require_grad(), weights.clone().require_grad());
-                    conv2d(x, weights, case.spec).sum()
-                },
-                |sum| sum.backward(),
-                BatchSize::PerIteration,
-            );
-        });
+    keep_pages();
+    let scratch = Scratch::new();
+    let level = Level::here();
+    for part in ["inputs", "weights"] {
+        let mut group = criterion.benchmark_group(format!("gradient of {part}, batch 2"));
+        group.sample_size(20);
+        for case in cases() {
+            let [height, width] = case.size;
+            let shape = Shape {
+                batch: 2,
+                height,
+                width,
+                channels: case.channels,
+                outputs: case.outputs,
+                taps: case.taps,
+                spec: case.spec,
+            };
+            let x = random(2 * height * width * case.channels);
+            let weights = random(case.outputs * shape.depth());
+            let grad = random(shape.out_pixels() * case.outputs);
+            let Throughput::Elements(products) = case.products() else {
+                continue;
+            };
+            group.throughput(Throughput::Elements(2 * products));
+            group.bench_function(case.name, |bencher| {
+                bencher.iter(|| match part {
+                    "inputs" => conv::input_gradient(level, &weights, &grad, &shape, &scratch),
+                    _ => conv::weight_gradient(level, &x, &grad, &shape, &scratch),
+                });
+            });
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use burn::tensor::Device;
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc::data::{Rooms, RoomsConfig, Split};
 use lsdc::model::{InitNetwork as _, NetworkConfig, Normalisation};
+use lsdc::process::keep_pages;
 use lsdc::sample::{AugmentConfig, Batch, Protocol, Sampler, SamplerConfig, SupervisionConfig};
 use lsdc::train::{Learner, TrainConfig};
 use lsdc_core::fit::FitConfig;
@@ -30,6 +31,7 @@ fn batch(device: &Device) -> Batch {
 }
 
 fn step(criterion: &mut Criterion) {
+    keep_pages();
     let device = Device::flex().autodiff();
     let batch = batch(&device);
     let fit = FitConfig {

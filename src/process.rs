@@ -16,8 +16,9 @@ pub unsafe fn prepare() {
     keep_pages();
 }
 
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-fn keep_pages() {
+/// Lets glibc keep the pages of freed tensors, as [`prepare`] does; it changes nothing where the C library is another.
+pub fn keep_pages() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
     for (option, value) in [
         // The most that older versions accept, then more.
         (libc::M_MMAP_THRESHOLD, 32 << 20),
@@ -29,9 +30,6 @@ fn keep_pages() {
         unsafe { libc::mallopt(option, value) };
     }
 }
-
-#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
-fn keep_pages() {}
 
 /// Lets all threads take memory from one heap, in a process that completes a single image: what one thread gives back
 /// then serves the others. With a heap for each thread, 300,000 points need a third more memory. Best called before
