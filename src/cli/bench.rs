@@ -204,6 +204,12 @@ fn in_one_piece(args: &Bench, size: Size) -> Result<Exit> {
 /// What is trained, and how.
 fn subject(args: &Bench) -> Result<(NetworkConfig, FitConfig, TrainConfig)> {
     if is_given(&args.settings) {
+        if args.model.weights.is_some() {
+            return Err(Error::config(
+                "`--weights` names a network, and so do `--config` and `--set`",
+            )
+            .hint("leave one of them out; steps begin with random weights either way"));
+        }
         let config = Config::load(args.settings.config.as_deref(), &args.settings.set)?;
         if config.system.is_some() || config.train.teacher.is_some() {
             return Err(Error::config(

@@ -88,6 +88,37 @@ fn every_instruction_set_gives_the_same_depths() {
 }
 
 #[test]
+fn training_steps_of_a_configuration_are_timed() {
+    let folder = room();
+    let bench = |more: &[&str]| {
+        let mut command = lsdc(folder.path());
+        command.args(["bench", "--runs", "1", "--size", "64x48", "--json"]);
+        command.args(more).assert()
+    };
+    let joint = [
+        "--training",
+        "--config",
+        "nyu-joint.toml",
+        "--set",
+        "train.batch=3",
+    ];
+    let run = bench(&joint).success();
+    let outcome: serde_json::Value = serde_json::from_slice(&run.get_output().stdout).unwrap();
+    assert_eq!(outcome["batch"], 3);
+    assert!(outcome["step_ms"].as_f64().unwrap() > 0.0);
+    // Settings that would have no effect are refused.
+    for (args, word) in [
+        (&joint[1..], "--training"),
+        (&[&joint[..], &["--weights", "small"]].concat(), "--weights"),
+        (&["--training", "--config", "s2d.toml"], "metrics.jsonl"),
+    ] {
+        let run = bench(args).failure();
+        let error = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+        assert!(error.contains(word), "{error}");
+    }
+}
+
+#[test]
 fn any_output_size_works() {
     let folder = room();
     let args = [
