@@ -19,6 +19,7 @@ mod cloud;
 mod colmap;
 mod columns;
 mod contents;
+mod described;
 pub mod error;
 mod files;
 mod grid;
@@ -32,6 +33,7 @@ pub use camera::{Camera, CameraInfo};
 pub use cloud::Cloud;
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
+pub use described::{DescribedCloud, DescribedDepth, DescribedFit};
 pub use files::{
     Colored, Hdf5, Unfinished, check_writable, encode_depth_png, encode_exr, encode_npy,
     encode_npz, encode_ply, from_planes, has_ending, image_size, images_below, is_image, png_unit,

@@ -2,6 +2,7 @@
 
 use crate::complete::Completed;
 use crate::encode::Forms;
+use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -11,7 +12,7 @@ use std::time::Duration;
 pub(crate) struct Report {
     points: Points,
     #[serde(skip_serializing_if = "Option::is_none")]
-    depth: Option<Depth>,
+    depth: Option<DescribedDepth>,
     /// How many stored units of the PNG make a metre, if it is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     png_units_per_metre: Option<f64>,
@@ -19,8 +20,8 @@ pub(crate) struct Report {
     #[serde(skip_serializing_if = "is_zero")]
     png_raised: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
-    cloud: Option<Cloud>,
-    fit: Fit,
+    cloud: Option<DescribedCloud>,
+    fit: DescribedFit,
     seconds: Seconds,
     /// What was assumed or left out and should be checked.
     remarks: Vec<String>,
@@ -35,44 +36,6 @@ struct Points {
     hidden: usize,
     unit: String,
     unit_guessed: bool,
-}
-
-#[derive(Debug, Serialize)]
-struct Depth {
-    width: usize,
-    height: usize,
-    lowest: f32,
-    highest: f32,
-    /// Pixels whose depth was limited to ten times the range of the points.
-    #[serde(skip_serializing_if = "is_zero")]
-    clamped: usize,
-}
-
-/// Counts of pixels.
-#[derive(Debug, Serialize)]
-struct Cloud {
-    points: usize,
-    /// Left out, as they are too uncertain.
-    uncertain: usize,
-    /// Left out, as the lens does not look there.
-    unseen: usize,
-}
-
-#[derive(Debug, Serialize)]
-struct Fit {
-    method: &'static str,
-    /// Root mean square at the points.
-    residual: f64,
-    /// Root mean square of the leave-one-out errors (PRESS).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    leave_one_out: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    outliers: Option<usize>,
-    /// The number of standard deviations that hold 95 % of errors.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    deviations_of_95: Option<f64>,
-    rank: usize,
-    functions: usize,
 }
 
 #[derive(Debug, Serialize)]
@@ -97,8 +60,7 @@ impl Report {
         let report = found.completion.report();
         let points = &found.points;
         let seconds = |time: Duration| time.as_secs_f64();
-        let range = found.depth.as_ref().and_then(lsdc_core::DepthMap::range);
-        let size = found.completion.scene();
+        let depth = found.depth.as_ref();
         Self {
             points: Points {
                 used: report.used,
@@ -108,32 +70,16 @@ impl Report {
                 unit: points.unit.to_string(),
                 unit_guessed: points.guessed,
             },
-            depth: range.map(|(lowest, highest)| Depth {
-                width: size.width(),
-                height: size.height(),
-                lowest,
-                highest,
-                clamped: found.clamped,
-            }),
+            depth: depth.and_then(|depth| DescribedDepth::new(depth, found.clamped)),
             png_units_per_metre: forms.png.map(|png| 1.0 / png.unit.metres()),
             png_raised: forms.png.map_or(0, |png| png.raised),
-            cloud: forms.cloud.as_ref().map(|cloud| Cloud {
-                points: cloud.points.len(),
-                uncertain: cloud.uncertain,
-                unseen: cloud.unseen,
-            }),
-            fit: Fit {
-                method: report.method.name(),
-                residual: report.residual,
-                leave_one_out: found.leave_one_out,
-                outliers: found.outliers.as_ref().map(Vec::len),
-                deviations_of_95: found
-                    .deviations
-                    .as_ref()
-                    .and_then(|_| found.completion.interval(0.95).ok()),
-                rank: report.rank,
-                functions: report.functions,
-            },
+            cloud: forms.cloud.as_ref().map(DescribedCloud::from),
+            fit: DescribedFit::new(
+                &found.completion,
+                found.leave_one_out,
+                found.outliers.as_ref().map(Vec::len),
+                found.deviations.is_some(),
+            ),
             seconds: Seconds {
                 reading: seconds(found.times.reading),
                 network: seconds(report.network),

@@ -5,6 +5,7 @@ use super::inputs::Loaded;
 use super::outputs::Forms;
 use crate::cli::ui;
 use crate::data::Unit;
+use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
@@ -16,7 +17,7 @@ pub(super) struct Summary {
     image: String,
     status: &'static str,
     points: Points,
-    depth: Option<Depth>,
+    depth: Option<DescribedDepth>,
     /// How many stored units of the PNG make a metre, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     png_units_per_metre: Option<f64>,
@@ -24,8 +25,8 @@ pub(super) struct Summary {
     #[serde(skip_serializing_if = "is_zero")]
     png_raised: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
-    cloud: Option<Cloud>,
-    fit: Option<Fit>,
+    cloud: Option<DescribedCloud>,
+    fit: Option<DescribedFit>,
     seconds: Seconds,
     /// What was assumed or left out and should be checked.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -53,51 +54,9 @@ struct Points {
     deviations_used: Option<bool>,
 }
 
-/// Counts of pixels.
-#[derive(Debug, Serialize)]
-struct Cloud {
-    points: usize,
-    /// Left out by `--max-sigma`.
-    uncertain: usize,
-    /// Left out, as the lens does not look there.
-    unseen: usize,
-}
-
-#[derive(Debug, Serialize)]
-struct Depth {
-    width: usize,
-    height: usize,
-    lowest: f32,
-    highest: f32,
-    /// Pixels whose depth was limited to ten times the range of the points.
-    #[serde(skip_serializing_if = "is_zero")]
-    clamped: usize,
-}
-
 #[allow(clippy::trivially_copy_pass_by_ref)]
 fn is_zero(count: &usize) -> bool {
     *count == 0
-}
-
-#[derive(Debug, Serialize)]
-struct Fit {
-    method: &'static str,
-    /// Root mean square at the points.
-    residual: f64,
-    /// Root mean square of the leave-one-out errors (PRESS).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    leave_one_out: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    outliers: Option<usize>,
-    /// The number of standard deviations that hold 95 % of errors, if standard deviations are asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    deviations_of_95: Option<f64>,
-    rank: usize,
-    /// Basis functions, of which that many directions at most are determined.
-    functions: usize,
-    /// How far the guide was trusted, if there was one; 0: not at all.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    guide_trust: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -146,32 +105,17 @@ impl Summary {
                     .any(|point| point.sigma.is_some())
                     .then_some(fit.is_some()),
             },
-            depth: found.depth.range().map(|(lowest, highest)| Depth {
-                width: found.depth.width(),
-                height: found.depth.height(),
-                lowest,
-                highest,
-                clamped: found.clamped,
-            }),
+            depth: DescribedDepth::new(&found.depth, found.clamped),
             png_units_per_metre: forms.png.map(|png| 1.0 / png.unit.metres()),
             png_raised: forms.png.map_or(0, |png| png.raised),
-            cloud: forms.cloud.as_ref().map(|cloud| Cloud {
-                points: cloud.points.len(),
-                uncertain: cloud.uncertain,
-                unseen: cloud.unseen,
-            }),
-            fit: fit.zip(report).map(|(fit, report)| Fit {
-                method: report.method.name(),
-                residual: report.residual,
-                leave_one_out: fit.leave_one_out,
-                outliers: fit.outliers.as_ref().map(Vec::len),
-                deviations_of_95: fit
-                    .deviations
-                    .as_ref()
-                    .and_then(|_| fit.completion.interval(0.95).ok()),
-                rank: report.rank,
-                functions: report.functions,
-                guide_trust: report.guide_trust,
+            cloud: forms.cloud.as_ref().map(DescribedCloud::from),
+            fit: fit.map(|fit| {
+                DescribedFit::new(
+                    &fit.completion,
+                    fit.leave_one_out,
+                    fit.outliers.as_ref().map(Vec::len),
+                    fit.deviations.is_some(),
+                )
             }),
             seconds: Seconds {
                 reading: seconds(frame.reading),

@@ -27,7 +27,7 @@ const PART: usize = 512;
 
 type Floats = FloatTensor<CubeBackend>;
 
-/// Between which pixels weights lie: those of `near [batch, height, width, channels]`, an input, and of the outputs.
+/// The sizes of a convolution.
 #[derive(Clone, Copy)]
 struct Geometry {
     batch: usize,
@@ -43,8 +43,7 @@ impl Geometry {
     fn new(x: &CubeTensor, weight: &CubeTensor, spec: ConvSpec) -> Self {
         let (x, weight) = (x.shape(), weight.shape());
         let taps = weight[2];
-        let reach = spec.dilation * (taps - 1) + 1;
-        let out = |length: usize| (length + 2 * spec.padding - reach) / spec.stride + 1;
+        let out = |length: usize| spec.output(length, taps);
         Self {
             batch: x[0],
             input: [x[1], x[2], x[3]],
@@ -96,12 +95,12 @@ fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -
     let Geometry {
         batch, taps, spec, ..
     } = geometry;
-    let (near, far) = if back {
+    let (source, target) = if back {
         (geometry.output, geometry.input)
     } else {
         (geometry.input, geometry.output)
     };
-    let [height, width, channels] = far;
+    let [height, width, channels] = target;
     let result = empty(&from, [batch, height, width, channels]);
     let across = if channels > 2 * SIDE { 4 } else { 2 };
     multiply_patches::launch(
@@ -114,9 +113,9 @@ fn from_patches(from: Floats, weights: Floats, geometry: Geometry, back: bool) -
         from.clone().into_buffer_arg(),
         weights.into_buffer_arg(),
         result.clone().into_buffer_arg(),
-        near[0] as u32,
-        near[1] as u32,
-        near[2] as u32,
+        source[0] as u32,
+        source[1] as u32,
+        source[2] as u32,
         height as u32,
         width as u32,
         channels as u32,
@@ -212,9 +211,10 @@ fn output_of(
     found
 }
 
-/// Either of the two.
+/// Which pixel along an axis is multiplied by a tap for the result at `at`: of inputs for an output, or `back`, of outputs
+/// for the gradient of an input.
 #[cube]
-fn near(
+fn source_of(
     at: usize,
     tap: usize,
     length: usize,
@@ -230,15 +230,15 @@ fn near(
     }
 }
 
-/// `result [pixels, outputs]` of the patches of `x [batch, near_height, near_width, channels]` times `weights [taps, taps,
+/// `result [pixels, outputs]` of the patches of `x [batch, source_height, source_width, channels]` times `weights [taps, taps,
 /// channels, outputs]`; pixels are those of `[batch, height, width]`.
 #[cube(launch)]
 fn multiply_patches(
     x: &[f32],
     weights: &[f32],
     result: &mut [f32],
-    near_height: u32,
-    near_width: u32,
+    source_height: u32,
+    source_width: u32,
     channels: u32,
     height: u32,
     width: u32,
@@ -250,7 +250,7 @@ fn multiply_patches(
     #[comptime] across: usize,
     #[comptime] back: bool,
 ) {
-    let (near_height, near_width) = (near_height as usize, near_width as usize);
+    let (source_height, source_width) = (source_height as usize, source_width as usize);
     let (height, width) = (height as usize, width as usize);
     let (channels, outputs) = (channels as usize, outputs as usize);
     let (taps, stride) = (taps as usize, stride as usize);
@@ -280,10 +280,10 @@ fn multiply_patches(
     }
     for tap in 0..taps * taps {
         let (down, along) = (tap / taps, tap % taps);
-        let y = near(at_y, down, near_height, stride, padding, dilation, back);
-        let at = near(at_x, along, near_width, stride, padding, dilation, back);
-        let inside = pixel < pixels && y < near_height && at < near_width;
-        let base = ((image * near_height + y) * near_width + at) * channels;
+        let y = source_of(at_y, down, source_height, stride, padding, dilation, back);
+        let at = source_of(at_x, along, source_width, stride, padding, dilation, back);
+        let inside = pixel < pixels && y < source_height && at < source_width;
+        let base = ((image * source_height + y) * source_width + at) * channels;
         let mut from = 0usize;
         while from < channels {
             #[unroll]
@@ -336,14 +336,14 @@ fn multiply_patches(
 }
 
 /// Part by part of `pixels`, those of `grad [pixels, outputs]`: `parts [parts, taps, taps, inputs, outputs]`, the
-/// transposed patches of `x [batch, near_height, near_width, inputs]` times `grad`.
+/// transposed patches of `x [batch, source_height, source_width, inputs]` times `grad`.
 #[cube(launch)]
 fn multiply_by_patches(
     x: &[f32],
     grad: &[f32],
     parts: &mut [f32],
-    near_height: u32,
-    near_width: u32,
+    source_height: u32,
+    source_width: u32,
     inputs: u32,
     height: u32,
     width: u32,
@@ -356,7 +356,7 @@ fn multiply_by_patches(
     part: u32,
     #[comptime] across: usize,
 ) {
-    let (near_height, near_width) = (near_height as usize, near_width as usize);
+    let (source_height, source_width) = (source_height as usize, source_width as usize);
     let (height, width) = (height as usize, width as usize);
     let (inputs, outputs) = (inputs as usize, outputs as usize);
     let (taps, stride) = (taps as usize, stride as usize);
@@ -388,7 +388,7 @@ fn multiply_by_patches(
         let y = input_of(
             pixel / width % height,
             tap / taps,
-            near_height,
+            source_height,
             stride,
             padding,
             dilation,
@@ -396,14 +396,14 @@ fn multiply_by_patches(
         let at = input_of(
             pixel % width,
             tap % taps,
-            near_width,
+            source_width,
             stride,
             padding,
             dilation,
         );
         let image = pixel / width / height;
-        let inside = pixel < last && y < near_height && at < near_width;
-        let base = ((image * near_height + y) * near_width + at) * inputs;
+        let inside = pixel < last && y < source_height && at < source_width;
+        let base = ((image * source_height + y) * source_width + at) * inputs;
         #[unroll]
         for i in 0..OWN {
             let channel = first_row + lane + i * SIDE;

@@ -1,0 +1,109 @@
+//! A completion in numbers, by the names that `lsdc complete --json` and the service share: metres, and counts of pixels.
+
+use crate::Cloud;
+use lsdc_core::{Completion, DepthMap};
+use serde::Serialize;
+
+/// A depth map.
+#[derive(Clone, Debug, Serialize)]
+pub struct DescribedDepth {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// The nearest depth.
+    pub lowest: f32,
+    /// The farthest.
+    pub highest: f32,
+    /// Pixels whose depth was limited to ten times the range of the points.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub clamped: usize,
+}
+
+impl DescribedDepth {
+    /// Nothing of a map without depths.
+    pub fn new(map: &DepthMap, clamped: usize) -> Option<Self> {
+        let (lowest, highest) = map.range()?;
+        Some(Self {
+            width: map.width(),
+            height: map.height(),
+            lowest,
+            highest,
+            clamped,
+        })
+    }
+}
+
+/// What a cloud has of the pixels.
+#[derive(Clone, Debug, Serialize)]
+pub struct DescribedCloud {
+    /// Pixels that became points.
+    pub points: usize,
+    /// Left out, as they are too uncertain.
+    pub uncertain: usize,
+    /// Left out, as the lens does not look there.
+    pub unseen: usize,
+}
+
+impl From<&Cloud> for DescribedCloud {
+    fn from(cloud: &Cloud) -> Self {
+        Self {
+            points: cloud.points.len(),
+            uncertain: cloud.uncertain,
+            unseen: cloud.unseen,
+        }
+    }
+}
+
+/// A fit.
+#[derive(Clone, Debug, Serialize)]
+pub struct DescribedFit {
+    /// What was fitted.
+    pub method: &'static str,
+    /// Root mean square at the points.
+    pub residual: f64,
+    /// Root mean square of the leave-one-out errors (PRESS), if points were judged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub leave_one_out: Option<f64>,
+    /// Points that were found to be outliers, if points were judged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outliers: Option<usize>,
+    /// The number of standard deviations that hold 95 % of errors, if standard deviations are asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deviations_of_95: Option<f64>,
+    /// Directions that the points determine.
+    pub rank: usize,
+    /// Basis functions, of which that many directions at most are determined.
+    pub functions: usize,
+    /// How far the guide was trusted, if there was one; 0: not at all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guide_trust: Option<f64>,
+}
+
+impl DescribedFit {
+    /// Of a completion, with what its points were judged to be; `deviations`: standard deviations are asked for.
+    pub fn new(
+        completion: &Completion,
+        leave_one_out: Option<f64>,
+        outliers: Option<usize>,
+        deviations: bool,
+    ) -> Self {
+        let report = completion.report();
+        let deviations_of_95 = deviations.then(|| completion.interval(0.95).ok());
+        Self {
+            method: report.method.name(),
+            residual: report.residual,
+            leave_one_out,
+            outliers,
+            deviations_of_95: deviations_of_95.flatten(),
+            rank: report.rank,
+            functions: report.functions,
+            guide_trust: report.guide_trust,
+        }
+    }
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
