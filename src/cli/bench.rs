@@ -61,7 +61,7 @@ struct InOnePiece {
 /// Medians over all steps of training.
 #[derive(Debug, Serialize)]
 struct Training {
-    /// Forward, fit, losses, backward and Adam.
+    /// Forward, fit, losses, backward and the optimiser.
     step_ms: f64,
     batch: usize,
     peak_mb: Option<f64>,
