@@ -79,6 +79,12 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
                 .hint("add `--training`"),
         );
     }
+    if args.training && args.fit.given().next().is_some() {
+        return Err(Error::config(
+            "options of the fit are for completion; steps are fitted by their configuration",
+        )
+        .hint("set `fit.method` and others by `--set`, or leave the options out"));
+    }
     if args.method != Method::Lsdc {
         return in_one_piece(args, size(args, 640, 480));
     }

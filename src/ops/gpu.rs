@@ -22,7 +22,7 @@ pub(super) fn cubes(like: &CubeTensor, units: usize) -> CubeCount {
     calculate_cube_count_elemwise(&like.client, units, cube())
 }
 
-/// Cubes for `tiles`, of which a kernel numbers its own by [`tile`], times `y` and `z` small numbers.
+/// Cubes for `tiles`, of which a kernel numbers its own by [`tile`], times `y`.
 pub(super) fn tiles(tiles: usize, y: usize) -> CubeCount {
     let across = tiles.clamp(1, CUBES);
     CubeCount::Static(across as u32, y as u32, tiles.div_ceil(across) as u32)
@@ -34,6 +34,7 @@ pub(super) fn tile() -> usize {
     CUBE_POS_Z as usize * CUBE_COUNT_X as usize + CUBE_POS_X as usize
 }
 
+/// A cube of [`UNITS`].
 pub(super) fn cube() -> CubeDim {
     CubeDim::new_1d(UNITS as u32)
 }

@@ -111,6 +111,7 @@ fn training_steps_of_a_configuration_are_timed() {
         (&joint[1..], "--training"),
         (&[&joint[..], &["--weights", "small"]].concat(), "--weights"),
         (&["--training", "--config", "s2d.toml"], "metrics.jsonl"),
+        (&["--training", "--fit", "lse"], "fit.method"),
     ] {
         let run = bench(args).failure();
         let error = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
