@@ -230,6 +230,42 @@ fn source_of(
     }
 }
 
+/// The sums of a unit before the first product, `[OWN, across]`.
+#[cube]
+fn zeros(#[comptime] across: usize) -> Array<f32> {
+    let mut sums = Array::<f32>::new(comptime!(OWN * across));
+    #[unroll]
+    for i in 0..comptime!(OWN * across) {
+        sums[i] = 0.0f32;
+    }
+    sums
+}
+
+/// Adds to the sums of a unit, which belong to rows from `row` on and every [`SIDE`]-th column from `column` on, the products of
+/// tiles `left [DEPTH, stride]` and `right [DEPTH, SIDE * across]`.
+#[cube]
+fn add_products(
+    left: &Shared<[f32]>,
+    right: &Shared<[f32]>,
+    sums: &mut Array<f32>,
+    row: usize,
+    column: usize,
+    #[comptime] stride: usize,
+    #[comptime] across: usize,
+) {
+    #[unroll]
+    for k in 0..DEPTH {
+        #[unroll]
+        for j in 0..across {
+            let b = right[k * (SIDE * across) + column + j * SIDE];
+            #[unroll]
+            for i in 0..OWN {
+                sums[i * across + j] += left[k * stride + row + i] * b;
+            }
+        }
+    }
+}
+
 /// `result [pixels, outputs]` of the patches of `x [batch, source_height, source_width, channels]` times `weights [taps, taps,
 /// channels, outputs]`; pixels are those of `[batch, height, width]`.
 #[cube(launch)]
@@ -273,11 +309,7 @@ fn multiply_patches(
     let column = unit % SIDE;
     let mut left = Shared::<[f32]>::new_slice(DEPTH * (ROWS + 1));
     let mut right = Shared::<[f32]>::new_slice(comptime!(DEPTH * SIDE * across));
-    let mut sums = Array::<f32>::new(comptime!(OWN * across));
-    #[unroll]
-    for i in 0..comptime!(OWN * across) {
-        sums[i] = 0.0f32;
-    }
+    let mut sums = zeros(across);
     for tap in 0..taps * taps {
         let (down, along) = (tap / taps, tap % taps);
         let y = source_of(at_y, down, source_height, stride, padding, dilation, back);
@@ -307,17 +339,7 @@ fn multiply_patches(
                 right[place] = value;
             }
             sync_cube();
-            #[unroll]
-            for k in 0..DEPTH {
-                #[unroll]
-                for j in 0..across {
-                    let b = right[k * wide + column + j * SIDE];
-                    #[unroll]
-                    for i in 0..OWN {
-                        sums[i * across + j] += left[k * (ROWS + 1) + row + i] * b;
-                    }
-                }
-            }
+            add_products(&left, &right, &mut sums, row, column, ROWS + 1, across);
             sync_cube();
             from += DEPTH;
         }
@@ -377,11 +399,7 @@ fn multiply_by_patches(
     let row = unit / SIDE * OWN;
     let mut left = Shared::<[f32]>::new_slice(DEPTH * ROWS);
     let mut right = Shared::<[f32]>::new_slice(comptime!(DEPTH * SIDE * across));
-    let mut sums = Array::<f32>::new(comptime!(OWN * across));
-    #[unroll]
-    for i in 0..comptime!(OWN * across) {
-        sums[i] = 0.0f32;
-    }
+    let mut sums = zeros(across);
     let mut first = number * part;
     while first < last {
         let pixel = first + loaded;
@@ -423,17 +441,7 @@ fn multiply_by_patches(
             right[loaded * wide + lane + i * SIDE] = value;
         }
         sync_cube();
-        #[unroll]
-        for k in 0..DEPTH {
-            #[unroll]
-            for j in 0..across {
-                let b = right[k * wide + lane + j * SIDE];
-                #[unroll]
-                for i in 0..OWN {
-                    sums[i * across + j] += left[k * ROWS + row + i] * b;
-                }
-            }
-        }
+        add_products(&left, &right, &mut sums, row, lane, ROWS, across);
         sync_cube();
         first += DEPTH;
     }
