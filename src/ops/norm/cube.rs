@@ -199,6 +199,23 @@ impl Line {
     }
 }
 
+/// The sum of a value of every lane of a channel, in the first lane.
+#[cube]
+fn over_lanes(shared: &mut Shared<[f32]>, value: f32) -> f32 {
+    let unit = UNIT_POS_X as usize;
+    shared[unit] = value;
+    sync_cube();
+    let mut sum = value;
+    if unit < CHANNELS {
+        for other in 1..LANES {
+            sum += shared[unit + other * CHANNELS];
+        }
+    }
+    // The memory is written again for the next value.
+    sync_cube();
+    sum
+}
+
 /// `parts [parts, 2, channels]` of `x [rows, channels]`: the mean of each part, and the sum of squared differences from
 /// it. Both are summed as differences from the first row, so that large means cost no digits.
 #[cube(launch)]
@@ -210,7 +227,7 @@ fn moments_of_parts(x: &[f32], parts: &mut [f32], rows: u32, channels: u32, part
     let number = CUBE_POS_Y as usize;
     let first = number * part;
     let last = clamp_max(first + part, rows);
-    let mut shared = Shared::<[f32]>::new_slice(2 * UNITS);
+    let mut shared = Shared::<[f32]>::new_slice(UNITS);
     let mut origin = 0.0f32;
     let mut sum = 0.0f32;
     let mut square = 0.0f32;
@@ -224,14 +241,9 @@ fn moments_of_parts(x: &[f32], parts: &mut [f32], rows: u32, channels: u32, part
             row += LANES;
         }
     }
-    shared[unit] = sum;
-    shared[unit + UNITS] = square;
-    sync_cube();
+    let sum = over_lanes(&mut shared, sum);
+    let square = over_lanes(&mut shared, square);
     if lane == 0 && channel < channels {
-        for other in 1..LANES {
-            sum += shared[unit + other * CHANNELS];
-            square += shared[unit + other * CHANNELS + UNITS];
-        }
         let count = f32::cast_from(last - first);
         let mean = sum / count;
         parts[2 * number * channels + channel] = origin + mean;
@@ -319,7 +331,7 @@ fn sums_of_parts(
     let channel = CUBE_POS_X as usize * CHANNELS + unit % CHANNELS;
     let number = CUBE_POS_Y as usize;
     let last = clamp_max((number + 1) * part, rows);
-    let mut shared = Shared::<[f32]>::new_slice(2 * UNITS);
+    let mut shared = Shared::<[f32]>::new_slice(UNITS);
     let mut plain = 0.0f32;
     let mut along = 0.0f32;
     if channel < channels {
@@ -336,14 +348,9 @@ fn sums_of_parts(
             row += LANES;
         }
     }
-    shared[unit] = plain;
-    shared[unit + UNITS] = along;
-    sync_cube();
+    let plain = over_lanes(&mut shared, plain);
+    let along = over_lanes(&mut shared, along);
     if lane == 0 && channel < channels {
-        for other in 1..LANES {
-            plain += shared[unit + other * CHANNELS];
-            along += shared[unit + other * CHANNELS + UNITS];
-        }
         parts[2 * number * channels + channel] = plain;
         parts[(2 * number + 1) * channels + channel] = along;
     }
