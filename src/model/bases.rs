@@ -3,8 +3,9 @@
 use super::layers::{Hidden, Init, Linear};
 use super::{NetworkConfig, encoding, grid};
 use burn::module::Module;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::{Int, Tensor, TensorData};
 use lsdc_core::network::STEEPEST;
+use std::ops::Range;
 
 /// The MLP from features and position to N basis functions (paper section 3.2).
 #[derive(Module, Debug)]
@@ -33,14 +34,17 @@ impl BasisHead {
         }
     }
 
-    /// `[rows, features + position]` to `[rows, N + 1]`, the constant or the mean first.
+    /// The last hidden layer of rows `[rows, features + position]`.
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        let x = self.hidden.iter().fold(x, |x, layer| layer.forward(x));
-        let first = match &self.mean {
-            None => Tensor::ones([x.dims()[0], 1], &x.device()),
-            Some(mean) => mean.forward(x.clone()).clamp(-STEEPEST, STEEPEST).exp(),
-        };
-        Tensor::cat(vec![first, self.last.forward(x)], 1)
+        self.hidden.iter().fold(x, |x, layer| layer.forward(x))
+    }
+
+    /// The constant or the mean at rows of the last hidden layer: `[rows, 1]`.
+    fn first(&self, hidden: Tensor<2>) -> Tensor<2> {
+        match &self.mean {
+            None => Tensor::ones([hidden.dims()[0], 1], &hidden.device()),
+            Some(mean) => mean.forward(hidden).clamp(-STEEPEST, STEEPEST).exp(),
+        }
     }
 }
 
@@ -62,6 +66,11 @@ impl Bases {
     ///
     /// `pixels[b]` lists `y * width + x` for image `b`, equally many for each.
     pub fn at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<3> {
+        self.hidden_at(size, pixels).functions()
+    }
+
+    /// What basis functions at pixels, as in [`Bases::at`], are made from.
+    pub fn hidden_at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> HiddenBases {
         let device = self.features.device();
         let batch = pixels.len();
         let count = pixels.first().map_or(0, Vec::len);
@@ -75,7 +84,7 @@ impl Bases {
             let codes = TensorData::new(codes, [batch * count, width]);
             input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
         }
-        self.evaluate(input, [batch, count])
+        self.hidden(input, [batch, count])
     }
 
     /// Values at places (u, v) of an output of `size` (height, width) of a single image: `[1, places,
@@ -89,14 +98,17 @@ impl Bases {
             let codes = TensorData::new(codes, [places.len(), width]);
             input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
         }
-        self.evaluate(input, [1, places.len()])
+        self.hidden(input, [1, places.len()]).functions()
     }
 
     /// The MLP on rows of features and position.
-    fn evaluate(&self, input: Tensor<2>, [batch, count]: [usize; 2]) -> Tensor<3> {
-        let values = self.head.forward(input);
-        let functions = values.dims()[1];
-        values.reshape([batch, count, functions])
+    fn hidden(&self, input: Tensor<2>, [batch, count]: [usize; 2]) -> HiddenBases {
+        let hidden = self.head.forward(input);
+        let width = hidden.dims()[1];
+        HiddenBases {
+            hidden: hidden.reshape([batch, count, width]),
+            head: self.head.clone(),
+        }
     }
 
     /// Bases x weights over the whole output, for one image: `size.0 * size.1` depths.
@@ -105,18 +117,84 @@ impl Bases {
     pub fn combine(&self, size: (usize, usize), weights: &[f32]) -> Vec<f32> {
         const STRIP: usize = 1 << 15;
         let device = self.features.device();
-        let column = TensorData::new(weights.to_vec(), [weights.len(), 1]);
-        let column = Tensor::<2>::from_data(column, &device);
+        let column = TensorData::new(weights.to_vec(), [1, weights.len(), 1]);
+        let column = Tensor::<3>::from_data(column, &device);
         let total = size.0 * size.1;
         let mut depths = Vec::with_capacity(total);
         for start in (0..total).step_by(STRIP) {
             let pixels = (start..(start + STRIP).min(total))
                 .map(|i| i as u32)
                 .collect();
-            let strip = self.at(size, &[pixels]).squeeze_dim::<2>(0);
-            let values = strip.matmul(column.clone()).into_data();
+            let strip = self.hidden_at(size, &[pixels]);
+            let values = strip.combine(column.clone()).into_data();
             depths.extend(values.iter::<f32>());
         }
         depths
     }
+}
+
+/// The last hidden layer of the MLP at pixels of a batch of images. Basis functions are linear in it, but for the first,
+/// so weighted sums of them need none of them by itself.
+#[derive(Clone, Debug)]
+pub struct HiddenBases {
+    /// `[batch, pixels, width]`
+    hidden: Tensor<3>,
+    head: BasisHead,
+}
+
+impl HiddenBases {
+    /// The same at some of the pixels of each image.
+    #[must_use]
+    pub fn slice(&self, pixels: Range<usize>) -> Self {
+        let batch = self.hidden.dims()[0];
+        Self {
+            hidden: self.hidden.clone().slice([0..batch, pixels]),
+            head: self.head.clone(),
+        }
+    }
+
+    /// The same at every `step`th pixel of each image, from the first on.
+    #[must_use]
+    pub fn every(&self, step: usize) -> Self {
+        Self {
+            hidden: every(self.hidden.clone(), step),
+            head: self.head.clone(),
+        }
+    }
+
+    /// The values of all functions, `[batch, pixels, N + 1]`.
+    pub fn functions(&self) -> Tensor<3> {
+        let rows = self.rows();
+        let first = self.head.first(rows.clone());
+        let values = Tensor::cat(vec![first, self.head.last.forward(rows)], 1);
+        let functions = values.dims()[1];
+        let [batch, pixels, _] = self.hidden.dims();
+        values.reshape([batch, pixels, functions])
+    }
+
+    /// Sums of the functions with weights `[batch, N + 1, sums]`: `[batch, pixels, sums]`. As the product of
+    /// [`HiddenBases::functions`] and weights, but `N / sums` times cheaper.
+    pub fn combine(&self, weights: Tensor<3>) -> Tensor<3> {
+        let [batch, pixels, _] = self.hidden.dims();
+        let first = self.head.first(self.rows()).reshape([batch, pixels, 1]);
+        let functions = weights.dims()[1];
+        let last = self.head.last.weights().unsqueeze::<3>();
+        let (scale, others) = (
+            weights.clone().narrow(1, 0, 1),
+            weights.narrow(1, 1, functions - 1),
+        );
+        self.hidden.clone().matmul(last.matmul(others)) + first * scale
+    }
+
+    fn rows(&self) -> Tensor<2> {
+        self.hidden.clone().flatten(0, 1)
+    }
+}
+
+/// Every `step`th of the second axis, from the first on.
+pub(crate) fn every<const D: usize>(values: Tensor<D>, step: usize) -> Tensor<D> {
+    let some: Vec<i32> = (0..values.dims()[1] as i32).step_by(step).collect();
+    let some = TensorData::new(some.clone(), [some.len()]);
+    let some = Tensor::<1, Int>::from_data(some, &values.device());
+    values.select(1, some)
 }

@@ -232,6 +232,11 @@ impl Linear {
         &self.weight
     }
 
+    /// `[from, to]`
+    pub(crate) fn weights(&self) -> Tensor<2> {
+        self.weight.val()
+    }
+
     /// `[rows, from]` to `[rows, to]`.
     pub(crate) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         linear(x, self.weight.val())

@@ -23,7 +23,8 @@ mod vision;
 pub(crate) mod weights;
 
 pub use adapters::Adapters;
-pub use bases::{Bases, BasisHead};
+pub(crate) use bases::every;
+pub use bases::{Bases, BasisHead, HiddenBases};
 pub use encoding::encode;
 pub use extractor::Extractor;
 pub use lsdc_core::network::{

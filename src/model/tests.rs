@@ -1,6 +1,9 @@
 //! The network as a whole.
 
-use super::{ExtractorConfig, InitNetwork as _, NetworkConfig, NormKind, parameter_count};
+use super::{
+    ExtractorConfig, HiddenBases, InitNetwork as _, NetworkConfig, NormKind, parameter_count,
+};
+use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use lsdc_rng::Rng;
 
@@ -79,6 +82,60 @@ fn the_dense_map_is_bases_times_weights() {
             (found - expected).abs() < 1e-4 * expected.abs().max(1.0),
             "{found} {expected}"
         );
+    }
+}
+
+/// Moves every parameter, those that are 0 before training too.
+struct Moved(Rng);
+
+impl ModuleMapper for Moved {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        param.map(|values| {
+            let shape = values.shape();
+            let noise = (0..shape.num_elements()).map(|_| 0.1 * self.0.normal());
+            let noise = TensorData::new(noise.collect::<Vec<f32>>(), shape);
+            let noise = Tensor::from_data(noise, &values.device());
+            (values + noise).detach().require_grad()
+        })
+    }
+}
+
+#[test]
+fn sums_of_functions_need_none_of_them() {
+    let device = Device::flex().autodiff();
+    for mean in [false, true] {
+        let config = NetworkConfig { mean, ..tiny() };
+        let mut moved = Moved(Rng::stream(0, &["moved"]));
+        let net = config.init(0, &device).unwrap().map(&mut moved);
+        let pixels = vec![(0..600).collect::<Vec<u32>>()];
+        let weights: Vec<f32> = (0..26).map(|i| ((i * i) as f32).sin()).collect();
+        let found = |sum: fn(&HiddenBases, Tensor<3>) -> Tensor<3>| {
+            let image = Tensor::from_inner(image(20, 30));
+            let hidden = net.bases(image, None).hidden_at((20, 30), &pixels);
+            let weights = TensorData::new(weights.clone(), [1, 13, 2]);
+            let weights = Tensor::<3>::from_data(weights, &device).require_grad();
+            let sums = sum(&hidden, weights.clone());
+            let gradients = sums.clone().cos().sum().backward();
+            let last = net.head.last.weights().grad(&gradients);
+            let mean = net.head.mean.as_ref();
+            let mean = mean.and_then(|mean| mean.weights().grad(&gradients));
+            let all = last.into_iter().chain(mean).map(Tensor::into_data);
+            let weights = weights.grad(&gradients).unwrap();
+            let all = [sums.into_data(), weights.into_data()]
+                .into_iter()
+                .chain(all);
+            all.collect::<Vec<_>>()
+        };
+        let sums = found(HiddenBases::combine);
+        let functions = found(|hidden, weights| hidden.functions().matmul(weights));
+        assert_eq!(sums.len(), if mean { 4 } else { 3 });
+        for (sums, functions) in sums.into_iter().zip(functions) {
+            let largest = functions.iter::<f32>().fold(0.0_f32, |m, v| m.max(v.abs()));
+            assert!(largest > 0.1);
+            for (a, b) in sums.iter::<f32>().zip(functions.iter::<f32>()) {
+                assert!((a - b).abs() < 1e-5 * largest, "{a} {b}");
+            }
+        }
     }
 }
 

@@ -1,10 +1,10 @@
 //! What a network learns of another one beside depths: its affinities, and the space that its basis functions span.
 
 use super::LossConfig;
-use crate::model::BasisNet;
+use crate::model::{BasisNet, HiddenBases, every};
 use crate::ops::Factored;
 use crate::sample::Batch;
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::Tensor;
 use lsdc_core::fit::Solver;
 
 /// Pixels of an image at which basis functions are compared, at most about: of neighbours, each says little more.
@@ -49,22 +49,18 @@ impl Shown {
         Some(unlike(own.clone(), shown) * config.teacher_affinities)
     }
 
-    /// What is added to the loss for basis functions `[images, pixels, N + 1]` at all pixels of the batch, whose
-    /// depths are `[images, pixels]`; those without one do not count.
+    /// What is added to the loss for the basis functions at all pixels of the batch, whose depths are `[images,
+    /// pixels]`; those without one do not count.
     pub(super) fn span_loss(
         &self,
-        own: &Tensor<3>,
+        own: &HiddenBases,
         depths: &Tensor<2>,
         config: &LossConfig,
     ) -> Option<Tensor<1>> {
         let (shown, step) = self.functions.clone()?;
-        let which: Vec<i32> = (0..own.dims()[1] as i32).step_by(step).collect();
-        let count = which.len();
-        let which = TensorData::new(which, [count]);
-        let which = Tensor::<1, Int>::from_data(which, &own.device());
-        let valid = depths.clone().select(1, which.clone()).greater_elem(0.0);
-        let own = own.clone().select(1, which);
-        Some(unspanned(own, shown, valid.float()) * config.teacher_span)
+        let own = own.every(step).functions();
+        let depths = every(depths.clone(), step);
+        Some(unspanned(own, shown, depths.greater_elem(0.0).float()) * config.teacher_span)
     }
 }
 
@@ -114,7 +110,7 @@ fn unspanned(own: Tensor<3>, shown: Tensor<3>, valid: Tensor<2>) -> Tensor<1> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use burn::tensor::{DType, Device};
+    use burn::tensor::{DType, Device, TensorData};
     use lsdc_rng::Rng;
 
     fn random(count: usize, name: &str) -> Vec<f64> {

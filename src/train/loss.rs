@@ -122,14 +122,11 @@ pub fn losses(
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
     let bases = net.bases(batch.images.clone(), batch.encoded.clone());
-    let bases = bases.at(batch.size, &batch.pixels);
-    let functions = bases.dims()[2];
+    let bases = bases.hidden_at(batch.size, &batch.pixels);
     let spans = shown.and_then(|shown| shown.span_loss(&bases, &batch.depths, config));
 
-    let at_points = bases
-        .clone()
-        .slice([0..images, 0..points])
-        .repeat_dim(0, draws);
+    let at_points = bases.slice(0..points).functions().repeat_dim(0, draws);
+    let functions = at_points.dims()[2];
     let (depths, draw) = (
         batch.measured.clone().repeat_dim(0, draws),
         batch.draws.clone(),
@@ -153,7 +150,7 @@ pub fn losses(
         .reshape([draws, images, functions])
         .permute([1, 2, 0]);
     // [images, pixels, draws]
-    let mut fitted = bases.matmul(weights.clone());
+    let mut fitted = bases.combine(weights.clone());
     if let Some((field, _)) = &field {
         fitted = fitted + field.clone();
     }

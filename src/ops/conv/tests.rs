@@ -47,6 +47,9 @@ fn cases() -> Vec<Shape> {
     }
     // More pixels than fit one task.
     cases.push(shape([1, 60, 70], 40, 3, 3, ConvSpec::same(1)));
+    // So many tiles that gradients of weights are summed in parts.
+    cases.push(shape([2, 66, 75], 16, 16, 3, ConvSpec::same(1)));
+    cases.push(shape([2, 66, 75], 20, 40, 3, ConvSpec::same(2)));
     cases
 }
 

@@ -264,7 +264,7 @@ impl Kernel for Correlate<'_> {
             // SAFETY: as the caller made the memory.
             unsafe {
                 let panel = self.panels.as_ptr().add(first * self.count);
-                product::<V>(
+                product::<V, 2>(
                     rows,
                     self.depth,
                     self.count,

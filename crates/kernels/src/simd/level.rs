@@ -59,6 +59,12 @@ impl Level {
         }
     }
 
+    /// Floats of a panel that rows are multiplied with, of a matrix of so many columns: one vector, if they fit, or two.
+    pub(crate) fn panel(self, columns: usize) -> usize {
+        let lanes = self.lanes();
+        if columns <= lanes { lanes } else { 2 * lanes }
+    }
+
     /// Runs a computation compiled for the level's instructions; it must be inlined to gain by it.
     pub fn vectorised<T>(self, computation: impl FnOnce() -> T) -> T {
         // SAFETY: plain code does what it does on any processor.

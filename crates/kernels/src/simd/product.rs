@@ -28,23 +28,25 @@ fn pinned(pointer: *const f32) -> *const f32 {
     pointer
 }
 
-/// `N` rows times a panel of two vectors' width, in some steps.
+/// `N` rows times a panel of `W` vectors' width, in some steps.
 ///
 /// # Safety
 /// As for `Vector`; `a` has `N` rows, and the panel rows `b_row` apart, that have every step.
 #[inline(always)]
-unsafe fn tile<V: Vector, const N: usize>(
+unsafe fn tile<V: Vector, const N: usize, const W: usize>(
     a: Rows,
     steps: impl Iterator<Item = usize>,
     b: *const f32,
     b_row: usize,
-) -> [[V; 2]; N] {
+) -> [[V; W]; N] {
     // SAFETY: as demanded from the caller.
     unsafe {
-        let mut sums = [[V::splat(0.0); 2]; N];
+        let mut sums = [[V::splat(0.0); W]; N];
         for k in steps {
-            let b = b.add(k * b_row);
-            let (left, right) = (V::load(b), V::load(b.add(V::LANES)));
+            let mut columns = [V::splat(0.0); W];
+            for (i, column) in columns.iter_mut().enumerate() {
+                *column = V::load(b.add(k * b_row + i * V::LANES));
+            }
             let mut a_k = a.pointer.add(k * a.step);
             for (r, sum) in sums.iter_mut().enumerate() {
                 // Left to itself, the compiler loads the factors of all rows ahead and moves the
@@ -53,28 +55,29 @@ unsafe fn tile<V: Vector, const N: usize>(
                     a_k = pinned(a_k.wrapping_add(3 * a.row));
                 }
                 let value = V::splat(*a_k.add(r % 3 * a.row));
-                sum[0] = value.mul_add(left, sum[0]);
-                sum[1] = value.mul_add(right, sum[1]);
+                for (sum, column) in sum.iter_mut().zip(columns) {
+                    *sum = value.mul_add(column, *sum);
+                }
             }
         }
         sums
     }
 }
 
-/// `count` rows times a panel of two vectors' width; `sink(row, sums)` takes each result.
+/// `count` rows times a panel of `W` vectors' width, 1 or 2; `sink(row, sums)` takes each result.
 ///
 /// A row's result does not depend on which rows it is computed with.
 ///
 /// # Safety
 /// As for `Vector`; `a` has `count` rows of `depth`, the panel has `depth` rows `b_row` apart.
 #[inline(always)]
-pub(crate) unsafe fn product<V: Vector>(
+pub(crate) unsafe fn product<V: Vector, const W: usize>(
     a: Rows,
     count: usize,
     depth: usize,
     b: *const f32,
     b_row: usize,
-    sink: impl FnMut(usize, [V; 2]),
+    sink: impl FnMut(usize, [V; W]),
 ) {
     // SAFETY: as demanded from the caller.
     unsafe { product_in_steps(a, count, |_| 0..depth, b, b_row, sink) }
@@ -85,13 +88,13 @@ pub(crate) unsafe fn product<V: Vector>(
 /// # Safety
 /// As for `Vector`; `a` has `count` rows, and the panel rows `b_row` apart, that have every step.
 #[inline(always)]
-unsafe fn product_in_steps<V: Vector, S: Iterator<Item = usize>>(
+unsafe fn product_in_steps<V: Vector, const W: usize, S: Iterator<Item = usize>>(
     a: Rows,
     count: usize,
     steps: impl Fn(usize) -> S,
     b: *const f32,
     b_row: usize,
-    mut sink: impl FnMut(usize, [V; 2]),
+    mut sink: impl FnMut(usize, [V; W]),
 ) {
     for (block, rows) in blocks::<V>(count).enumerate() {
         let first = rows.start;
@@ -102,7 +105,7 @@ unsafe fn product_in_steps<V: Vector, S: Iterator<Item = usize>>(
                         // SAFETY: as demanded from the caller.
                         let sums = unsafe {
                             let pointer = a.pointer.add(first * a.row);
-                            tile::<V, $n>(Rows { pointer, ..a }, steps(block), b, b_row)
+                            tile::<V, $n, W>(Rows { pointer, ..a }, steps(block), b, b_row)
                         };
                         for (r, sum) in sums.into_iter().enumerate() {
                             sink(first + r, sum);
@@ -392,7 +395,7 @@ impl Kernel for Apply<'_> {
                 let bias = [V::load(bias), V::load(bias.add(V::LANES))];
                 let panel = self.packed.values.as_ptr().add(first * depth);
                 match &active {
-                    None => product::<V>(
+                    None => product::<V, 2>(
                         rows,
                         self.rows,
                         depth,

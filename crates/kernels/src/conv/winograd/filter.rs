@@ -11,6 +11,8 @@ pub(in crate::conv) struct Filter {
     pub(super) channels: usize,
     pub(super) outputs: usize,
     pub(super) dilation: usize,
+    /// The width of a panel.
+    pub(super) panel: usize,
     pub(super) spectrum: Buffer,
     /// Padded to whole panels.
     pub(super) bias: Vec<f32>,
@@ -26,9 +28,9 @@ impl Filter {
         bias: &[f32],
     ) -> Self {
         assert_eq!(weights.len(), 9 * channels * outputs);
-        let width = 2 * level.lanes();
-        let panels = outputs.div_ceil(width);
-        let mut spectrum = Buffer::zeros(panels * SPECTRUM * channels * width);
+        let panel = level.panel(outputs);
+        let padded = outputs.next_multiple_of(panel);
+        let mut spectrum = Buffer::zeros(SPECTRUM * channels * padded);
         let shared = Shared::new(&mut spectrum);
         (0..channels).into_par_iter().for_each(|channel| {
             let kernel = Transform {
@@ -36,18 +38,20 @@ impl Filter {
                 channels,
                 outputs,
                 channel,
+                panel,
                 spectrum: shared,
             };
             // SAFETY: the length was asserted; each channel writes its own rows.
             unsafe { level.run(kernel) }
         });
         let mut bias = bias.to_vec();
-        bias.resize(panels * width, 0.0);
+        bias.resize(padded, 0.0);
         Self {
             level,
             channels,
             outputs,
             dilation,
+            panel,
             spectrum,
             bias,
         }
@@ -59,6 +63,7 @@ struct Transform<'a> {
     channels: usize,
     outputs: usize,
     channel: usize,
+    panel: usize,
     spectrum: Shared<'a>,
 }
 
@@ -80,12 +85,11 @@ impl Kernel for Transform<'_> {
                     }
                     *column = transform::filter(taps);
                 }
-                let width = 2 * V::LANES;
                 for i in 0..IN {
                     let row = transform::filter(transform::column(&columns, i));
                     for (j, value) in row.into_iter().enumerate() {
-                        let row = (o / width * SPECTRUM + i * IN + j) * self.channels;
-                        let at = (row + self.channel) * width + o % width;
+                        let row = (o / self.panel * SPECTRUM + i * IN + j) * self.channels;
+                        let at = (row + self.channel) * self.panel + o % self.panel;
                         value.store(self.spectrum.at(at, V::LANES));
                     }
                 }

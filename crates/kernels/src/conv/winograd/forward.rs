@@ -42,10 +42,10 @@ impl Filter {
         let output = Shared::unset(output);
         tiles.par_chunks(most).for_each(|tiles| {
             let inputs = SPECTRUM * frequency_stride(tiles.len(), padded);
-            let products = SPECTRUM * tiles.len() * 2 * self.level.lanes();
+            let products = SPECTRUM * tiles.len() * self.panel;
             scratch.with(inputs + products, |memory| {
                 let (inputs, products) = memory.split_at_mut(inputs);
-                let kernel = Forward {
+                let task = Forward {
                     filter: self,
                     images,
                     tiles,
@@ -56,7 +56,13 @@ impl Filter {
                     output,
                 };
                 // SAFETY: lengths were asserted; each pixel belongs to one tile.
-                unsafe { self.level.run(kernel) }
+                unsafe {
+                    if self.panel == self.level.lanes() {
+                        self.level.run(Panels::<1>(task));
+                    } else {
+                        self.level.run(Panels::<2>(task));
+                    }
+                }
             });
         });
     }
@@ -76,17 +82,21 @@ struct Forward<'a> {
     output: Shared<'a>,
 }
 
-impl Kernel for Forward<'_> {
+/// In panels of `W` vectors.
+struct Panels<'a, const W: usize>(Forward<'a>);
+
+impl<const W: usize> Kernel for Panels<'_, W> {
     type Output = ();
 
     #[inline(always)]
-    unsafe fn run<V: Vector>(mut self) {
+    unsafe fn run<V: Vector>(self) {
+        let mut task = self.0;
         // SAFETY: as demanded from the caller.
         unsafe {
-            self.transform_inputs::<V>();
-            for first in (0..self.filter.outputs).step_by(2 * V::LANES) {
-                self.multiply::<V>(first);
-                self.transform_outputs::<V>(first);
+            task.transform_inputs::<V>();
+            for first in (0..task.filter.outputs).step_by(W * V::LANES) {
+                task.multiply::<V, W>(first);
+                task.transform_outputs::<V, W>(first);
             }
         }
     }
@@ -116,9 +126,9 @@ impl Forward<'_> {
 
     /// The products of one panel of outputs.
     #[inline(always)]
-    unsafe fn multiply<V: Vector>(&mut self, first: usize) {
+    unsafe fn multiply<V: Vector, const W: usize>(&mut self, first: usize) {
         let channels = self.filter.channels;
-        let (tiles, width) = (self.tiles.len(), 2 * V::LANES);
+        let (tiles, width) = (self.tiles.len(), W * V::LANES);
         let stride = frequency_stride(tiles, self.padded);
         for f in 0..SPECTRUM {
             // SAFETY: panels have `channels` rows per frequency; the memory has as many rows as
@@ -136,7 +146,7 @@ impl Forward<'_> {
                 };
                 let products = self.products.as_mut_ptr().add(f * tiles * width);
                 let panel = panel.add(f * channels * width);
-                product::<V>(
+                product::<V, W>(
                     rows,
                     tiles,
                     channels,
@@ -144,8 +154,9 @@ impl Forward<'_> {
                     width,
                     #[inline(always)]
                     |t, sums| {
-                        sums[0].store(products.add(t * width));
-                        sums[1].store(products.add(t * width + V::LANES));
+                        for (i, sum) in sums.iter().enumerate() {
+                            sum.store(products.add(t * width + i * V::LANES));
+                        }
                     },
                 );
             }
@@ -153,25 +164,25 @@ impl Forward<'_> {
     }
 
     #[inline(always)]
-    unsafe fn transform_outputs<V: Vector>(&mut self, first: usize) {
+    unsafe fn transform_outputs<V: Vector, const W: usize>(&mut self, first: usize) {
         let [_, height, width] = self.images.size;
         let Filter {
             outputs, dilation, ..
         } = *self.filter;
-        let step = self.tiles.len() * 2 * V::LANES;
+        let step = self.tiles.len() * W * V::LANES;
         for (t, &[image, y, x]) in self.tiles.iter().enumerate() {
             let reach = (OUT - 1) * dilation;
             let inside = y + reach < height && x + reach < width;
             let first_pixel = (image * height + y) * width + x;
-            for half in 0..2 {
-                let channel = first + half * V::LANES;
+            for part in 0..W {
+                let channel = first + part * V::LANES;
                 if channel >= outputs {
                     break;
                 }
                 // SAFETY: the products have a row for each frequency and tile; only pixels inside
                 // the image and channels below `outputs` are written.
                 unsafe {
-                    let products = self.products.as_ptr().add((2 * t + half) * V::LANES);
+                    let products = self.products.as_ptr().add((W * t + part) * V::LANES);
                     let bias = V::load(self.filter.bias.as_ptr().add(channel));
                     let mut rows = [[V::splat(0.0); OUT]; IN];
                     for (i, row) in rows.iter_mut().enumerate() {

@@ -5,9 +5,19 @@
 use super::{IN, Images, OUT, SPECTRUM, Tile, frequency_stride, tiles, transform};
 use crate::simd::{Kernel, Level, Rows, Scratch, Shared, Vector, product};
 use rayon::prelude::*;
+use std::ops::Range;
 
-/// Tiles of one task of the transforms; their spectra lie together.
+/// Tiles whose spectra lie together, at most.
 const TILES: usize = 64;
+/// Floats of the spectra of the tiles that a thread works on by itself, at most: they, and sums, stay in second-level
+/// caches.
+const CACHE: usize = 96 << 10;
+/// Floats of sums that a thread adds to by itself, at most.
+const SUMS: usize = 160 << 10;
+/// Sums that run side by side, at most.
+const PARTS: usize = 16;
+/// Tiles of each of them, at least: the sums are read once more in the end.
+const PART: usize = 128;
 
 /// The gradient of weights `[channels, 3, 3, outputs]` from inputs
 /// `x [batch, height, width, channels]` and the gradient of outputs
@@ -24,12 +34,11 @@ pub(in crate::conv) fn weight_gradient(
     let pixels = size.iter().product::<usize>();
     assert_eq!(x.len(), pixels * channels, "input");
     assert_eq!(grad.len(), pixels * outputs, "gradient");
-    let width = 2 * level.lanes();
-    let tiles = tiles(size, dilation);
-    let (inputs, grads) = (
+    let panel = level.panel(outputs);
+    let [inputs, grads] = [
         channels.next_multiple_of(level.lanes()),
-        outputs.next_multiple_of(width),
-    );
+        outputs.next_multiple_of(panel),
+    ];
     let zeros = vec![0.0; inputs.max(grads)];
     let images = |values, channels| Images {
         values,
@@ -38,45 +47,46 @@ pub(in crate::conv) fn weight_gradient(
         dilation,
         zeros: &zeros,
     };
-    let blocks = tiles.len().div_ceil(TILES);
-    let block = |row: usize| blocks * frequency_stride(TILES, row);
-    let lengths = [block(inputs), block(grads), channels * grads];
-    let lengths = lengths.map(|length| SPECTRUM * length);
+    let tiles = tiles(size, dilation);
+    let sum = SPECTRUM * channels * grads;
+    let parts = if sum <= SUMS {
+        (tiles.len() / PART).clamp(1, PARTS)
+    } else {
+        1
+    };
+    let most = if parts > 1 {
+        (CACHE / (SPECTRUM * (inputs + grads))).clamp(1, TILES)
+    } else {
+        TILES
+    };
+    let correlation = Correlation {
+        level,
+        x: images(x, channels),
+        grad: images(grad, outputs),
+        padded: [inputs, grads],
+        panel,
+        tiles: &tiles,
+        most,
+    };
+    let spectra = if parts > 1 {
+        0
+    } else {
+        tiles.len().div_ceil(most) * correlation.block().iter().sum::<usize>()
+    };
     let mut weights = vec![0.0; 9 * channels * outputs];
-    scratch.with_whole(lengths.iter().sum(), |memory| {
-        let (x_spectrum, memory) = memory.split_at_mut(lengths[0]);
-        let (grad_spectrum, spectrum) = memory.split_at_mut(lengths[1]);
-        let (x_shared, grad_shared) = (Shared::new(x_spectrum), Shared::new(grad_spectrum));
-        tiles.par_chunks(TILES).enumerate().for_each(|(i, part)| {
-            let kernel = Transform {
-                x: (images(x, channels), x_shared, inputs),
-                grad: (images(grad, outputs), grad_shared, grads),
-                first: i * TILES,
-                part,
-            };
-            // SAFETY: lengths were asserted; each tile has its own rows.
-            unsafe { level.run(kernel) }
-        });
-
-        let shared = Shared::new(spectrum);
-        let panels = grads / width;
-        (0..SPECTRUM * panels).into_par_iter().for_each(|task| {
-            let kernel = Correlate {
-                x: (x_spectrum, channels, inputs),
-                grad: (grad_spectrum, grads),
-                tiles: tiles.len(),
-                frequency: task / panels,
-                first: task % panels * width,
-                spectrum: shared,
-            };
-            // SAFETY: each task writes its own columns of its frequency.
-            unsafe { level.run(kernel) }
-        });
-
+    scratch.with_whole(spectra + parts * sum, |memory| {
+        let (spectra, sums) = memory.split_at_mut(spectra);
+        if parts > 1 {
+            correlation.by_parts(sums, parts, scratch);
+        } else {
+            correlation.by_frequencies(spectra, sums);
+        }
+        let sums = &*sums;
         let shared = Shared::new(&mut weights);
         (0..channels).into_par_iter().for_each(|channel| {
             let kernel = Inverse {
-                spectrum,
+                sums,
+                parts,
                 grads,
                 channels,
                 outputs,
@@ -90,12 +100,114 @@ pub(in crate::conv) fn weight_gradient(
     weights
 }
 
-/// Takes tiles of inputs and of gradients to the frequency domain, `[frequency][tile][padded]`.
+/// Inputs and gradients of outputs, whose products are summed over tiles for every frequency.
+struct Correlation<'a> {
+    level: Level,
+    x: Images<'a>,
+    grad: Images<'a>,
+    /// Channels and outputs, in whole vectors and whole panels.
+    padded: [usize; 2],
+    /// Outputs that are multiplied at once.
+    panel: usize,
+    tiles: &'a [Tile],
+    /// Tiles of a block.
+    most: usize,
+}
+
+impl Correlation<'_> {
+    /// Floats of the spectra of a block: of inputs and of gradients.
+    fn block(&self) -> [usize; 2] {
+        let padded = self.padded;
+        padded.map(|padded| SPECTRUM * frequency_stride(self.most, padded))
+    }
+
+    fn transform(&self, tiles: &[Tile], x: &mut [f32], grad: &mut [f32]) {
+        let kernel = Transform {
+            of: self,
+            tiles,
+            x,
+            grad,
+        };
+        // SAFETY: the memory is as long as `block` says, and so are rows of pixels.
+        unsafe { self.level.run(kernel) }
+    }
+
+    fn panels(&self) -> usize {
+        self.padded[1] / self.panel
+    }
+
+    /// Many tiles: a part of them each, with sums of its own, all of which stays in the cache of a thread. `sums [part]
+    /// [frequency][channel][padded output]` are to be added up.
+    fn by_parts(&self, sums: &mut [f32], parts: usize, scratch: &Scratch) {
+        let sum = sums.len() / parts;
+        let part = self.tiles.len().div_ceil(parts);
+        let [x, grad] = self.block();
+        let sums = sums.par_chunks_mut(sum).enumerate();
+        sums.for_each(|(i, sum)| {
+            sum.fill(0.0);
+            let first = (i * part).min(self.tiles.len());
+            let tiles = &self.tiles[first..(first + part).min(self.tiles.len())];
+            scratch.with(x + grad, |memory| {
+                let (x, grad) = memory.split_at_mut(x);
+                for tiles in tiles.chunks(self.most) {
+                    self.transform(tiles, x, grad);
+                    let kernel = Products {
+                        of: self,
+                        tiles: tiles.len(),
+                        x,
+                        grad,
+                        frequencies: 0..SPECTRUM,
+                        panels: 0..self.panels(),
+                        sums: Shared::new(sum),
+                        fresh: false,
+                    };
+                    // SAFETY: the sums are of this part.
+                    unsafe { self.level.run(kernel) }
+                }
+            });
+        });
+    }
+
+    /// Few tiles: first all spectra, then the products of each frequency. `sums [frequency][channel][padded output]`.
+    fn by_frequencies(&self, spectra: &mut [f32], sums: &mut [f32]) {
+        let [x_block, grad_block] = self.block();
+        let blocks = self.tiles.len().div_ceil(self.most);
+        let (x, grad) = spectra.split_at_mut(blocks * x_block);
+        let memory = x
+            .par_chunks_mut(x_block)
+            .zip(grad.par_chunks_mut(grad_block));
+        memory
+            .zip(self.tiles.par_chunks(self.most))
+            .for_each(|((x, grad), tiles)| self.transform(tiles, x, grad));
+        let (x, grad) = (&*x, &*grad);
+        let sums = Shared::new(sums);
+        let panels = self.panels();
+        (0..SPECTRUM * panels).into_par_iter().for_each(|task| {
+            let (frequency, panel) = (task / panels, task % panels);
+            for (i, tiles) in self.tiles.chunks(self.most).enumerate() {
+                let kernel = Products {
+                    of: self,
+                    tiles: tiles.len(),
+                    x: &x[i * x_block..][..x_block],
+                    grad: &grad[i * grad_block..][..grad_block],
+                    frequencies: frequency..frequency + 1,
+                    panels: panel..panel + 1,
+                    sums,
+                    fresh: i == 0,
+                };
+                // SAFETY: each task writes its own columns of its frequency.
+                unsafe { self.level.run(kernel) }
+            }
+        });
+    }
+}
+
+/// Takes a block of tiles of inputs and of gradients to the frequency domain, `[frequency][tile][padded]`.
 struct Transform<'a> {
-    x: (Images<'a>, Shared<'a>, usize),
-    grad: (Images<'a>, Shared<'a>, usize),
-    first: usize,
-    part: &'a [Tile],
+    of: &'a Correlation<'a>,
+    tiles: &'a [Tile],
+    x: &'a mut [f32],
+    grad: &'a mut [f32],
 }
 
 impl Kernel for Transform<'_> {
@@ -103,35 +215,33 @@ impl Kernel for Transform<'_> {
 
     #[inline(always)]
     unsafe fn run<V: Vector>(self) {
-        let (images, spectrum, padded) = self.x;
-        let (grads, grad_spectrum, grad_padded) = self.grad;
-        for (t, &tile) in self.part.iter().enumerate() {
-            let block = self.first / TILES * SPECTRUM;
+        let [inputs, grads] = self.of.padded;
+        let (x, grad) = (self.x.as_mut_ptr(), self.grad.as_mut_ptr());
+        for (t, &tile) in self.tiles.iter().enumerate() {
             // SAFETY: both spectra have a padded row for each frequency and tile.
             unsafe {
-                let window = images.window::<IN>(tile, 1);
+                let images = &self.of.x;
                 images.spectrum::<V, IN>(
-                    &window,
-                    padded,
+                    &images.window::<IN>(tile, 1),
+                    inputs,
                     #[inline(always)]
                     |d| transform::input(d),
                     #[inline(always)]
                     |c, f, value| {
-                        let at = (block + f) * frequency_stride(TILES, padded) + t * padded + c;
-                        value.store(spectrum.at(at, V::LANES));
+                        let at = f * frequency_stride(self.of.most, inputs) + t * inputs + c;
+                        value.store(x.add(at));
                     },
                 );
-                let window = grads.window::<OUT>(tile, 0);
-                grads.spectrum::<V, OUT>(
-                    &window,
-                    grad_padded,
+                let images = &self.of.grad;
+                images.spectrum::<V, OUT>(
+                    &images.window::<OUT>(tile, 0),
+                    grads,
                     #[inline(always)]
                     |y| transform::output_adjoint(y),
                     #[inline(always)]
                     |c, f, value| {
-                        let stride = frequency_stride(TILES, grad_padded);
-                        let at = (block + f) * stride + t * grad_padded + c;
-                        value.store(grad_spectrum.at(at, V::LANES));
+                        let at = f * frequency_stride(self.of.most, grads) + t * grads + c;
+                        value.store(grad.add(at));
                     },
                 );
             }
@@ -139,58 +249,78 @@ impl Kernel for Transform<'_> {
     }
 }
 
-/// The sum over tiles of inputs times gradients, for one frequency and one panel of outputs.
-struct Correlate<'a> {
-    /// Values, channels and padded channels.
-    x: (&'a [f32], usize, usize),
-    /// Values and padded channels.
-    grad: (&'a [f32], usize),
+/// The sums over the tiles of a block of inputs times gradients, for some frequencies and panels of outputs.
+struct Products<'a> {
+    of: &'a Correlation<'a>,
     tiles: usize,
-    frequency: usize,
-    first: usize,
+    x: &'a [f32],
+    grad: &'a [f32],
+    frequencies: Range<usize>,
+    panels: Range<usize>,
     /// `[frequency][channel][padded output]`
-    spectrum: Shared<'a>,
+    sums: Shared<'a>,
+    /// Whether nothing is there yet that they would be added to.
+    fresh: bool,
 }
 
-impl Kernel for Correlate<'_> {
+impl Kernel for Products<'_> {
     type Output = ();
 
     #[inline(always)]
     unsafe fn run<V: Vector>(self) {
-        let (x, channels, padded) = self.x;
-        let (grad, columns) = self.grad;
-        for first in (0..self.tiles).step_by(TILES) {
-            let count = TILES.min(self.tiles - first);
-            let block = first / TILES * SPECTRUM + self.frequency;
-            // SAFETY: both spectra have a padded row for each frequency and tile.
-            unsafe {
-                let rows = Rows {
-                    pointer: x.as_ptr().add(block * frequency_stride(TILES, padded)),
-                    row: 1,
-                    step: padded,
-                };
-                let grad = grad.as_ptr();
-                let grad = grad.add(block * frequency_stride(TILES, columns) + self.first);
-                product::<V>(
-                    rows,
-                    channels,
-                    count,
-                    grad,
-                    columns,
-                    #[inline(always)]
-                    |c, sums| {
-                        let at = (self.frequency * channels + c) * columns + self.first;
-                        let to = self.spectrum.at(at, 2 * V::LANES);
-                        let right = to.add(V::LANES);
-                        if first == 0 {
-                            sums[0].store(to);
-                            sums[1].store(right);
-                        } else {
-                            V::load(to).add(sums[0]).store(to);
-                            V::load(right).add(sums[1]).store(right);
-                        }
-                    },
-                );
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            if self.of.panel == V::LANES {
+                self.sum::<V, 1>();
+            } else {
+                self.sum::<V, 2>();
+            }
+        }
+    }
+}
+
+impl Products<'_> {
+    /// In panels of `W` vectors.
+    ///
+    /// # Safety
+    /// As for `Vector`; no other task has these frequencies and panels of the sums.
+    #[inline(always)]
+    unsafe fn sum<V: Vector, const W: usize>(self) {
+        let channels = self.of.x.channels;
+        let [inputs, grads] = self.of.padded;
+        let [x_stride, grad_stride] =
+            [inputs, grads].map(|row| frequency_stride(self.of.most, row));
+        for f in self.frequencies.clone() {
+            for first in self.panels.clone().map(|panel| panel * W * V::LANES) {
+                // SAFETY: both spectra have a padded row for each frequency and tile.
+                unsafe {
+                    let rows = Rows {
+                        pointer: self.x.as_ptr().add(f * x_stride),
+                        row: 1,
+                        step: inputs,
+                    };
+                    product::<V, W>(
+                        rows,
+                        channels,
+                        self.tiles,
+                        self.grad.as_ptr().add(f * grad_stride + first),
+                        grads,
+                        #[inline(always)]
+                        |c, sums| {
+                            let at = (f * channels + c) * grads + first;
+                            let to = self.sums.at(at, W * V::LANES);
+                            for (i, &sum) in sums.iter().enumerate() {
+                                let to = to.add(i * V::LANES);
+                                let sum = if self.fresh {
+                                    sum
+                                } else {
+                                    V::load(to).add(sum)
+                                };
+                                sum.store(to);
+                            }
+                        },
+                    );
+                }
             }
         }
     }
@@ -198,7 +328,9 @@ impl Kernel for Correlate<'_> {
 
 /// Takes the gradient of the spectrum of one channel's filters back to their taps.
 struct Inverse<'a> {
-    spectrum: &'a [f32],
+    /// `[part][frequency][channel][padded output]`
+    sums: &'a [f32],
+    parts: usize,
     grads: usize,
     channels: usize,
     outputs: usize,
@@ -220,7 +352,13 @@ impl Kernel for Inverse<'_> {
                         #[inline(always)]
                         |j| {
                             let row = (i * IN + j) * self.channels + self.channel;
-                            V::load(self.spectrum.as_ptr().add(row * self.grads + o))
+                            let first = self.sums.as_ptr().add(row * self.grads + o);
+                            let sum = self.sums.len() / self.parts;
+                            (1..self.parts).fold(
+                                V::load(first),
+                                #[inline(always)]
+                                |total, part| total.add(V::load(first.add(part * sum))),
+                            )
                         },
                     ));
                 }
