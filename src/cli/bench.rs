@@ -278,6 +278,10 @@ fn train(args: &Bench) -> Result<Training> {
     let net = network.init(config.seed, &device)?;
     let blocks = adapted_blocks(&network, &device)?;
     let mut learner = Learner::new(net, &fit, &config).adapting(blocks);
+    // As most steps of a run are.
+    if config.freeze_statistics < 0.5 {
+        learner = learner.freeze_statistics();
+    }
     let mut times = Vec::with_capacity(args.runs);
     for run in 0..=args.runs {
         let started = Instant::now();

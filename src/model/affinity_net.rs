@@ -3,8 +3,8 @@
 //! place of concatenations). It shares nothing with the extractor, so that either can be trained
 //! without the other.
 
+use super::grid::enlarged;
 use super::layers::{Conv, ConvNorm, Init};
-use super::resample::enlarging;
 use burn::module::Module;
 use burn::tensor::Tensor;
 use lsdc_core::network::{CHANGES, EncoderConfig, NetworkConfig};
@@ -78,11 +78,11 @@ impl AffinityNet {
         levels.pop();
         if let (Some(conv), Some(encoded)) = (&self.encoded, encoded) {
             let size = (x.dims()[1], x.dims()[2]);
-            x = x + enlarging(conv.forward(encoded), size);
+            x = x + enlarged(conv.forward(encoded), size);
         }
         for (rise, level) in self.up.iter().zip(levels.into_iter().rev()) {
             let size = (level.dims()[1], level.dims()[2]);
-            x = run(enlarging(rise.narrow.forward(x), size) + level, &rise.mix);
+            x = run(enlarged(rise.narrow.forward(x), size) + level, &rise.mix);
         }
         self.last.forward(x)
     }

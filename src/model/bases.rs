@@ -5,6 +5,7 @@ use super::{NetworkConfig, encoding, grid};
 use burn::module::Module;
 use burn::tensor::{Int, Tensor, TensorData};
 use lsdc_core::network::STEEPEST;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// The MLP from features and position to N basis functions (paper section 3.2).
@@ -77,14 +78,33 @@ impl Bases {
         let mut input = grid::sample(self.features.clone(), size, pixels);
         let width = encoding::channels(self.head.octaves);
         if width > 0 {
-            let codes = pixels
-                .iter()
-                .flat_map(|list| encoding::encode(size, list, self.head.octaves))
-                .collect::<Vec<f32>>();
-            let codes = TensorData::new(codes, [batch * count, width]);
+            let encode = |list: &Vec<u32>| encoding::encode(size, list, self.head.octaves);
+            let codes: Vec<Vec<f32>> = pixels.par_iter().map(encode).collect();
+            let codes = TensorData::new(codes.concat(), [batch * count, width]);
             input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
         }
         self.hidden(input, [batch, count])
+    }
+
+    /// [`Bases::hidden_at`] pixels, and the values of all functions at the first `count` of each image.
+    ///
+    /// Where batch normalisation has fixed statistics, the latter are computed for themselves: the gradient of a part of a
+    /// large tensor is one as large.
+    pub fn hidden_and_first(
+        &self,
+        size: (usize, usize),
+        pixels: &[Vec<u32>],
+        count: usize,
+    ) -> (HiddenBases, Tensor<3>) {
+        let hidden = self.hidden_at(size, pixels);
+        let device = self.features.device();
+        let first = if self.head.hidden.iter().all(|layer| layer.is_fixed(&device)) {
+            let lists = pixels.iter().map(|list| list[..count].to_vec());
+            self.at(size, &lists.collect::<Vec<_>>())
+        } else {
+            hidden.slice(0..count).functions()
+        };
+        (hidden, first)
     }
 
     /// Values at places (u, v) of an output of `size` (height, width) of a single image: `[1, places,

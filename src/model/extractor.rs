@@ -6,8 +6,9 @@
 //! Two more on request: stages at lower resolutions, which add context to the features, and a decoder that sharpens
 //! them at half the resolution.
 
+use super::grid::enlarged;
 use super::layers::{Conv, ConvNorm, Init};
-use super::resample::{enlarging, pooling};
+use super::pooling::pooling;
 use burn::module::Module;
 use burn::tensor::Tensor;
 use lsdc_core::network::{EncoderConfig, ExtractorConfig, StageConfig};
@@ -138,12 +139,12 @@ impl Extractor {
         let [_, height, width, _] = skip.dims();
         let pooled = self.branches.iter().zip(&self.pools).map(|(conv, &pool)| {
             let pooled = pooling(skip.clone(), pool);
-            enlarging(conv.forward_relu(pooled), (height, width))
+            enlarged(conv.forward_relu(pooled), (height, width))
         });
         let mut all: Vec<Tensor<4>> = [raw, skip.clone()].into_iter().chain(pooled).collect();
         if let (Some(branch), Some(encoded)) = (&self.encoded, encoded) {
             let reduced = branch.reduce.forward_relu(encoded);
-            all.push(enlarging(branch.mix.forward_relu(reduced), (height, width)));
+            all.push(enlarged(branch.mix.forward_relu(reduced), (height, width)));
         }
         let merged = self.merge.forward_relu(Tensor::cat(all, 3));
         let mut features = self.project.forward(merged);
@@ -151,7 +152,7 @@ impl Extractor {
         for context in &self.context {
             x = run(x, &context.blocks);
             let seen = context.project.forward(x.clone());
-            features = features + enlarging(seen, (height, width));
+            features = features + enlarged(seen, (height, width));
         }
         match &self.sharpen {
             None => features,
@@ -163,7 +164,7 @@ impl Extractor {
 impl Sharpen {
     fn forward(&self, features: Tensor<4>, half: Tensor<4>) -> Tensor<4> {
         let [_, height, width, _] = half.dims();
-        let features = enlarging(features, (height, width));
+        let features = enlarged(features, (height, width));
         let x = features.clone() + self.lateral.forward(half);
         let x = self.mix.iter().fold(x, |x, conv| conv.forward_relu(x));
         features + self.last.forward(x)

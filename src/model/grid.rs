@@ -13,8 +13,7 @@ type Between = (usize, usize, f32);
 /// `[batch * pixels, channels]`.
 pub(super) fn sample(features: Tensor<4>, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<2> {
     let [_, h, w, _] = features.dims();
-    let axis = |from: usize, to: usize| (0..from).map(|i| between(i as f64, from, to)).collect();
-    let (rows, columns): (Vec<_>, Vec<_>) = (axis(size.0, h), axis(size.1, w));
+    let (rows, columns) = (axis(size.0, h), axis(size.1, w));
     let cell = |&pixel: &u32| {
         let pixel = pixel as usize;
         cell(w, rows[pixel / size.1], columns[pixel % size.1])
@@ -33,6 +32,21 @@ pub(super) fn sample_places(
     let [_, h, w, _] = features.dims();
     let cell = |&[u, v]: &[f64; 2]| cell(w, between(v, size.0, h), between(u, size.1, w));
     read(features, vec![places.iter().map(cell).collect()])
+}
+
+/// Bilinear enlargement of features `[batch, h, w, channels]` to `size` (height, width).
+pub(super) fn enlarged(features: Tensor<4>, size: (usize, usize)) -> Tensor<4> {
+    let [batch, h, w, channels] = features.dims();
+    let (rows, columns) = (axis(size.0, h), axis(size.1, w));
+    let along = |&row: &Between| columns.iter().map(move |&column| cell(w, row, column));
+    let cells: Vec<Cell> = rows.iter().flat_map(along).collect();
+    read(features, vec![cells; batch]).reshape([batch, size.0, size.1, channels])
+}
+
+/// Where the pixels of an axis of length `from` lie along one of length `to`.
+fn axis(from: usize, to: usize) -> Vec<Between> {
+    let pixels = 0..from;
+    pixels.map(|i| between(i as f64, from, to)).collect()
 }
 
 fn between(place: f64, from: usize, to: usize) -> Between {
@@ -58,4 +72,25 @@ fn cell(w: usize, (top, bottom, v): Between, (left, right, u): Between) -> Cell 
 fn read(features: Tensor<4>, cells: Vec<Vec<Cell>>) -> Tensor<2> {
     let [images, h, w, channels] = features.dims();
     interpolate(features.reshape([images, h * w, channels]), cells)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::{Device, TensorData};
+
+    #[test]
+    fn enlargement_is_exact_on_ramps_inside() {
+        let ramp: Vec<f32> = (0..12)
+            .map(|i| (i % 4) as f32 + 10.0 * (i / 4) as f32)
+            .collect();
+        let map = Tensor::<4>::from_data(TensorData::new(ramp, [1, 3, 4, 1]), &Device::flex());
+        let large: Vec<f32> = enlarged(map, (6, 8)).into_data().iter().collect();
+        // Centres of pixels lie at (i + 0.5) / 2 - 0.5; beyond the outer ones, nothing changes.
+        let place = |i: usize, last: f32| (f32::midpoint(i as f32, 0.5) - 0.5).clamp(0.0, last);
+        for (i, value) in large.into_iter().enumerate() {
+            let expected = place(i % 8, 3.0) + 10.0 * place(i / 8, 2.0);
+            assert!((value - expected).abs() < 1e-5, "{i}: {value} {expected}");
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! The building blocks: convolution or linear map without bias, normalisation, ReLU.
 
 use crate::ops::conv::{ConvSpec, conv2d, linear};
+use crate::ops::conv_norm::{ConvNormSpec, Fixed, conv_norm, linear_norm};
 use crate::ops::norm::{NormSpec, moments, normalise};
 use burn::module::{Flag, Module, ModuleMapper, Param, RunningState};
 use burn::nn::{GroupNorm, GroupNormConfig};
@@ -63,25 +64,41 @@ impl BatchNorm {
     }
 
     fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
-        let own = x.device().is_autodiff() && self.training.is_enabled();
-        let (mean, variance) = if own {
+        let fixed = self.fixed(&x.device());
+        let own = fixed.is_none();
+        let Fixed {
+            gain,
+            shift,
+            mean,
+            variance,
+        } = fixed.unwrap_or_else(|| {
             let (mean, variance) = moments(x.clone());
             self.follow(&self.running_mean, mean.clone());
             self.follow(&self.running_variance, variance.clone());
-            (mean, variance)
-        } else {
-            let device = x.device();
-            (
-                self.running_mean.value().to_device(&device),
-                self.running_variance.value().to_device(&device),
-            )
-        };
+            Fixed {
+                gain: self.gain.val(),
+                shift: self.shift.val(),
+                mean,
+                variance,
+            }
+        });
         let spec = NormSpec {
             epsilon: EPSILON,
             relu,
             own,
         };
-        normalise(x, self.gain.val(), self.shift.val(), mean, variance, spec)
+        normalise(x, gain, shift, mean, variance, spec)
+    }
+
+    /// The normalisation by running statistics, unless the network trains with those of each batch.
+    fn fixed(&self, device: &Device) -> Option<Fixed> {
+        let own = device.is_autodiff() && self.training.is_enabled();
+        (!own).then(|| Fixed {
+            gain: self.gain.val(),
+            shift: self.shift.val(),
+            mean: self.running_mean.value().to_device(device),
+            variance: self.running_variance.value().to_device(device),
+        })
     }
 
     fn follow(&self, running: &RunningState<Tensor<1>>, now: Tensor<1>) {
@@ -114,6 +131,14 @@ impl Norm {
                 let config = GroupNormConfig::new(channels / CHANNELS_PER_GROUP, channels);
                 Self::Group(config.with_epsilon(EPSILON).init(&init.device))
             }
+        }
+    }
+
+    /// What a batch normalisation does with fixed statistics, if this is one that has them.
+    fn fixed(&self, device: &Device) -> Option<Fixed> {
+        match self {
+            Self::Batch(norm) => norm.fixed(device),
+            Self::Group(_) => None,
         }
     }
 
@@ -198,11 +223,23 @@ impl ConvNorm {
     }
 
     pub(crate) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
-        self.norm.forward(self.conv.forward(x), false)
+        self.run(x, false)
     }
 
     pub(crate) fn forward_relu(&self, x: Tensor<4>) -> Tensor<4> {
-        self.norm.forward(self.conv.forward(x), true)
+        self.run(x, true)
+    }
+
+    fn run(&self, x: Tensor<4>, relu: bool) -> Tensor<4> {
+        let Some(fixed) = self.norm.fixed(&x.device()) else {
+            return self.norm.forward(self.conv.forward(x), relu);
+        };
+        let spec = ConvNormSpec {
+            conv: self.conv.spec,
+            epsilon: EPSILON,
+            relu,
+        };
+        conv_norm(x, self.conv.weight.val(), fixed, spec)
     }
 }
 
@@ -258,7 +295,18 @@ impl Hidden {
         }
     }
 
+    /// Whether rows do not depend on each other: statistics are not those of the batch.
+    pub(crate) fn is_fixed(&self, device: &Device) -> bool {
+        match &self.norm {
+            Norm::Batch(norm) => norm.fixed(device).is_some(),
+            Norm::Group(_) => true,
+        }
+    }
+
     pub(crate) fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        self.norm.forward(self.linear.forward(x), true)
+        match self.norm.fixed(&x.device()) {
+            None => self.norm.forward(self.linear.forward(x), true),
+            Some(fixed) => linear_norm(x, self.linear.weights(), fixed, EPSILON, true),
+        }
     }
 }

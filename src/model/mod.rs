@@ -12,11 +12,11 @@ mod extractor;
 mod grid;
 pub(crate) mod layers;
 mod on_device;
+mod pooling;
 #[cfg(test)]
 mod prepared_tests;
 #[cfg(test)]
 pub(crate) mod random_encoder;
-mod resample;
 #[cfg(test)]
 mod tests;
 mod vision;

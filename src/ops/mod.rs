@@ -2,6 +2,7 @@
 //! that completion uses too.
 
 pub mod conv;
+pub mod conv_norm;
 #[cfg(feature = "wgpu")]
 mod gpu;
 pub mod interpolate;

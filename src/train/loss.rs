@@ -122,10 +122,10 @@ pub fn losses(
     let points = batch.points;
     let draws = batch.draws.dims()[0] / images;
     let bases = net.bases(batch.images.clone(), batch.encoded.clone());
-    let bases = bases.hidden_at(batch.size, &batch.pixels);
+    let (bases, at_points) = bases.hidden_and_first(batch.size, &batch.pixels, points);
     let spans = shown.and_then(|shown| shown.span_loss(&bases, &batch.depths, config));
 
-    let at_points = bases.slice(0..points).functions().repeat_dim(0, draws);
+    let at_points = at_points.repeat_dim(0, draws);
     let functions = at_points.dims()[2];
     let (depths, draw) = (
         batch.measured.clone().repeat_dim(0, draws),

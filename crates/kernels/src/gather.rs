@@ -2,7 +2,7 @@
 //!
 //! Sums run in the order of the cells, so results do not depend on the number of threads.
 
-use crate::simd::{Blend, Level, blend_rows};
+use crate::simd::{Blend, Level, Unset, write_blends, written};
 use rayon::prelude::*;
 
 /// Cells that are computed as one piece.
@@ -17,26 +17,42 @@ pub struct Cell {
     pub shares: [f32; 4],
 }
 
-/// The sum of four rows of `table [rows, channels]` for each cell: `[cells, channels]`.
+/// The sums of four rows of each of some tables, `tables [tables, rows, channels]`, for its cells, of which all have
+/// equally many: `[tables, cells, channels]`.
 ///
 /// # Panics
-/// If `table` is not rows of `channels`, or a cell names a row that it lacks.
-pub fn gather(table: &[f32], channels: usize, cells: &[Cell]) -> Vec<f32> {
-    check(table, channels);
+/// If `tables` are not rows of `channels`, equally many for each list of cells, if a list is longer than another, or a cell
+/// names a row that its table lacks.
+pub fn gather(tables: &[f32], channels: usize, cells: &[Vec<Cell>]) -> Vec<f32> {
+    check(tables, channels);
+    let size = tables.len() / cells.len().max(1);
+    assert_eq!(size * cells.len(), tables.len(), "tables");
+    let count = cells.first().map_or(0, Vec::len);
+    assert!(cells.iter().all(|list| list.len() == count), "cells");
+    let whole = (count * channels).max(1);
+    let write = |output: &mut Unset| {
+        let tables = tables.par_chunks(size.max(1)).zip(cells);
+        let outputs = output.par_chunks_mut(whole).zip(tables);
+        outputs.for_each(|(output, (table, cells))| gather_one(table, channels, cells, output));
+    };
+    // SAFETY: every row of every list is set.
+    unsafe { written(cells.len() * count * channels, write) }
+}
+
+/// Of one table; sets every float.
+fn gather_one(table: &[f32], channels: usize, cells: &[Cell], output: &mut Unset) {
     let level = Level::here();
     let row = |row: u32| &table[row as usize * channels..][..channels];
-    let mut output = vec![0.0; cells.len() * channels];
-    output
-        .par_chunks_mut((PIECE * channels).max(1))
+    let outputs = output.par_chunks_mut((PIECE * channels).max(1));
+    outputs
         .zip(cells.par_chunks(PIECE))
         .for_each(|(output, cells)| {
             let blends = cells.iter().map(|cell| Blend::<4, 0> {
                 parts: std::array::from_fn(|k| (row(cell.rows[k]), cell.shares[k])),
                 terms: [],
             });
-            blend_rows(level, blends, channels, false, output);
+            write_blends(level, blends, channels, false, output);
         });
-    output
 }
 
 /// The transpose of [`gather`]: adds each row of `values [cells, channels]` to the four rows of its cell in

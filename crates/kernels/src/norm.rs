@@ -45,6 +45,16 @@ impl Lines {
         Self::new(&ones, &zeros, mean, variance, epsilon)
     }
 
+    /// What is multiplied by, per channel.
+    pub fn slopes(&self) -> &[f32] {
+        &self.slope
+    }
+
+    /// What is added then, per channel.
+    pub fn offsets(&self) -> &[f32] {
+        &self.offset
+    }
+
     /// # Safety
     /// As for `Vector`; there are `count` channels from `c` on.
     #[inline(always)]
@@ -200,6 +210,59 @@ impl Backward<'_> {
     }
 }
 
+/// Of a gradient `grad [rows, channels]`, what passes the ReLU with these outputs (nothing new without one), and its
+/// sum over the rows, per channel.
+///
+/// # Panics
+/// If `grad` is not rows of `channels`, or there are not as many outputs.
+pub fn passed(
+    outputs: Option<&[f32]>,
+    grad: &[f32],
+    channels: usize,
+) -> (Option<Vec<f32>>, Vec<f32>) {
+    check(grad, channels);
+    assert!(outputs.is_none_or(|o| o.len() == grad.len()), "gradient");
+    let size = piece(channels);
+    let sum = |grad: &[f32]| sums(grad, channels, Term::Values).0;
+    let mut passed = None;
+    let parts: Vec<Vec<f32>> = match outputs {
+        None => pieces(grad, channels).map(sum).collect(),
+        Some(outputs) => {
+            let mut parts = Vec::new();
+            // SAFETY: the pieces make up the whole.
+            passed = Some(unsafe {
+                written(grad.len(), |to| {
+                    let from = grad.par_chunks(size).zip(outputs.par_chunks(size));
+                    let to = to.par_chunks_mut(size).zip(from);
+                    let part = |(to, (grad, outputs)): (&mut Unset, (&[f32], &[f32]))| {
+                        let kernel = Mapping {
+                            x: outputs,
+                            y: grad,
+                            channels,
+                            job: Map::Passed,
+                            output: Shared::unset(to),
+                        };
+                        // All slices have the lengths that the kernel relies on; then all floats are set.
+                        Level::here().run(kernel);
+                        sum(std::slice::from_raw_parts(to.as_ptr().cast(), to.len()))
+                    };
+                    parts = to.map(part).collect();
+                })
+            });
+            parts
+        }
+    };
+    let mut totals = vec![0.0_f64; channels];
+    for part in parts {
+        let pairs = totals.iter_mut().zip(part);
+        pairs.for_each(|(total, value)| *total += f64::from(value));
+    }
+    (
+        passed,
+        totals.into_iter().map(|total| total as f32).collect(),
+    )
+}
+
 fn pieces(x: &[f32], channels: usize) -> impl IndexedParallelIterator<Item = &[f32]> {
     x.par_chunks(piece(channels))
 }
@@ -207,6 +270,8 @@ fn pieces(x: &[f32], channels: usize) -> impl IndexedParallelIterator<Item = &[f
 /// What is summed over the rows of a piece.
 #[derive(Clone, Copy)]
 enum Term<'a> {
+    /// x.
+    Values,
     /// x, and (x - mean)^2.
     Squares { mean: &'a [f32] },
     /// The gradient that passed the ReLU, and that times the normalised input.
@@ -270,6 +335,7 @@ impl Sums<'_> {
                     let count = self.channels - c;
                     let x = V::load_some(self.x.as_ptr().add(row + c), count);
                     match self.term {
+                        Term::Values => sum[0] = sum[0].add(x),
                         Term::Squares { mean } => {
                             let off = x.sub(V::load_some(mean.as_ptr().add(c), count));
                             sum[0] = sum[0].add(x);
@@ -305,6 +371,8 @@ enum Map<'a> {
         back: Backward<'a>,
         common: Option<&'a Lines>,
     },
+    /// y where x is above 0.
+    Passed,
 }
 
 fn map(x: &[f32], y: &[f32], channels: usize, job: Map<'_>) -> Vec<f32> {
@@ -356,6 +424,10 @@ impl Kernel for Mapping<'_> {
                             } else {
                                 value
                             }
+                        }
+                        Map::Passed => {
+                            let grad = V::load_some(self.y.as_ptr().add(row + c), count);
+                            grad.where_positive(x)
                         }
                         Map::Backward { back, common } => {
                             let grad = V::load_some(self.y.as_ptr().add(row + c), count);

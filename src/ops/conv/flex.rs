@@ -7,7 +7,7 @@ use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
 use burn_flex::FlexTensor;
 use lsdc_kernels::conv::{self, Layer, Shape};
-use lsdc_kernels::simd::{Level, Scratch};
+use lsdc_kernels::simd::{Level, Scratch, Tail};
 use std::sync::OnceLock;
 
 /// Ops come without a place to keep memory between them.
@@ -22,13 +22,13 @@ impl ConvBackend for Flex {
             let output = Self::conv2d(channels_first::<Self>(x), weight, None, options(spec));
             return channels_last::<Self>(output);
         }
-        let (x, weight) = (x.to_contiguous(), weight.to_contiguous());
-        let shape = shape(&x, &weight, spec);
-        let sizes = [shape.outputs, shape.channels, shape.taps];
-        let layer = Layer::new(Level::here(), weight.storage(), sizes, &[], spec);
-        let output = layer.output(x.storage(), shape.size(), scratch());
-        let (height, width) = shape.out();
-        tensor(output, [shape.batch, height, width, shape.outputs])
+        biased(
+            &x.to_contiguous(),
+            &weight.to_contiguous(),
+            &[],
+            false,
+            spec,
+        )
     }
 
     fn conv_backward_input(
@@ -71,6 +71,23 @@ impl ConvBackend for Flex {
             [shape.outputs, shape.channels, shape.taps, shape.taps],
         )
     }
+}
+
+/// The convolution of contiguous f32, with a bias (none: 0) and a ReLU if asked for.
+pub(in crate::ops) fn biased(
+    x: &FlexTensor,
+    weight: &FlexTensor,
+    bias: &[f32],
+    relu: bool,
+    spec: ConvSpec,
+) -> FlexTensor {
+    let shape = shape(x, weight, spec);
+    let sizes = [shape.outputs, shape.channels, shape.taps];
+    let layer = Layer::new(Level::here(), weight.storage(), sizes, bias, spec);
+    let tail = Tail { skip: None, relu };
+    let output = layer.output(x.storage(), shape.size(), tail, scratch());
+    let (height, width) = shape.out();
+    tensor(output, [shape.batch, height, width, shape.outputs])
 }
 
 fn shape(x: &FlexTensor, weight: &FlexTensor, spec: ConvSpec) -> Shape {

@@ -8,6 +8,7 @@ mod flex;
 #[cfg(test)]
 mod tests;
 
+pub(super) use flex::biased;
 pub use lsdc_kernels::conv::ConvSpec;
 
 use burn::backend::ops::ConvOptions;

@@ -14,12 +14,8 @@ impl InterpolateBackend for Flex {
             return reference::<Self>(table, &cells);
         }
         let table = table.to_contiguous();
-        let (values, shape) = (table.storage::<f32>(), table.shape());
-        let (size, channels) = (shape[1] * shape[2], shape[2]);
-        let mut output = Vec::with_capacity(cells.iter().map(Vec::len).sum::<usize>() * channels);
-        for (image, cells) in cells.iter().enumerate() {
-            output.extend(gather(&values[image * size..][..size], channels, cells));
-        }
+        let channels = table.shape()[2];
+        let output = gather(table.storage(), channels, &cells);
         let rows = output.len() / channels.max(1);
         FlexTensor::from_data(TensorData::new(output, [rows, channels]))
     }

@@ -97,16 +97,22 @@ impl Layer {
         self.write(x, size, tail, scratch, unsafe { unset(output) });
     }
 
-    /// The same into new memory, without a tail.
+    /// The same into new memory.
     ///
     /// # Panics
-    /// If `x` does not have the length of its sizes.
-    pub fn output(&self, x: &[f32], size: [usize; 3], scratch: &Scratch) -> Vec<f32> {
+    /// If a slice does not have the length of its sizes.
+    pub fn output(
+        &self,
+        x: &[f32],
+        size: [usize; 3],
+        tail: Tail<'_>,
+        scratch: &Scratch,
+    ) -> Vec<f32> {
         let length = self.shape(size).out_pixels() * self.outputs;
         // SAFETY: `write` sets every float.
         unsafe {
             written(length, |output| {
-                self.write(x, size, Tail::default(), scratch, output);
+                self.write(x, size, tail, scratch, output);
             })
         }
     }

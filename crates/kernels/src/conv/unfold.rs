@@ -162,7 +162,7 @@ pub(super) fn input_gradient(
 /// Sums that run side by side, at most.
 const PARTS: usize = 8;
 /// Pixels between two visits to a sum: a panel of their gradients fits first-level caches.
-const BLOCK: usize = 168;
+const BLOCK: usize = 84;
 
 /// The gradient of the weights, `[depth, outputs]`.
 pub(super) fn weight_gradient(
@@ -174,9 +174,11 @@ pub(super) fn weight_gradient(
 ) -> Vec<f32> {
     let (depth, outputs) = (shape.depth(), shape.outputs);
     let pixels = shape.out_pixels();
-    let padded = outputs.next_multiple_of(2 * level.lanes());
-    // A convolution of one tap has its unfolded rows in memory.
+    let width = level.panel(outputs);
+    let padded = outputs.next_multiple_of(width);
+    // A convolution of one tap has its unfolded rows in memory, and whole panels need no padding.
     let own = if shape.is_pointwise() { 0 } else { depth };
+    let own_grads = if padded == outputs { 0 } else { padded };
     let part = pixels.div_ceil(PARTS).next_multiple_of(BLOCK);
     let starts: Vec<usize> = (0..pixels).step_by(part.max(1)).collect();
     let sums: Vec<Vec<f32>> = starts
@@ -186,8 +188,8 @@ pub(super) fn weight_gradient(
             let end = (start + part).min(pixels);
             for first in (start..end).step_by(BLOCK) {
                 let count = BLOCK.min(end - first);
-                scratch.with(count * (own + padded), |memory| {
-                    let (panels, rows) = memory.split_at_mut(count * padded);
+                scratch.with(count * (own + own_grads), |memory| {
+                    let (padding, rows) = memory.split_at_mut(count * own_grads);
                     let rows = if shape.is_pointwise() {
                         &x[first * depth..][..count * depth]
                     } else {
@@ -195,12 +197,18 @@ pub(super) fn weight_gradient(
                         rows
                     };
                     let grads = &grad[first * outputs..][..count * outputs];
-                    cut(grads, outputs, 2 * level.lanes(), panels);
+                    let grads = if own_grads == 0 {
+                        grads
+                    } else {
+                        pad(grads, outputs, padding, padded);
+                        padding
+                    };
                     let kernel = Correlate {
                         rows,
-                        panels,
+                        grads,
                         depth,
                         padded,
+                        width,
                         count,
                         sum: Shared::new(&mut sum),
                     };
@@ -223,28 +231,23 @@ pub(super) fn weight_gradient(
     total
 }
 
-/// Cuts rows of `columns` into panels `[panel][row][width]`, padded with zeros.
-fn cut(rows: &[f32], columns: usize, width: usize, panels: &mut [f32]) {
-    let panel = rows.len() / columns.max(1) * width;
-    for (i, panel) in panels.chunks_exact_mut(panel.max(1)).enumerate() {
-        let first = i * width;
-        let count = width.min(columns - first);
-        for (to, row) in panel
-            .chunks_exact_mut(width)
-            .zip(rows.chunks_exact(columns))
-        {
-            to[..count].copy_from_slice(&row[first..first + count]);
-            to[count..].fill(0.0);
-        }
+/// Rows of `columns` padded with zeros.
+fn pad(rows: &[f32], columns: usize, padded: &mut [f32], width: usize) {
+    let rows = rows.chunks_exact(columns.max(1));
+    for (to, row) in padded.chunks_exact_mut(width).zip(rows) {
+        to[..columns].copy_from_slice(row);
+        to[columns..].fill(0.0);
     }
 }
 
-/// Adds `rows^T [depth, count] * panels [count, padded]`.
+/// Adds `rows^T [depth, count] * grads [count, padded]`.
 struct Correlate<'a> {
     rows: &'a [f32],
-    panels: &'a [f32],
+    grads: &'a [f32],
     depth: usize,
     padded: usize,
+    /// Of a panel.
+    width: usize,
     count: usize,
     sum: Shared<'a>,
 }
@@ -254,28 +257,45 @@ impl Kernel for Correlate<'_> {
 
     #[inline(always)]
     unsafe fn run<V: Vector>(self) {
+        // SAFETY: as demanded from the caller.
+        unsafe {
+            if self.width == V::LANES {
+                self.add::<V, 1>();
+            } else {
+                self.add::<V, 2>();
+            }
+        }
+    }
+}
+
+impl Correlate<'_> {
+    /// In panels of `W` vectors.
+    ///
+    /// # Safety
+    /// As for `Vector`; rows, gradients and the sum have the lengths that this says.
+    #[inline(always)]
+    unsafe fn add<V: Vector, const W: usize>(self) {
         let rows = Rows {
             pointer: self.rows.as_ptr(),
             row: 1,
             step: self.depth,
         };
-        let width = 2 * V::LANES;
-        for first in (0..self.padded).step_by(width) {
-            // SAFETY: as the caller made the memory.
+        for first in (0..self.padded).step_by(W * V::LANES) {
+            // SAFETY: as demanded from the caller.
             unsafe {
-                let panel = self.panels.as_ptr().add(first * self.count);
-                product::<V, 2>(
+                product::<V, W>(
                     rows,
                     self.depth,
                     self.count,
-                    panel,
-                    width,
+                    self.grads.as_ptr().add(first),
+                    self.padded,
                     #[inline(always)]
                     |k, sums| {
-                        let to = self.sum.at(k * self.padded + first, width);
-                        let right = to.add(V::LANES);
-                        V::load(to).add(sums[0]).store(to);
-                        V::load(right).add(sums[1]).store(right);
+                        let to = self.sum.at(k * self.padded + first, W * V::LANES);
+                        for (i, &sum) in sums.iter().enumerate() {
+                            let to = to.add(i * V::LANES);
+                            V::load(to).add(sum).store(to);
+                        }
                     },
                 );
             }

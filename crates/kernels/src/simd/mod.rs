@@ -18,6 +18,7 @@ pub use memory::Scratch;
 pub(crate) use memory::{Shared, Unset, unset, written};
 pub use product::{Packed, Tail};
 pub(crate) use product::{Rows, product};
+pub(crate) use rows::write_blends;
 pub use rows::{Blend, blend_rows, dot_rows};
 
 /// The longest vector of any level.

@@ -1,6 +1,6 @@
 //! What is done to single rows between products.
 
-use super::{Kernel, Level, Vector};
+use super::{Kernel, Level, Unset, Vector, unset};
 
 /// A weighted sum of `N` rows, plus `T` more.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +20,18 @@ pub fn blend_rows<'a, const N: usize, const T: usize>(
     relu: bool,
     output: &mut [f32],
 ) {
+    // SAFETY: `write_blends` writes floats.
+    write_blends(level, blends, columns, relu, unsafe { unset(output) });
+}
+
+/// `blend_rows`; sets every float of rows that are no longer than `columns`.
+pub(crate) fn write_blends<'a, const N: usize, const T: usize>(
+    level: Level,
+    blends: impl ExactSizeIterator<Item = Blend<'a, N, T>>,
+    columns: usize,
+    relu: bool,
+    output: &mut Unset,
+) {
     let row = output.len() / blends.len().max(1);
     assert!(row >= columns && output.len() == blends.len() * row);
     let kernel = BlendRows {
@@ -38,7 +50,7 @@ struct BlendRows<'a, I> {
     row: usize,
     columns: usize,
     relu: bool,
-    output: &'a mut [f32],
+    output: &'a mut Unset,
 }
 
 impl<'a, I, const N: usize, const T: usize> Kernel for BlendRows<'_, I>
@@ -70,7 +82,7 @@ where
                     if self.relu {
                         sum = sum.max(V::splat(0.0));
                     }
-                    sum.store_some(output.as_mut_ptr().add(c), count);
+                    sum.store_some(output.as_mut_ptr().add(c).cast(), count);
                 }
             }
         }

@@ -1,0 +1,120 @@
+//! The op on flex: a normalisation with fixed statistics is a slope s and an offset per output, so that the outputs are
+//! those of the convolution with weights s W and a bias, and gradients those of such a convolution.
+
+use super::{ConvNormBackend, ConvNormSpec, reference, reference_backward};
+use crate::ops::conv::{self, ConvBackend as _};
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Flex, TensorMetadata as _};
+use burn::tensor::{DType, TensorData};
+use burn_flex::FlexTensor;
+use lsdc_kernels::norm::{Lines, passed};
+
+/// Weights `[outputs, ..]`, those of each output multiplied by its slope.
+fn folded(weight: &FlexTensor, slopes: &[f32]) -> FlexTensor {
+    let values = weight.storage::<f32>();
+    let size = values.len() / slopes.len().max(1);
+    let rows = values.chunks_exact(size.max(1)).zip(slopes);
+    let values = rows.flat_map(|(row, s)| row.iter().map(move |v| v * s));
+    FlexTensor::from_data(TensorData::new(
+        values.collect::<Vec<f32>>(),
+        weight.shape().to_vec(),
+    ))
+}
+
+fn vector(values: Vec<f32>) -> FlexTensor {
+    let length = values.len();
+    FlexTensor::from_data(TensorData::new(values, [length]))
+}
+
+impl ConvNormBackend for Flex {
+    fn conv_norm(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        gain: FloatTensor<Self>,
+        shift: FloatTensor<Self>,
+        mean: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        spec: ConvNormSpec,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        if x.dtype() != DType::F32 {
+            return reference::<Self>(x, weight, gain, shift, mean, variance, spec);
+        }
+        let [x, weight, gain, shift, mean, variance] =
+            [x, weight, gain, shift, mean, variance].map(|t| t.to_contiguous());
+        let (gain, shift) = (gain.storage(), shift.storage());
+        let (mean, variance) = (mean.storage(), variance.storage());
+        let lines = Lines::new(gain, shift, mean, variance, spec.epsilon);
+        let weight = folded(&weight, lines.slopes());
+        let output = conv::biased(&x, &weight, lines.offsets(), spec.relu, spec.conv);
+        (output.clone(), output)
+    }
+
+    fn conv_norm_backward(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        gain: FloatTensor<Self>,
+        shift: FloatTensor<Self>,
+        mean: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        kept: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: ConvNormSpec,
+    ) -> (
+        FloatTensor<Self>,
+        FloatTensor<Self>,
+        FloatTensor<Self>,
+        FloatTensor<Self>,
+    ) {
+        if x.dtype() != DType::F32 {
+            return reference_backward::<Self>(
+                x, weight, gain, shift, mean, variance, kept, grad, spec,
+            );
+        }
+        let [weight, gain, mean, variance, output, grad] =
+            [weight, gain, mean, variance, kept, grad].map(|t| t.to_contiguous());
+        let channels = gain.storage::<f32>().len();
+        let outputs = spec.relu.then(|| output.storage::<f32>());
+        let (passed, sums) = passed(outputs, grad.storage(), channels);
+        let grad = match passed {
+            Some(values) => FlexTensor::from_data(TensorData::new(values, grad.shape().to_vec())),
+            None => grad,
+        };
+        let folded = Self::conv_backward_weight(x, weight.clone(), grad.clone(), spec.conv);
+        // y = s W x + (shift - s mean), s = gain / deviation.
+        let (mean, variance) = (mean.storage::<f32>(), variance.storage::<f32>());
+        let (ones, zeros) = (vec![1.0; channels], vec![0.0; channels]);
+        let inverse = Lines::new(&ones, &zeros, mean, variance, spec.epsilon);
+        let (weights, by_slope) = (weight.storage::<f32>(), folded.storage::<f32>());
+        let size = weights.len() / channels.max(1);
+        let of_gain = |o: usize| {
+            let of = o * size..(o + 1) * size;
+            let pairs = weights[of.clone()].iter().zip(&by_slope[of]);
+            let product: f64 = pairs.map(|(w, g)| f64::from(*w) * f64::from(*g)).sum();
+            let slope = product - f64::from(mean[o]) * f64::from(sums[o]);
+            (slope * f64::from(inverse.slopes()[o])) as f32
+        };
+        let gains = (0..channels).map(of_gain).collect();
+        let pairs = gain.storage::<f32>().iter().zip(inverse.slopes());
+        let slopes: Vec<f32> = pairs.map(|(gain, inverse)| gain * inverse).collect();
+        let weight = self::folded(&folded, &slopes);
+        (grad, weight, vector(gains), vector(sums))
+    }
+
+    fn conv_norm_backward_input(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        gain: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: ConvNormSpec,
+    ) -> FloatTensor<Self> {
+        if x.dtype() != DType::F32 {
+            return Self::conv_backward_input(x, weight, grad, spec.conv);
+        }
+        let [weight, gain, variance] = [weight, gain, variance].map(|t| t.to_contiguous());
+        let (gain, variance) = (gain.storage::<f32>(), variance.storage());
+        let zeros = vec![0.0; gain.len()];
+        let lines = Lines::new(gain, &zeros, &zeros, variance, spec.epsilon);
+        Self::conv_backward_input(x, folded(&weight, lines.slopes()), grad, spec.conv)
+    }
+}

@@ -1,0 +1,184 @@
+//! A convolution and the batch normalisation that follows it, with fixed statistics, as one burn extension op. On flex
+//! the normalisation is folded into the weights, forward and backward: no pass over memory is its own.
+
+mod autodiff;
+mod flex;
+#[cfg(test)]
+mod tests;
+
+use super::conv::{ConvBackend, ConvSpec};
+use super::norm::{NormBackend, NormSpec};
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::tensor::Tensor;
+
+/// What a convolution with a normalisation does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConvNormSpec {
+    /// Of the convolution.
+    pub conv: ConvSpec,
+    /// Added to the variance.
+    pub epsilon: f64,
+    /// Cuts the output off below 0.
+    pub relu: bool,
+}
+
+impl ConvNormSpec {
+    fn norm(self) -> NormSpec {
+        NormSpec {
+            epsilon: self.epsilon,
+            relu: self.relu,
+            own: false,
+        }
+    }
+}
+
+/// The gain, shift, mean and variance of a normalisation, `[channels]` each.
+#[derive(Clone, Debug)]
+pub struct Fixed {
+    /// Multiplies what has mean 0 and variance 1.
+    pub gain: Tensor<1>,
+    /// Is added then.
+    pub shift: Tensor<1>,
+    /// Not differentiated.
+    pub mean: Tensor<1>,
+    /// Not differentiated.
+    pub variance: Tensor<1>,
+}
+
+/// Backends that convolve and normalise; the defaults do one after the other, the plain reference.
+#[backend_extension(
+    Autodiff,
+    Flex,
+    NdArray: cfg(feature = "ndarray"),
+    Cube: cfg(feature = "wgpu"),
+)]
+#[expect(clippy::too_many_arguments, reason = "the tensors of two layers")]
+pub trait ConvNormBackend: Backend + ConvBackend + NormBackend {
+    /// The output `[b, h', w', o]`, and what the backward pass is to be given.
+    fn conv_norm(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        gain: FloatTensor<Self>,
+        shift: FloatTensor<Self>,
+        mean: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        spec: ConvNormSpec,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        reference::<Self>(x, weight, gain, shift, mean, variance, spec)
+    }
+
+    /// From the gradient of the output: a gradient for [`ConvNormBackend::conv_norm_backward_input`], and those of weight,
+    /// gain and shift.
+    fn conv_norm_backward(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        gain: FloatTensor<Self>,
+        shift: FloatTensor<Self>,
+        mean: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        kept: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: ConvNormSpec,
+    ) -> (
+        FloatTensor<Self>,
+        FloatTensor<Self>,
+        FloatTensor<Self>,
+        FloatTensor<Self>,
+    ) {
+        reference_backward::<Self>(x, weight, gain, shift, mean, variance, kept, grad, spec)
+    }
+
+    /// The gradient of the input from what [`ConvNormBackend::conv_norm_backward`] hands on.
+    fn conv_norm_backward_input(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        gain: FloatTensor<Self>,
+        variance: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        spec: ConvNormSpec,
+    ) -> FloatTensor<Self> {
+        let _ = (gain, variance);
+        Self::conv_backward_input(x, weight, grad, spec.conv)
+    }
+}
+
+/// One after the other; what is between them is kept.
+fn reference<B: ConvNormBackend>(
+    x: FloatTensor<B>,
+    weight: FloatTensor<B>,
+    gain: FloatTensor<B>,
+    shift: FloatTensor<B>,
+    mean: FloatTensor<B>,
+    variance: FloatTensor<B>,
+    spec: ConvNormSpec,
+) -> (FloatTensor<B>, FloatTensor<B>) {
+    let between = B::conv(x, weight, spec.conv);
+    let output = B::normalise(between.clone(), gain, shift, mean, variance, spec.norm());
+    (output, between)
+}
+
+/// The backward pass of the reference.
+#[expect(clippy::too_many_arguments, reason = "the tensors of two layers")]
+fn reference_backward<B: ConvNormBackend>(
+    x: FloatTensor<B>,
+    weight: FloatTensor<B>,
+    gain: FloatTensor<B>,
+    shift: FloatTensor<B>,
+    mean: FloatTensor<B>,
+    variance: FloatTensor<B>,
+    between: FloatTensor<B>,
+    grad: FloatTensor<B>,
+    spec: ConvNormSpec,
+) -> (
+    FloatTensor<B>,
+    FloatTensor<B>,
+    FloatTensor<B>,
+    FloatTensor<B>,
+) {
+    let norm = spec.norm();
+    let (grad, gain, shift) =
+        B::normalise_backward(between, gain, shift, mean, variance, grad, norm);
+    let weight = B::conv_backward_weight(x, weight, grad.clone(), spec.conv);
+    (grad, weight, gain, shift)
+}
+
+#[cfg(feature = "ndarray")]
+impl ConvNormBackend for burn_ndarray::NdArray {}
+
+#[cfg(feature = "wgpu")]
+impl ConvNormBackend for burn_cubecl::CubeBackend {}
+
+/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]` and normalises the outputs; differentiable
+/// in `x`, `weight`, gain and shift.
+pub fn conv_norm(x: Tensor<4>, weight: Tensor<4>, fixed: Fixed, spec: ConvNormSpec) -> Tensor<4> {
+    let (output, _) = Dispatch::conv_norm(
+        x.into_dispatch(),
+        weight.into_dispatch(),
+        fixed.gain.into_dispatch(),
+        fixed.shift.into_dispatch(),
+        fixed.mean.into_dispatch(),
+        fixed.variance.into_dispatch(),
+        spec,
+    );
+    Tensor::from_dispatch(output)
+}
+
+/// The same for the rows of `x [rows, in]` and `weight [in, out]`.
+pub fn linear_norm(
+    x: Tensor<2>,
+    weight: Tensor<2>,
+    fixed: Fixed,
+    epsilon: f64,
+    relu: bool,
+) -> Tensor<2> {
+    let ([rows, inputs], [_, outputs]) = (x.dims(), weight.dims());
+    let weight = weight.transpose().reshape([outputs, inputs, 1, 1]);
+    let image = x.reshape([1, 1, rows, inputs]);
+    let spec = ConvNormSpec {
+        conv: ConvSpec::pointwise(),
+        epsilon,
+        relu,
+    };
+    conv_norm(image, weight, fixed, spec).reshape([rows, outputs])
+}
