@@ -4,16 +4,19 @@
 Trains one variant after the other from the same seed, measures each on test frames, and prints a
 table. What exists is not done again: stop and go on as you like. Variants of `nyu-affinities.toml` and
 `nyu-joint.toml` judge edges and start from weights with basis functions; those of `nyu-half.toml` learn
-basis functions.
+basis functions; those of `nyu-distill.toml`, "further", start from the weights `default`, some with the weights `anything` as
+their teacher. FRAMES/SET/FRAME.jpg and FRAME_depth.png are the other frames of one of them.
 
-    python3 scripts/ablation.py --root NYU_TREE --steps 1000 --start WEIGHTS -o ablation
+    python3 scripts/ablation.py --root NYU_TREE --more FRAMES --steps 1000 --start WEIGHTS -o ablation
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 -o ablation --only 'bases;N=16'
+    python3 scripts/ablation.py --root NYU_TREE --more FRAMES --steps 300 -o ablation --points 500 50 5 --only further
     python3 scripts/ablation.py --list
 
 Needs Python 3.11 and nothing else.
 """
 
 import argparse
+import contextlib
 import json
 import subprocess
 import sys
@@ -57,6 +60,27 @@ MEDIUM = {
     "branch": 32,
     "merge": 128,
 }
+# The stages of the taught network that add context to the features.
+CONTEXT = [
+    {"width": 96, "blocks": 1},
+    {"width": 128, "blocks": 2},
+    {"width": 192, "blocks": 2},
+]
+# Stand for what is given on the command line.
+FRAMES, FEWER = "FRAMES", "FEWER"
+OTHERS = {
+    "dataset": "folder",
+    "root": FRAMES,
+    "share": 0.4,
+    "folder": {"rgb": "{set}/{frame}.jpg", "depth": "{set}/{frame}_depth.png"},
+}
+FLAWS = {
+    "shrink": 0.7,
+    "grey": 0.1,
+    "blur": {"chance": 0.2, "most": 1.5},
+    "noise": {"chance": 0.2, "most": 8.0},
+    "compression": {"chance": 0.2, "most": 60.0},
+}
 # Rendered at the size that images of half the size are read at.
 ROOMS = {"dataset": "rooms", "rooms": {"train": 800, "width": 160, "height": 120}}
 
@@ -92,6 +116,19 @@ def edges(**changes: dict) -> Variant:
 
 def bases(after: str = "", **changes: dict) -> Variant:
     return Variant("nyu-half", changes, after)
+
+
+def further(**changes: dict) -> Variant:
+    network = {"affinities": 16, "mean": True, "extractor": {"context": CONTEXT}}
+    # New views: what is kept of two of each frame would say little of augmentation.
+    train = {"views": 0, "freeze_statistics": 0.0, "average": 0.98, "teacher": None}
+    train |= loss(teacher_affinities=0.0, teacher_span=0.0)
+    return Variant("nyu-distill", laid_over({"network": network, "train": train}, changes))
+
+
+def from_teacher(target: str = "measured", **weights: float) -> Variant:
+    teacher = {"weights": "anything", "folder": "answers", "target": target}
+    return further(train={"teacher": teacher, **loss(**weights)})
 
 
 def functions(count: int) -> Variant:
@@ -139,6 +176,17 @@ VARIANTS = {
     "no position": bases(network={"octaves": 0}),
     "raw position": bases(network={"octaves": 1}),
     **{f"E={e}": bases(network={"octaves": e}) for e in (3, 4, 6, 7, 8)},
+    "default": Variant(weights="default"),
+    "further": further(),
+    "further, affinities of the teacher": from_teacher(teacher_affinities=0.01),
+    "further, functions of the teacher": from_teacher(teacher_span=0.05),
+    "further, affinities and functions": from_teacher(teacher_affinities=0.01, teacher_span=0.05),
+    "further, depths of the teacher": from_teacher("all"),
+    "further, other frames too": further(data={"more": [OTHERS]}),
+    "further, a third of the frames": further(data={"root": FEWER}),
+    "further, no context": further(network={"extractor": {"context": []}}),
+    "further, images with flaws": further(train={"augment": FLAWS}),
+    "further, fits of 200 points and more": further(train={"supervision": {"fewest": 200}}),
 }
 
 
@@ -160,17 +208,40 @@ def toml(table: dict, name: str = "") -> str:
     return text
 
 
+def fewer(args: argparse.Namespace) -> Path:
+    """Links to every third frame of the first dataset's training frames."""
+    folder = args.output / "fewer"
+    train = Path(args.root, "train").resolve()
+    for image in sorted(train.glob("*/*.jpg"))[::3]:
+        for file in (image, image.with_name(f"{image.stem}_depth.png")):
+            link = folder / "train" / file.relative_to(train)
+            link.parent.mkdir(parents=True, exist_ok=True)
+            # Another task may have made it.
+            with contextlib.suppress(FileExistsError):
+                link.symlink_to(file)
+    return folder
+
+
 def settings(args: argparse.Namespace, variant: Variant) -> dict:
     base = tomllib.loads((ROOT / f"configs/{variant.config}.toml").read_text())
     base.pop("preset")
     base["network"] = NETWORK
     base["data"]["root"] = str(args.root)
     common = {"train": {"steps": args.steps, "measure_every": args.steps, "calibrate": True}}
-    if "start" in base["train"]:
+    if variant.config == "nyu-distill":
+        common["train"]["calibrate"] = False
+    elif "start" in base["train"]:
         common["train"]["start"] = args.start
     if variant.after:
         common["train"]["start"] = str(weights_of(args, variant.after))
-    return laid_over(laid_over(base, common), variant.changes)
+    merged = laid_over(laid_over(base, common), variant.changes)
+    if "teacher" in merged["train"]:
+        merged["train"]["teacher"]["folder"] = str(args.output / "answers")
+    data = merged["data"]
+    if data["root"] == FEWER:
+        data["root"] = str(fewer(args))
+    data["more"] = [{**other, "root": str(args.more)} for other in data.get("more", [])]
+    return merged
 
 
 def folder_of(args: argparse.Namespace, name: str) -> Path:
@@ -190,11 +261,15 @@ def calibrated_start(args: argparse.Namespace) -> Path:
 def weights_of(args: argparse.Namespace, name: str) -> Path:
     if name == "start":
         return calibrated_start(args)
+    if name == "default":
+        return Path(name)
     variant = VARIANTS[name]
     if variant.weights:
         return weights_of(args, variant.weights)
     folder = folder_of(args, name)
-    weights = folder / "run/weights.safetensors"
+    # The prior of those that suggest a depth by themselves is learned from the frames that it is for.
+    calibrated = variant.config == "nyu-distill"
+    weights = folder / ("calibrated.safetensors" if calibrated else "run/weights.safetensors")
     if weights.exists():
         return weights
     folder.mkdir(parents=True, exist_ok=True)
@@ -205,7 +280,12 @@ def weights_of(args: argparse.Namespace, name: str) -> Path:
     else:
         config.write_text(toml(settings(args, variant)))
         run += ["--config", config, "-o", folder / "run"]
-    subprocess.run(run, check=True, stdout=sys.stderr)
+    if not (folder / "run/weights.safetensors").exists():
+        subprocess.run(run, check=True, stdout=sys.stderr)
+    if calibrated:
+        command = [args.program, "calibrate", "--dataset", "nyu", "--root", fewer(args), "--weights",
+                   folder / "run/weights.safetensors", "-o", weights]
+        subprocess.run(command, check=True, stdout=sys.stderr)
     return weights
 
 
@@ -215,7 +295,7 @@ def measure(args: argparse.Namespace, name: str, points: int) -> dict:
         weights = weights_of(args, name)
         report.parent.mkdir(parents=True, exist_ok=True)
         command = [args.program, "eval", "--dataset", "nyu", "--root", args.root, "--weights",
-                   weights, "--points", str(points), "--method", "lsdc", "--json", report,
+                   weights, "--points", f"exactly:{points}", "--method", "lsdc", "--json", report,
                    *VARIANTS[name].flags]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     frames = json.loads(report.read_text())["frames"]
@@ -225,10 +305,12 @@ def measure(args: argparse.Namespace, name: str, points: int) -> dict:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--root", help="tree of NYU Depth v2 with train and val")
+    parser.add_argument("--more", help="frames of other datasets, SET/FRAME.jpg and SET/FRAME_depth.png")
     parser.add_argument("--steps", type=int, default=1000, help="of each variant")
     parser.add_argument("--start", help="weights that those that judge edges start from")
     parser.add_argument("--only", help="names of variants, with semicolons [default: all]")
     parser.add_argument("--task", type=int, help="only the variant with this number in --list")
+    parser.add_argument("--points", type=int, nargs="+", default=[500, 50])
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--program", default=str(ROOT / "target/release/lsdc"))
     parser.add_argument("-o", "--output", type=Path, default=Path("ablation"))
@@ -245,12 +327,16 @@ def main() -> None:
         names = [trained[args.task]]
     if not args.root:
         parser.error("--root is needed")
-    if not args.start and any(VARIANTS[n].config != "nyu-half" for n in names):
+    own = ("nyu-half", "nyu-distill")
+    if not args.start and any(VARIANTS[n].config not in own for n in names):
         parser.error("--start is needed")
-    print("| variant | RMSE 500 | REL 500 | RMSE 50 | REL 50 |\n|---|---|---|---|---|")
+    if not args.more and any(VARIANTS[n].changes.get("data", {}).get("more") for n in names):
+        parser.error("--more is needed")
+    heads = [f"RMSE {n} | REL {n}" for n in args.points]
+    print(f"| variant | {' | '.join(heads)} |\n|---|" + "---|---|" * len(args.points))
     for name in names:
-        many, few = measure(args, name, 500), measure(args, name, 50)
-        cells = [many["rmse"], many["rel"], few["rmse"], few["rel"]]
+        means = [measure(args, name, count) for count in args.points]
+        cells = [mean[metric] for mean in means for metric in ("rmse", "rel")]
         print(f"| {name} | " + " | ".join(f"{v:.4f}" for v in cells) + " |", flush=True)
 
 
