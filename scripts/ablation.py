@@ -328,9 +328,10 @@ def main() -> None:
     if not args.root:
         parser.error("--root is needed")
     own = ("nyu-half", "nyu-distill")
-    if not args.start and any(VARIANTS[n].config not in own for n in names):
+    variants = [VARIANTS[name] for name in names if VARIANTS[name].weights != "default"]
+    if not args.start and any(variant.config not in own for variant in variants):
         parser.error("--start is needed")
-    if not args.more and any(VARIANTS[n].changes.get("data", {}).get("more") for n in names):
+    if not args.more and any(variant.changes.get("data", {}).get("more") for variant in variants):
         parser.error("--more is needed")
     heads = [f"RMSE {n} | REL {n}" for n in args.points]
     print(f"| variant | {' | '.join(heads)} |\n|---|" + "---|---|" * len(args.points))

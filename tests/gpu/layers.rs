@@ -3,6 +3,7 @@
 use crate::{gpu, off};
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc::ops::conv::{ConvSpec, conv2d};
+use lsdc::ops::conv_norm::{ConvNormSpec, Fixed, conv_norm};
 use lsdc::ops::interpolate::{Cell, interpolate};
 use lsdc::ops::norm::{NormSpec, moments, normalise};
 use lsdc_rng::Rng;
@@ -112,6 +113,53 @@ fn normalisation_agrees() {
                 all
             });
         }
+    }
+}
+
+#[test]
+fn convolutions_with_normalisation_agree() {
+    let layers = [
+        ([3, 5], 3, ConvSpec::same(1)),
+        ([17, 33], 1, ConvSpec::pointwise()),
+    ];
+    for (([inputs, outputs], taps, conv), relu) in layers
+        .into_iter()
+        .flat_map(|layer| [true, false].map(|relu| (layer, relu)))
+    {
+        let spec = ConvNormSpec {
+            conv,
+            epsilon: 1e-5,
+            relu,
+        };
+        check(&format!("{spec:?}"), 1e-4, |device, dtype| {
+            let x = tensor([2, 13, 9, inputs], ("x", 0.3), device, dtype).require_grad();
+            let weight = tensor(
+                [outputs, inputs, taps, taps],
+                ("weight", 0.0),
+                device,
+                dtype,
+            );
+            let weight = weight.require_grad();
+            let vector = |name, mean| tensor([outputs], (name, mean), device, dtype);
+            let gain = vector("gain", 0.5).require_grad();
+            let shift = vector("shift", 0.2).require_grad();
+            let fixed = Fixed {
+                gain: gain.clone(),
+                shift: shift.clone(),
+                mean: vector("mean", 0.0),
+                variance: vector("variance", 0.0).abs() + 0.5,
+            };
+            let y = conv_norm(x.clone(), weight.clone(), fixed, spec);
+            let along = tensor(y.dims(), ("along", 0.0), device, dtype);
+            let gradients = (y.clone() * along).sum().backward();
+            vec![
+                read(y.into_data()),
+                read(x.grad(&gradients).unwrap().into_data()),
+                read(weight.grad(&gradients).unwrap().into_data()),
+                read(gain.grad(&gradients).unwrap().into_data()),
+                read(shift.grad(&gradients).unwrap().into_data()),
+            ]
+        });
     }
 }
 
