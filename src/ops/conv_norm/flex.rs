@@ -79,24 +79,23 @@ impl ConvNormBackend for Flex {
             Some(values) => FlexTensor::from_data(TensorData::new(values, grad.shape().to_vec())),
             None => grad,
         };
-        let folded = Self::conv_backward_weight(x, weight.clone(), grad.clone(), spec.conv);
         // y = s W x + (shift - s mean), s = gain / deviation.
-        let (mean, variance) = (mean.storage::<f32>(), variance.storage::<f32>());
-        let (ones, zeros) = (vec![1.0; channels], vec![0.0; channels]);
-        let inverse = Lines::new(&ones, &zeros, mean, variance, spec.epsilon);
-        let (weights, by_slope) = (weight.storage::<f32>(), folded.storage::<f32>());
+        let of_folded = Self::conv_backward_weight(x, weight.clone(), grad.clone(), spec.conv);
+        let means = mean.storage::<f32>();
+        let standard = Lines::standard(means, variance.storage(), spec.epsilon);
+        let (weights, products) = (weight.storage::<f32>(), of_folded.storage::<f32>());
         let size = weights.len() / channels.max(1);
         let of_gain = |o: usize| {
             let of = o * size..(o + 1) * size;
-            let pairs = weights[of.clone()].iter().zip(&by_slope[of]);
+            let pairs = weights[of.clone()].iter().zip(&products[of]);
             let product: f64 = pairs.map(|(w, g)| f64::from(*w) * f64::from(*g)).sum();
-            let slope = product - f64::from(mean[o]) * f64::from(sums[o]);
-            (slope * f64::from(inverse.slopes()[o])) as f32
+            let slope = product - f64::from(means[o]) * f64::from(sums[o]);
+            (slope * f64::from(standard.slopes()[o])) as f32
         };
         let gains = (0..channels).map(of_gain).collect();
-        let pairs = gain.storage::<f32>().iter().zip(inverse.slopes());
+        let pairs = gain.storage::<f32>().iter().zip(standard.slopes());
         let slopes: Vec<f32> = pairs.map(|(gain, inverse)| gain * inverse).collect();
-        let weight = self::folded(&folded, &slopes);
+        let weight = folded(&of_folded, &slopes);
         (grad, weight, vector(gains), vector(sums))
     }
 
