@@ -122,13 +122,15 @@ def further(**changes: dict) -> Variant:
     network = {"affinities": 16, "mean": True, "extractor": {"context": CONTEXT}}
     # New views: what is kept of two of each frame would say little of augmentation.
     train = {"views": 0, "freeze_statistics": 0.0, "average": 0.98, "teacher": None}
+    # Trained affinities forget more than they learn.
+    train |= {"part": "bases", "learning_rate": 1.5e-3}
     train |= loss(teacher_affinities=0.0, teacher_span=0.0)
     return Variant("nyu-distill", laid_over({"network": network, "train": train}, changes))
 
 
-def from_teacher(target: str = "measured", **weights: float) -> Variant:
+def from_teacher(target: str = "measured", part: str = "bases", **weights: float) -> Variant:
     teacher = {"weights": "anything", "folder": "answers", "target": target}
-    return further(train={"teacher": teacher, **loss(**weights)})
+    return further(train={"teacher": teacher, "part": part, **loss(**weights)})
 
 
 def functions(count: int) -> Variant:
@@ -178,9 +180,10 @@ VARIANTS = {
     **{f"E={e}": bases(network={"octaves": e}) for e in (3, 4, 6, 7, 8)},
     "default": Variant(weights="default"),
     "further": further(),
-    "further, affinities of the teacher": from_teacher(teacher_affinities=0.01),
+    "further, affinities too": further(train={"part": "all"}),
+    "further, a higher rate": further(train={"learning_rate": 4e-3}),
     "further, functions of the teacher": from_teacher(teacher_span=0.05),
-    "further, affinities and functions": from_teacher(teacher_affinities=0.01, teacher_span=0.05),
+    "further, affinities too, of the teacher": from_teacher(part="all", teacher_affinities=0.01),
     "further, depths of the teacher": from_teacher("all"),
     "further, other frames too": further(data={"more": [OTHERS]}),
     "further, a third of the frames": further(data={"root": FEWER}),
