@@ -45,6 +45,7 @@ fn cases() -> Vec<Case> {
         case("320-128", QUARTER, 320, 128, 3, same(1)),
         case("512-128 1x1", FULL, 512, 128, 1, ConvSpec::pointwise()),
         case("128-128 1x1", FULL, 128, 128, 1, ConvSpec::pointwise()),
+        case("16-16 full", FULL, 16, 16, 3, same(1)),
         case("16-16", HALF, 16, 16, 3, same(1)),
         case("32-32 quarter", QUARTER, 32, 32, 3, same(1)),
         case("160-64", QUARTER, 160, 64, 3, same(1)),
@@ -92,18 +93,19 @@ fn forward(criterion: &mut Criterion) {
     }
 }
 
-/// Both gradients of two images, kernel by kernel.
+/// Both gradients of four images, as a training step has them, kernel by kernel.
 fn backward(criterion: &mut Criterion) {
+    const BATCH: usize = 4;
     keep_pages();
     let scratch = Scratch::new();
     let level = Level::here();
     for part in ["inputs", "weights"] {
-        let mut group = criterion.benchmark_group(format!("gradient of {part}, batch 2"));
+        let mut group = criterion.benchmark_group(format!("gradient of {part}, batch {BATCH}"));
         group.sample_size(20);
         for case in cases() {
             let [height, width] = case.size;
             let shape = Shape {
-                batch: 2,
+                batch: BATCH,
                 height,
                 width,
                 channels: case.channels,
@@ -111,13 +113,13 @@ fn backward(criterion: &mut Criterion) {
                 taps: case.taps,
                 spec: case.spec,
             };
-            let x = random(2 * height * width * case.channels);
+            let x = random(BATCH * height * width * case.channels);
             let weights = random(case.outputs * shape.depth());
             let grad = random(shape.out_pixels() * case.outputs);
             let Throughput::Elements(products) = case.products() else {
                 continue;
             };
-            group.throughput(Throughput::Elements(2 * products));
+            group.throughput(Throughput::Elements(BATCH as u64 * products));
             group.bench_function(case.name, |bencher| {
                 bencher.iter(|| match part {
                     "inputs" => conv::input_gradient(level, &weights, &grad, &shape, &scratch),

@@ -31,11 +31,12 @@ pub fn gather(tables: &[f32], channels: usize, cells: &[Vec<Cell>]) -> Vec<f32> 
     assert!(cells.iter().all(|list| list.len() == count), "cells");
     let whole = (count * channels).max(1);
     let write = |output: &mut Unset| {
-        let tables = tables.par_chunks(size.max(1)).zip(cells);
-        let outputs = output.par_chunks_mut(whole).zip(tables);
-        outputs.for_each(|(output, (table, cells))| gather_one(table, channels, cells, output));
+        let outputs = output.par_chunks_mut(whole).zip(cells).enumerate();
+        outputs.for_each(|(i, (output, cells))| {
+            gather_one(&tables[i * size..][..size], channels, cells, output);
+        });
     };
-    // SAFETY: every row of every list is set.
+    // SAFETY: every row of every list is set, or its table lacks it and there is no result.
     unsafe { written(cells.len() * count * channels, write) }
 }
 
@@ -83,4 +84,26 @@ fn check(table: &[f32], channels: usize) {
         "{} values are not rows of {channels} channels",
         table.len()
     );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_that_a_table_lacks_are_refused() {
+        let cell = Cell {
+            rows: [0, 0, 1, 1],
+            shares: [0.5, 0.5, 1.0, 0.0],
+        };
+        let refused = |tables: Vec<f32>, cells: Vec<Vec<Cell>>| {
+            std::panic::catch_unwind(move || gather(&tables, 2, &cells)).is_err()
+        };
+        let tables = [1.0, 2.0, 10.0, 20.0, 3.0, 4.0, 30.0, 40.0];
+        let cells = [vec![cell], vec![cell]];
+        assert_eq!(gather(&tables, 2, &cells), [11.0, 22.0, 33.0, 44.0]);
+        assert!(refused(vec![1.0, 2.0], vec![vec![cell]]));
+        assert!(refused(vec![], vec![vec![cell]]));
+        assert!(refused(vec![0.0; 8], vec![vec![cell], vec![]]));
+    }
 }

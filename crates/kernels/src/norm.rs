@@ -210,57 +210,58 @@ impl Backward<'_> {
     }
 }
 
-/// Of a gradient `grad [rows, channels]`, what passes the ReLU with these outputs (nothing new without one), and its
-/// sum over the rows, per channel.
+/// Where the `outputs [rows, channels]` of a ReLU are above 0, their gradient `grad`, else 0; and the sums of that over
+/// the rows, per channel.
 ///
 /// # Panics
 /// If `grad` is not rows of `channels`, or there are not as many outputs.
-pub fn passed(
-    outputs: Option<&[f32]>,
-    grad: &[f32],
-    channels: usize,
-) -> (Option<Vec<f32>>, Vec<f32>) {
+pub fn passed(outputs: &[f32], grad: &[f32], channels: usize) -> (Vec<f32>, Vec<f32>) {
     check(grad, channels);
-    assert!(outputs.is_none_or(|o| o.len() == grad.len()), "gradient");
+    assert_eq!(outputs.len(), grad.len(), "gradient");
     let size = piece(channels);
-    let sum = |grad: &[f32]| sums(grad, channels, Term::Values).0;
-    let mut passed = None;
-    let parts: Vec<Vec<f32>> = match outputs {
-        None => pieces(grad, channels).map(sum).collect(),
-        Some(outputs) => {
-            let mut parts = Vec::new();
-            // SAFETY: the pieces make up the whole.
-            passed = Some(unsafe {
-                written(grad.len(), |to| {
-                    let from = grad.par_chunks(size).zip(outputs.par_chunks(size));
-                    let to = to.par_chunks_mut(size).zip(from);
-                    let part = |(to, (grad, outputs)): (&mut Unset, (&[f32], &[f32]))| {
-                        let kernel = Mapping {
-                            x: outputs,
-                            y: grad,
-                            channels,
-                            job: Map::Passed,
-                            output: Shared::unset(to),
-                        };
-                        // All slices have the lengths that the kernel relies on; then all floats are set.
-                        Level::here().run(kernel);
-                        sum(std::slice::from_raw_parts(to.as_ptr().cast(), to.len()))
-                    };
-                    parts = to.map(part).collect();
-                })
-            });
-            parts
-        }
+    let mut parts = Vec::new();
+    let write = |to: &mut Unset| {
+        let from = grad.par_chunks(size).zip(outputs.par_chunks(size));
+        let part = |(to, (grad, outputs)): (&mut Unset, (&[f32], &[f32]))| {
+            let kernel = Mapping {
+                x: outputs,
+                y: grad,
+                channels,
+                job: Map::Passed,
+                output: Shared::unset(to),
+            };
+            // SAFETY: all slices have the lengths that the kernel relies on, and it sets every float.
+            let to = unsafe {
+                Level::here().run(kernel);
+                std::slice::from_raw_parts(to.as_ptr().cast(), to.len())
+            };
+            sums(to, channels, Term::Values).0
+        };
+        parts = to.par_chunks_mut(size).zip(from).map(part).collect();
     };
+    // SAFETY: the pieces make up the whole.
+    let passed = unsafe { written(grad.len(), write) };
+    (passed, added(parts, channels))
+}
+
+/// The sums of `x [rows, channels]` over the rows, per channel.
+///
+/// # Panics
+/// If `x` is not rows of `channels`.
+pub fn row_sums(x: &[f32], channels: usize) -> Vec<f32> {
+    check(x, channels);
+    let parts = pieces(x, channels).map(|piece| sums(piece, channels, Term::Values).0);
+    added(parts.collect(), channels)
+}
+
+/// The sums of pieces, in their order.
+fn added(parts: Vec<Vec<f32>>, channels: usize) -> Vec<f32> {
     let mut totals = vec![0.0_f64; channels];
     for part in parts {
         let pairs = totals.iter_mut().zip(part);
         pairs.for_each(|(total, value)| *total += f64::from(value));
     }
-    (
-        passed,
-        totals.into_iter().map(|total| total as f32).collect(),
-    )
+    totals.into_iter().map(|total| total as f32).collect()
 }
 
 fn pieces(x: &[f32], channels: usize) -> impl IndexedParallelIterator<Item = &[f32]> {

@@ -159,7 +159,8 @@ pub(in crate::cli) struct Bench {
     #[arg(long)]
     pub(in crate::cli) full: bool,
     /// Time training steps instead, on procedural rooms: those of --config, or of the network of the weights by the
-    /// paper's settings (two images, every pixel in the loss).
+    /// paper's settings (two images, every pixel in the loss). Batch normalisation has fixed statistics if most steps of
+    /// the run would.
     #[arg(long, conflicts_with_all = ["full", "points"])]
     pub(in crate::cli) training: bool,
     #[command(flatten)]

@@ -7,7 +7,7 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Flex, TensorMetadata as _};
 use burn::tensor::{DType, TensorData};
 use burn_flex::FlexTensor;
-use lsdc_kernels::norm::{Lines, passed};
+use lsdc_kernels::norm::{Lines, passed, row_sums};
 
 /// Weights `[outputs, ..]`, those of each output multiplied by its slope.
 fn folded(weight: &FlexTensor, slopes: &[f32]) -> FlexTensor {
@@ -73,11 +73,13 @@ impl ConvNormBackend for Flex {
         let [weight, gain, mean, variance, output, grad] =
             [weight, gain, mean, variance, kept, grad].map(|t| t.to_contiguous());
         let channels = gain.storage::<f32>().len();
-        let outputs = spec.relu.then(|| output.storage::<f32>());
-        let (passed, sums) = passed(outputs, grad.storage(), channels);
-        let grad = match passed {
-            Some(values) => FlexTensor::from_data(TensorData::new(values, grad.shape().to_vec())),
-            None => grad,
+        let (grad, sums) = if spec.relu {
+            let (values, sums) = passed(output.storage(), grad.storage(), channels);
+            let values = TensorData::new(values, grad.shape().to_vec());
+            (FlexTensor::from_data(values), sums)
+        } else {
+            let sums = row_sums(grad.storage(), channels);
+            (grad, sums)
         };
         // y = s W x + (shift - s mean), s = gain / deviation.
         let of_folded = Self::conv_backward_weight(x, weight.clone(), grad.clone(), spec.conv);

@@ -81,6 +81,8 @@ fn folded_layers_agree_with_one_layer_after_the_other() {
         ([1, 30, 41, 17, 33, 3], ConvSpec::same(2)),
         ([2, 21, 18, 8, 16, 3], ConvSpec::halving()),
         ([3, 40, 50, 6, 4, 1], ConvSpec::pointwise()),
+        // More outputs than one piece of a sum.
+        ([2, 61, 70, 6, 17, 1], ConvSpec::pointwise()),
     ] {
         for spec in specs(conv) {
             let arguments = arguments(sizes);
