@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 """Averages the tensors of two weights files of one network: runs that one set off from the other, for example.
 
-    python3 scripts/average.py FIRST SECOND [--share 0.5] -o AVERAGE.safetensors
+    python3 scripts/average.py FIRST SECOND [--share 0.5] [--only PREFIX] -o AVERAGE.safetensors
 
-The share is that of the second, whose settings are kept. A prior is one of the functions that it was learned for:
+The share is that of the second, whose settings are kept. With --only, all tensors but those whose names begin with PREFIX, and
+the settings, are those of the first, and both need only these in common: `--only edges --share 1` takes the affinities
+of the second. A prior is one of the functions that it was learned for:
 `lsdc calibrate --weights AVERAGE.safetensors` must learn another. The average tells what both were made from
 (`lsdc weights info`). Needs numpy.
 """
@@ -45,7 +47,7 @@ def contents(path: Path) -> str:
     return f"{state:016x}"
 
 
-def made(files: list[tuple[Path, dict]], share: float) -> dict:
+def made(files: list[tuple[Path, dict]], share: float, only: str) -> dict:
     """What was done, as lsdc records it."""
     first, second = (json.loads(notes.get("history", "[]")) for _, notes in files)
     # What both have in common is told once.
@@ -55,14 +57,14 @@ def made(files: list[tuple[Path, dict]], share: float) -> dict:
         "program": {},
         "of": [
             {
-                "role": f"averaged, share {part:g}",
+                "role": f"averaged, share {part:g}" + (f" of `{only}`" if only else ""),
                 "weights": str(path),
                 "contents": contents(path),
                 "history": history,
             }
             for (path, _), part, history in zip(files, [1.0 - share, share], histories)
         ],
-        "settings": {"share": share},
+        "settings": {"share": share} | ({"only": only} if only else {}),
         "ended": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
     }
 
@@ -88,20 +90,26 @@ def main() -> None:
     parser.add_argument("second", type=Path)
     parser.add_argument("--share", type=float, default=0.5)
     parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--only", metavar="PREFIX", default="")
     args = parser.parse_args()
     (old, first), (notes, second) = read(args.first), read(args.second)
-    # The mean has the settings of the second; a prior that it does not use, `lsdc calibrate` learns anew.
-    for name in [n for n in first if n.startswith(PRIOR) and n not in second]:
-        print(f"left out: {name}, which {args.second} does not have; calibrate the mean")
-        del first[name]
-    if {n: t.shape for n, t in first.items()} != {n: t.shape for n, t in second.items()}:
+    kept, lent = (args.first, args.second) if args.only else (args.second, args.first)
+    # The mean has the settings of one; a prior that it does not use, `lsdc calibrate` learns anew.
+    ours, others = (first, second) if args.only else (second, first)
+    for name in [n for n in others if n.startswith(PRIOR) and n not in ours]:
+        print(f"left out: {name} of {lent}, which {kept} does not have; calibrate the mean")
+        del others[name]
+    shapes = [{n: t.shape for n, t in f.items() if n.startswith(args.only)} for f in [first, second]]
+    if shapes[0] != shapes[1]:
         parser.error("the tensors of both files must have the same names and shapes")
+    if not shapes[0]:
+        parser.error(f"no tensor begins with `{args.only}`")
     # Only their products could be averaged, whose mean has a higher rank.
-    if any(n.startswith(ADAPTERS) and (first[n] != second[n]).any() for n in second):
+    if any(n.startswith(ADAPTERS) and (first[n] != second[n]).any() for n in shapes[0]):
         parser.error("weights with different adapters of their encoder cannot be averaged")
-    mean = {n: (1.0 - args.share) * first[n] + args.share * second[n] for n in second}
-    record = made([(args.first, old), (args.second, notes)], args.share)
-    write(args.output, {**notes, "history": json.dumps([record])}, mean)
+    mean = {n: (1.0 - args.share) * first[n] + args.share * second[n] for n in shapes[0]}
+    record = made([(args.first, old), (args.second, notes)], args.share, args.only)
+    write(args.output, {**(old if args.only else notes), "history": json.dumps([record])}, {**ours, **mean})
 
 
 if __name__ == "__main__":

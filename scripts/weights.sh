@@ -75,11 +75,12 @@ say() { echo "weights.sh: $*" >&2; }
 
 run_of() { echo "runs/$1/weights.safetensors"; }
 
-# all_frames: also the further frames; fewer_others: these only as 40 % of what is seen.
-all_frames=() fewer_others=()
+# all_frames: also the further frames; fewer_others, few_others: these only as 40 and 15 % of what is seen.
+all_frames=() fewer_others=() few_others=()
 further="dataset = 'folder', root = '$more', folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' }"
 [ -z "$more" ] || all_frames=(--set "data.more=[{ $further }]")
 [ -z "$more" ] || fewer_others=(--set "data.more=[{ share = 0.4, $further }]")
+[ -z "$more" ] || few_others=(--set "data.more=[{ share = 0.15, $further }]")
 all_frames+=(--set "train.features=features")
 
 # train NAME CONFIG OPTION...: a run of the recipe, whose weights are those of `run_of NAME`. They are complete once the
@@ -118,7 +119,7 @@ links() {
   touch third/complete
 }
 
-# finish NAME WEIGHTS: learns the prior, then the distribution of errors, and writes NAME.safetensors in f16, as
+# finish NAME WEIGHTS: learns the prior from all frames, then the distribution of errors from a third, and writes NAME.safetensors in f16, as
 # `lsdc calibrate` always does.
 finish() {
   local name=$1 weights=$2 prior=calibrated/$1.safetensors
@@ -129,7 +130,7 @@ finish() {
   links
   mkdir -p calibrated
   say "$name is calibrated"
-  [ -e "$prior" ] || "$lsdc" calibrate --dataset nyu --root third --weights "$weights" -o "$prior"
+  [ -e "$prior" ] || "$lsdc" calibrate --dataset nyu --root "$nyu" --weights "$weights" -o "$prior"
   "$lsdc" calibrate --only-errors --dataset nyu --root third --weights "$prior" -o "$name.safetensors"
 }
 
@@ -147,13 +148,20 @@ first_small() {
   train small-joint nyu-joint.toml --set preset=small --set train.steps=1200 --set "train.start=$(run_of small-affinities)"
 }
 
-# taught NAME START OPTION...: by `anything`.
+# taught NAME START PRESET: by `anything`, all of it; then the basis functions alone, beside the affinities that it started
+# from, on which other frames do not improve, first with some of these, then with those of NYU.
 taught() {
-  local name=$1 start=$2
-  shift 2
-  train "$name-taught" nyu-distill.toml "${all_frames[@]}" --set "train.start=$start" \
-    --set train.teacher.weights=anything.safetensors --set train.teacher.folder=answers "$@"
-  finish "$name" "$(run_of "$name-taught")"
+  local name=$1 start=$2 preset=$3 own=runs/$1-own-affinities.safetensors
+  local alone=(nyu-anything.toml --set "preset=$preset" --set train.part=bases --set train.average=0.995
+    --set train.freeze_statistics=0.0 --set train.views=0 --set train.loss.balance=0.4)
+  train "$name-taught" nyu-distill.toml "${all_frames[@]}" --set "preset=$preset" --set "train.start=$start" \
+    --set train.teacher.weights=anything.safetensors --set train.teacher.folder=answers
+  [ -e "$own" ] || python3 "$here/average.py" "$(run_of "$name-taught")" "$start" --only edges --share 1 -o "$own"
+  train "$name-bases" "${alone[@]}" "${few_others[@]}" --set "train.start=$own" --set train.steps=2000 \
+    --set train.learning_rate=1.5e-3 --set train.supervision.fewest=20 --set train.seed=6
+  train "$name-last" "${alone[@]}" --set "train.start=$(run_of "$name-bases")" --set train.steps=1300 \
+    --set train.learning_rate=1e-3 --set train.supervision.fewest=60 --set train.seed=7
+  finish "$name" "$(run_of "$name-last")"
 }
 
 # anything: on top of the encoder; first the basis functions, then all, then with more points, then with all numbers of
@@ -181,13 +189,13 @@ make_anything() {
 make_default() {
   make_anything
   first_default
-  taught default "$(run_of joint)"
+  taught default "$(run_of joint)" taught
 }
 
 make_small() {
   make_anything
   first_small
-  taught small "$(run_of small-joint)" --set preset=taught-small
+  taught small "$(run_of small-joint)" taught-small
 }
 
 for name in "${names[@]}"; do "make_$name"; done

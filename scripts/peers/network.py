@@ -86,13 +86,20 @@ def encode(height: int, width: int, octaves: int) -> np.ndarray:
 
 
 def build(weights: str, height: int, width: int) -> onnx.ModelProto:
-    """Image `[1, 3, height, width]` to basis functions `[1, N, height, width]`."""
+    """Image `[1, 3, height, width]` to basis functions `[1, N, height, width]`, after the mean, if there is one."""
     with safe_open(weights, "np") as file:
         config = json.loads(file.metadata()["network"])
     graph = Graph(load_file(weights))
     extractor = config["extractor"]
     half = lambda n: (n + 1) // 2
     h, w = half(half(height)), half(half(width))
+
+    def block(x: str, at: str, stride: int, dilation: int) -> str:
+        y = graph.conv(x, f"{at}.first", stride=stride, dilation=dilation)
+        y = graph.conv(y, f"{at}.second", dilation=dilation, relu=False)
+        if f"{at}.shortcut.conv.weight" in graph.tensors:
+            x = graph.conv(x, f"{at}.shortcut", stride=stride, relu=False)
+        return graph.add("Add", y, x)
 
     x = "image"
     for i in range(3):
@@ -101,14 +108,8 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
     for stage, (name, stride, dilation) in enumerate(
         [("half", 1, 1), ("quarter", 2, 1), ("wide", 1, 1), ("dilated", 1, 2)]
     ):
-        for block in range(extractor["stages"][stage]["blocks"]):
-            at = f"extractor.{name}.{block}"
-            step = stride if block == 0 else 1
-            y = graph.conv(x, f"{at}.first", stride=step, dilation=dilation)
-            y = graph.conv(y, f"{at}.second", dilation=dilation, relu=False)
-            if f"{at}.shortcut.conv.weight" in graph.tensors:
-                x = graph.conv(x, f"{at}.shortcut", stride=step, relu=False)
-            x = graph.add("Add", y, x)
+        for i in range(extractor["stages"][stage]["blocks"]):
+            x = block(x, f"extractor.{name}.{i}", stride if i == 0 else 1, dilation)
         taps.append(x)
     raw, skip = taps[1], taps[3]
     parts = [raw, skip]
@@ -126,6 +127,12 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
     x = graph.add("Concat", *parts, axis=1)
     x = graph.conv(x, "extractor.merge")
     x = graph.plain(x, graph.tensors["extractor.project.weight"], None)
+    y = skip
+    for i, stage in enumerate(extractor.get("context", [])):
+        for j in range(stage["blocks"]):
+            y = block(y, f"extractor.context.{i}.blocks.{j}", 2 if j == 0 else 1, 1)
+        seen = graph.plain(y, graph.tensors[f"extractor.context.{i}.project.weight"], None)
+        x = graph.add("Add", x, graph.resize(seen, h, w, extractor["features"]))
     # Absent in files written before there was any.
     sharpening = extractor.get("sharpening", 0)
     if sharpening > 0:
@@ -144,7 +151,10 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
         slope, offset = graph.line(f"head.hidden.{i}.norm")
         x = graph.plain(x, (weight * slope).T[:, :, None, None], offset, relu=True)
     last = graph.tensors["head.last.weight"].T[:, :, None, None]
-    graph.plain(x, last, None)
+    bases = graph.plain(x, last, None)
+    if config.get("mean"):
+        mean = graph.tensors["head.mean.weight"].T[:, :, None, None]
+        bases = graph.add("Concat", graph.add("Exp", graph.plain(x, mean, None)), bases, axis=1)
     graph.nodes[-1].output[0] = "bases"
 
     tensor = lambda name, channels: helper.make_tensor_value_info(
@@ -154,7 +164,7 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
         graph.nodes,
         "lsdc",
         [tensor("image", 3)],
-        [tensor("bases", config["bases"])],
+        [tensor("bases", config["bases"] + bool(config.get("mean")))],
         graph.constants,
     )
     model = helper.make_model(body, opset_imports=[helper.make_opsetid("", 19)], ir_version=9)

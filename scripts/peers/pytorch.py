@@ -48,8 +48,16 @@ class Unit(nn.Module):
         return functional.relu(x, inplace=True) if self.relu else x
 
 
+def run(stage: nn.ModuleList, x):
+    """Residual blocks, one after the other."""
+    for block in stage:
+        y = block["second"](block["first"](x))
+        x = y + (block["shortcut"](x) if "shortcut" in block else x)
+    return x
+
+
 class Network(nn.Module):
-    """Image `[batch, 3, height, width]` to basis functions `[batch, N, height, width]`."""
+    """Image `[batch, 3, height, width]` to basis functions `[batch, N, height, width]`, after the mean, if there is one."""
 
     def __init__(self, path: str):
         super().__init__()
@@ -67,25 +75,37 @@ class Network(nn.Module):
             keys = ("gain", "shift", "running_mean", "running_variance")
             return {key: tensors[f"{name}.norm.Batch.{key}"] for key in keys}
 
-        self.stem = nn.Sequential(
-            *(unit(f"extractor.stem.{i}", 2 if i == 0 else 1) for i in range(3))
-        )
-        self.stages = nn.ModuleList()
-        for i, (name, stride, dilation) in enumerate(
-            [("half", 1, 1), ("quarter", 2, 1), ("wide", 1, 1), ("dilated", 1, 2)]
-        ):
-            stage = nn.ModuleList()
-            for block in range(extractor["stages"][i]["blocks"]):
-                at = f"extractor.{name}.{block}"
-                step = stride if block == 0 else 1
+        def stage(name: str, blocks: int, stride: int, dilation: int) -> nn.ModuleList:
+            found = nn.ModuleList()
+            for at in (f"{name}.{block}" for block in range(blocks)):
                 parts = {
-                    "first": unit(f"{at}.first", step, dilation),
+                    "first": unit(f"{at}.first", stride, dilation),
                     "second": unit(f"{at}.second", 1, dilation, relu=False),
                 }
                 if f"{at}.shortcut.conv.weight" in tensors:
-                    parts["shortcut"] = unit(f"{at}.shortcut", step, relu=False)
-                stage.append(nn.ModuleDict(parts))
-            self.stages.append(stage)
+                    parts["shortcut"] = unit(f"{at}.shortcut", stride, relu=False)
+                found.append(nn.ModuleDict(parts))
+                stride = 1
+            return found
+
+        self.stem = nn.Sequential(
+            *(unit(f"extractor.stem.{i}", 2 if i == 0 else 1) for i in range(3))
+        )
+        self.stages = nn.ModuleList(
+            stage(f"extractor.{name}", extractor["stages"][i]["blocks"], stride, dilation)
+            for i, (name, stride, dilation) in enumerate(
+                [("half", 1, 1), ("quarter", 2, 1), ("wide", 1, 1), ("dilated", 1, 2)]
+            )
+        )
+        context = extractor.get("context", [])
+        self.context = nn.ModuleList(
+            stage(f"extractor.context.{i}.blocks", own["blocks"], 2, 1)
+            for i, own in enumerate(context)
+        )
+        self.seen = nn.ModuleList(
+            Unit(tensors[f"extractor.context.{i}.project.weight"], None)
+            for i in range(len(context))
+        )
         self.branches = nn.ModuleList(
             unit(f"extractor.branches.{i}") for i in range(len(self.pools))
         )
@@ -108,6 +128,8 @@ class Network(nn.Module):
             )
         )
         self.last = Unit(pointwise(tensors["head.last.weight"]), None)
+        mean = tensors.get("head.mean.weight") if config.get("mean") else None
+        self.mean = None if mean is None else Unit(pointwise(mean), None)
         self.codes = {}
 
     def fold(self) -> "Network":
@@ -126,9 +148,7 @@ class Network(nn.Module):
         x = self.stem(image)
         taps = []
         for stage in self.stages:
-            for block in stage:
-                y = block["second"](block["first"](x))
-                x = y + (block["shortcut"](x) if "shortcut" in block else x)
+            x = run(stage, x)
             taps.append(x)
         raw, skip = taps[1], taps[3]
         parts = [raw, skip]
@@ -138,12 +158,18 @@ class Network(nn.Module):
             )
             parts.append(functional.interpolate(y, raw.shape[2:], mode="bilinear"))
         x = self.project(self.merge(torch.cat(parts, 1)))
+        y = skip
+        for stage, seen in zip(self.context, self.seen):
+            y = run(stage, y)
+            x = x + functional.interpolate(seen(y), x.shape[2:], mode="bilinear")
         if hasattr(self, "mix"):
             x = functional.interpolate(x, taps[0].shape[2:], mode="bilinear")
             x = x + self.sharp(self.mix(x + self.lateral(taps[0])))
         x = functional.interpolate(x, (height, width), mode="bilinear")
         x = torch.cat([x, self.codes[height, width].expand(batch, -1, -1, -1)], 1)
-        return self.last(self.hidden(x))
+        x = self.hidden(x)
+        bases = self.last(x)
+        return bases if self.mean is None else torch.cat([self.mean(x).exp(), bases], 1)
 
 
 def trainer(path: str, height: int, width: int, batch: int, points: int, device: str = "cpu"):
@@ -159,7 +185,8 @@ def trainer(path: str, height: int, width: int, batch: int, points: int, device:
 
     def step() -> None:
         bases = net(image).permute(0, 2, 3, 1).flatten(1, 2)
-        bases = torch.cat([torch.ones_like(bases[..., :1]), bases], 2)
+        if net.mean is None:
+            bases = torch.cat([torch.ones_like(bases[..., :1]), bases], 2)
         at = lambda values: values.gather(1, pixels[..., None].expand(-1, -1, values.shape[2]))
         rows, known = at(bases).double(), at(depth).double()
         normal = rows.mT @ rows

@@ -206,7 +206,8 @@ def check(runs: dict, args: argparse.Namespace, width: int, height: int) -> "num
     low, high = sparse[at].min(), sparse[at].max()
     for name, run in runs.items():
         bases = run(image)[0].astype(np.float64)
-        bases = np.concatenate([np.ones_like(bases[:1]), bases])
+        if not json.loads(record["network"]).get("mean"):
+            bases = np.concatenate([np.ones_like(bases[:1]), bases])
         rows = bases[:, *at].T
         normal = rows.T @ rows
         normal += ridge * np.trace(normal) / len(normal) * np.eye(len(normal))

@@ -34,7 +34,7 @@ static EMBEDDED: [Embedded; 3] = [
     Embedded {
         name: "anything",
         about: "the most accurate of all, on top of a pretrained encoder that is installed apart",
-        bytes: weights::ANYTHING,
+        bytes: include_bytes!("../../assets/weights/anything.safetensors"),
     },
 ];
 

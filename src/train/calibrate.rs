@@ -3,23 +3,25 @@
 
 use super::TrainConfig;
 use super::foresight::{Foresight, foresight};
-use crate::data::{Dataset, Frame};
+use crate::data::{Dataset, DepthMap, Frame};
 use crate::error::{Error, Result};
 use crate::metrics::{Metric, Rules, Scores};
 use crate::predict::{self, scene};
 use crate::sample::{Pattern, Protocol};
 use burn::tensor::Device;
+use image::RgbImage;
+use image::imageops::flip_horizontal;
 use lsdc_core::fit::{
     COUNTS, FitConfig, FitMethod, ImageMoments, KNOTS, Lambda, NoisePrior, Prior, PriorKind,
 };
-use lsdc_core::{Completer, Observations, Weights};
+use lsdc_core::{Completer, Observations, Point, Weights};
 use lsdc_rng as rng;
 use rayon::prelude::*;
 
-/// Training images that a prior is learned from at most.
-const IMAGES: usize = 2000;
-/// Points of each.
-const POINTS: usize = 400;
+/// Training images that a prior is learned from at most, each with its mirror image.
+const IMAGES: usize = 1000;
+/// Points of each, at most.
+const POINTS: usize = 1000;
 /// How many points the size of the covariance counts as much as: images differ.
 const TRUST: f64 = 5.0;
 /// The share of normal errors within one standard deviation.
@@ -82,19 +84,16 @@ pub fn calibrate(
     let total = training.len() + held_out.len();
     let load = |index: usize| frame(frames, index, &config.protocol);
 
-    let mut images = Vec::with_capacity(training.len());
+    let mut images = Vec::with_capacity(2 * training.len());
+    let mut seen = 0;
     for some in training.chunks(rayon::current_num_threads()) {
-        let found: Vec<ImageMoments> = some
+        let found: Vec<[ImageMoments; 2]> = some
             .par_iter()
-            .map(|&index| {
-                let frame = load(index)?;
-                let sparse = Pattern::Exactly(POINTS).draw(&frame, config.seed)?;
-                let scene = scene(&completer, &frame.rgb)?;
-                Ok(scene.moments(&Observations::from_map(&sparse))?)
-            })
+            .map(|&index| moments(&completer, &load(index)?, config.seed))
             .collect::<Result<_>>()?;
-        images.extend(found);
-        progress(images.len(), total);
+        images.extend(found.into_iter().flatten());
+        seen += some.len();
+        progress(seen, total);
     }
     let prior = Prior::learn(&images)?;
     let unknown = NoisePrior {
@@ -151,7 +150,7 @@ pub fn calibrate(
                 ratios.push(f64::from((depth - truth).abs() / deviation));
             }
         }
-        progress(images.len() + done + 1, total);
+        progress(seen + done + 1, total);
     }
     let noise = NoisePrior {
         deviation: Some(deviation(&lambdas).max(0.3)),
@@ -169,6 +168,27 @@ pub fn calibrate(
         return Ok(foresight.held);
     }
     Ok(None)
+}
+
+/// What the prior is learned from, of a frame and of its mirror image.
+fn moments(completer: &Completer, frame: &Frame, seed: u64) -> Result<[ImageMoments; 2]> {
+    let sparse = Pattern::Exactly(POINTS).draw(frame, seed)?;
+    let (width, height) = (sparse.width(), sparse.height());
+    let opposite = |point: Point| Point {
+        x: width - 1 - point.x,
+        ..point
+    };
+    let opposites: Vec<Point> = sparse.points().map(opposite).collect();
+    let of = |rgb: &RgbImage, sparse: &DepthMap| -> Result<ImageMoments> {
+        Ok(scene(completer, rgb)?.moments(&Observations::from_map(sparse))?)
+    };
+    Ok([
+        of(&frame.rgb, &sparse)?,
+        of(
+            &flip_horizontal(&frame.rgb),
+            &DepthMap::from_points(width, height, &opposites),
+        )?,
+    ])
 }
 
 /// Learns the distribution of the errors of the joint fit from the frames at `which`, which neither the

@@ -235,7 +235,7 @@ impl Completion {
         let value = |(row, &place): (&[f32], &[f64; 2])| {
             let functions = row.iter().zip(&fit.weights).map(|(b, w)| f64::from(*b) * w);
             let smooth = fit.smooth().map_or(0.0, |smooth| smooth_at(smooth, place));
-            let depth = fit.space.depth(functions.sum::<f64>() + smooth);
+            let depth = fit.scale.depth(functions.sum::<f64>() + smooth);
             let detail = detail.as_ref().map_or(0.0, |map| {
                 map.read(&Taps::new(place, map.size(), map.size()))
             });
@@ -266,7 +266,7 @@ impl Completion {
                 (values, None) => values.into_owned(),
             };
             let (low, high) = self.limits();
-            let depth = |value: f32| fit.space.depth(f64::from(value)) as f32;
+            let depth = |value: f32| fit.scale.depth(f64::from(value)) as f32;
             values
                 .par_iter_mut()
                 .for_each(|value| *value = depth(*value));

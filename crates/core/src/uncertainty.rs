@@ -226,7 +226,7 @@ impl Completion {
             let spreads = fit.spreads(&scene.at((height, width), &places));
             for ((value, spread), pixel) in values.iter_mut().zip(spreads).zip(pixels) {
                 let variance = noise_at(pixel) * (1.0 + f64::from(spread));
-                let slope = fit.space.slope(f64::from(depth[pixel]));
+                let slope = fit.scale.slope(f64::from(depth[pixel]));
                 *value = (factor * variance.sqrt() * slope) as f32;
             }
         });

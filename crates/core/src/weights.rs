@@ -350,9 +350,6 @@ pub static DEFAULT: &[u8] = include_bytes!("../weights/default.safetensors");
 /// The weights for low-power machines, as a file.
 #[cfg(feature = "weights")]
 pub static SMALL: &[u8] = include_bytes!("../weights/small.safetensors");
-/// Weights on top of a pretrained encoder, which is not part of this crate, as a file.
-#[cfg(feature = "weights")]
-pub static ANYTHING: &[u8] = include_bytes!("../weights/anything.safetensors");
 
 /// Whether a tensor holds running statistics, not trained parameters.
 pub fn is_statistic(name: &str) -> bool {

@@ -127,7 +127,7 @@ pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Re
             None => (plain, rows.weights.clone()),
             Some(settings) => robust::robust(rows, estimator, plain, settings)?,
         };
-        Ok(Fit::new(rows, estimate, point_weights, config.space))
+        Ok(Fit::new(rows, estimate, point_weights))
     })?;
     fit.trust = trust;
     Ok(fit)
@@ -144,7 +144,7 @@ pub fn judge(
 ) -> Result<Vec<Judgement>> {
     let (judged, _) = with_plain(points, config, prior, |rows, estimator, plain| {
         let mut judged = robust::judge(rows, estimator, &plain)?;
-        outcome::in_metres(&rows.values, &mut judged, config.space);
+        outcome::in_metres(&rows.values, &mut judged, rows.scale);
         Ok(judged)
     })?;
     Ok(judged)

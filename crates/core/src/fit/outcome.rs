@@ -4,6 +4,7 @@ use super::joint::{FieldFit, Variances};
 use super::lstsq::Solution;
 use super::points::Rows;
 use super::robust::Judgement;
+use super::space::Scale;
 use super::{Estimate, Smooth, Space};
 use crate::error::FitError;
 use faer::linalg::matmul::matmul;
@@ -32,8 +33,8 @@ pub struct Fit {
     /// How far the guide was trusted, if there was one and the prior is learned: the expected size of the weights of its
     /// functions, in units of the scene's scale; 0 if the points do not support it.
     pub trust: Option<f64>,
-    /// What the basis functions represent.
-    pub space: Space,
+    /// What the basis functions represent, and in which unit.
+    pub scale: Scale,
     /// The noise variance of a point of weight 1, in the squared unit of the space.
     pub(super) noise: f64,
     /// Depths, and residuals, in the space of the fit.
@@ -44,12 +45,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    pub(super) fn new(
-        rows: &Rows<'_>,
-        estimate: Estimate,
-        point_weights: Vec<f64>,
-        space: Space,
-    ) -> Self {
+    pub(super) fn new(rows: &Rows<'_>, estimate: Estimate, point_weights: Vec<f64>) -> Self {
         let Estimate {
             solution,
             rests,
@@ -59,12 +55,12 @@ impl Fit {
         } = estimate;
         Self {
             weights: solution.weights.clone(),
-            residuals: metres(&rows.values, &rests, space),
+            residuals: metres(&rows.values, &rests, rows.scale),
             point_weights,
             rank: solution.rank,
             lambda,
             trust: None,
-            space,
+            scale: rows.scale,
             noise,
             values: rows.values.clone(),
             rests,
@@ -116,7 +112,7 @@ impl Fit {
     pub fn leave_one_out(&self, leverages: &[f64]) -> Vec<f64> {
         let field = self.field.is_some();
         let rests = leave_one_out(&self.rests, leverages, field);
-        let mut errors = metres(&self.values, &rests, self.space);
+        let mut errors = metres(&self.values, &rests, self.scale);
         for (error, leverage) in errors.iter_mut().zip(leverages) {
             if 1.0 - leverage < least_freedom(field) {
                 *error = f64::NAN;
@@ -203,29 +199,29 @@ impl Fit {
 
 /// Residuals in metres, from values and residuals in the space of a fit. A logarithm or an inverse may stand for
 /// any depth, even an infinite one: fitted depths are clamped like those of the map.
-fn metres(values: &[f64], rests: &[f64], space: Space) -> Vec<f64> {
-    if space == Space::Depth {
+fn metres(values: &[f64], rests: &[f64], scale: Scale) -> Vec<f64> {
+    if scale.space() == Space::Depth {
         return rests.to_vec();
     }
-    let depths = || values.iter().map(|value| space.depth(*value));
+    let depths = || values.iter().map(|value| scale.depth(*value));
     let low = depths().fold(f64::INFINITY, f64::min) / f64::from(RANGE);
     let high = depths().fold(0.0, f64::max) * f64::from(RANGE);
     let rests = values.iter().zip(rests).zip(depths());
     rests
-        .map(|((value, rest), depth)| depth - space.depth(value - rest).clamp(low, high))
+        .map(|((value, rest), depth)| depth - scale.depth(value - rest).clamp(low, high))
         .collect()
 }
 
 /// Converts errors and scales from the space of a fit.
-pub(super) fn in_metres(values: &[f64], judged: &mut [Judgement], space: Space) {
+pub(super) fn in_metres(values: &[f64], judged: &mut [Judgement], scale: Scale) {
     let errors: Vec<f64> = judged.iter().map(|found| found.error).collect();
     for ((found, error), value) in judged
         .iter_mut()
-        .zip(metres(values, &errors, space))
+        .zip(metres(values, &errors, scale))
         .zip(values)
     {
         found.error = error;
-        found.scale *= space.slope(space.depth(*value));
+        found.scale *= scale.slope(scale.depth(*value));
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::lstsq::dot;
 use super::robust::median;
+use super::space::Scale;
 use super::{Scene, Space};
 use crate::error::FitError;
 use std::borrow::Cow;
@@ -55,7 +56,7 @@ pub(super) struct Rows<'a> {
     /// The variance of each measurement, 0 where it is unknown.
     pub(super) variances: Vec<f64>,
     pub(super) places: Option<&'a [[f64; 2]]>,
-    space: Space,
+    pub(super) scale: Scale,
 }
 
 impl<'a> Points<'a> {
@@ -97,17 +98,18 @@ impl<'a> Points<'a> {
         if !finite || !all_finite(self.depths) {
             return Err(FitError::NotFinite);
         }
+        let scale = Scale::of_points(space, self.depths);
         let values: Vec<f64> = self
             .depths
             .iter()
-            .map(|&d| space.of(f64::from(d)))
+            .map(|&d| scale.of(f64::from(d)))
             .collect();
         if !values.iter().all(|v| v.is_finite()) {
             return Err(FitError::NotFinite);
         }
         let variances = match self.deviations {
             None => vec![0.0; count],
-            Some(deviations) => variances(self.depths, deviations, space)?,
+            Some(deviations) => variances(self.depths, deviations, scale)?,
         };
         Ok(Rows {
             bases: self.bases,
@@ -115,7 +117,7 @@ impl<'a> Points<'a> {
             weights: vec![1.0; count],
             variances,
             places: self.places,
-            space,
+            scale,
         })
     }
 }
@@ -124,13 +126,13 @@ impl<'a> Points<'a> {
 fn variances(
     depths: &[f32],
     deviations: &[Option<f32>],
-    space: Space,
+    scale: Scale,
 ) -> Result<Vec<f64>, FitError> {
     let variance = |(&depth, &deviation): (&f32, &Option<f32>)| {
         let Some(deviation) = deviation else {
             return Ok(0.0);
         };
-        let variance = (f64::from(deviation) / space.slope(f64::from(depth))).powi(2);
+        let variance = (f64::from(deviation) / scale.slope(f64::from(depth))).powi(2);
         if deviation > 0.0 && variance > 0.0 && variance.is_finite() {
             Ok(variance)
         } else {
@@ -183,7 +185,7 @@ impl Rows<'_> {
 
     /// What a relative residual is relative to. Differences of logarithms are relative already.
     pub(super) fn unit(&self) -> f64 {
-        match self.space {
+        match self.scale.space() {
             Space::Log => 1.0,
             Space::Depth | Space::Inverse => median(self.values.iter().copied()),
         }
@@ -191,7 +193,7 @@ impl Rows<'_> {
 
     /// Whether what is wrong by a factor is off by more the larger the value is.
     pub(super) fn is_proportional(&self) -> bool {
-        self.space != Space::Log
+        self.scale.space() != Space::Log
     }
 
     /// Some points, of which `values` are others than theirs, and no basis functions but one that is 0. `places` are
@@ -209,7 +211,7 @@ impl Rows<'_> {
             weights: points.iter().map(|&i| self.weights[i]).collect(),
             variances: points.iter().map(|&i| self.variances[i]).collect(),
             places: Some(places),
-            space: self.space,
+            scale: self.scale,
         }
     }
 

@@ -57,6 +57,51 @@ impl Space {
     }
 }
 
+/// A space, and the unit of depths in it.
+///
+/// Logarithms are those of depths in units of the points' geometric mean: a scaled scene has the same, whatever the basis
+/// functions are. Without that, only a constant among them would make the fit scale equivariant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    space: Space,
+    /// Metres.
+    unit: f64,
+}
+
+impl Scale {
+    /// That of points with these depths, in metres.
+    pub fn of_points(space: Space, depths: &[f32]) -> Self {
+        let unit = match space {
+            Space::Depth | Space::Inverse => 1.0,
+            Space::Log => {
+                let sum: f64 = depths.iter().map(|&d| f64::from(d).ln()).sum();
+                (sum / depths.len().max(1) as f64).exp()
+            }
+        };
+        Self { space, unit }
+    }
+
+    /// The space.
+    pub fn space(self) -> Space {
+        self.space
+    }
+
+    /// The fitted value of a positive depth in metres.
+    pub fn of(self, depth: f64) -> f64 {
+        self.space.of(depth / self.unit)
+    }
+
+    /// The depth in metres of a fitted value; inverses at or below 0 are infinitely far.
+    pub fn depth(self, value: f64) -> f64 {
+        self.unit * self.space.depth(value)
+    }
+
+    /// The absolute derivative of depth, in metres, with respect to the fitted value, at a given depth.
+    pub fn slope(self, depth: f64) -> f64 {
+        self.unit * self.space.slope(depth / self.unit)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -73,5 +118,21 @@ mod tests {
             }
         }
         assert_eq!(Space::Inverse.depth(-0.1), f64::INFINITY);
+    }
+
+    #[test]
+    fn logarithms_of_a_scaled_scene_are_the_same() {
+        let scale = |factor: f32| Scale::of_points(Space::Log, &[2.0 * factor, 8.0 * factor]);
+        // The geometric mean of 2 and 8 is 4.
+        assert!((scale(1.0).of(8.0) - 2.0_f64.ln()).abs() < 1e-12);
+        for factor in [0.1, 3.7, 10.0] {
+            let (depth, scaled) = (3.0, 3.0 * f64::from(factor));
+            assert!((scale(1.0).of(depth) - scale(factor).of(scaled)).abs() < 1e-6);
+            assert!(
+                (scale(factor).depth(scale(factor).of(scaled)) - scaled).abs() < 1e-12 * scaled
+            );
+            // The derivative of a logarithm is the inverse.
+            assert!((scale(factor).slope(scaled) - scaled).abs() < 1e-12 * scaled);
+        }
     }
 }
