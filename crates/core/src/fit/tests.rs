@@ -384,7 +384,7 @@ fn a_constant_is_fitted_in_every_space_by_its_mean() {
         };
         let fit = fit(&Points::new(&bases, &depths), &config, None).unwrap();
         assert!(
-            (space.depth(fit.weights[0]) - mean).abs() < 1e-6,
+            (fit.scale.depth(fit.weights[0]) - mean).abs() < 1e-6,
             "{space:?}"
         );
         let residual = 4.0 - mean;
