@@ -15,8 +15,9 @@ from numpy.testing import assert_array_equal
 
 import lsdc
 
-SMALL = Path(__file__).parents[2] / "crates/core/weights/small.safetensors"
-ENCODED = SMALL.with_name("anything.safetensors")
+ROOT = Path(__file__).parents[2]
+SMALL = ROOT / "crates/core/weights/small.safetensors"
+ENCODED = ROOT / "assets/weights/anything.safetensors"
 
 
 def completed(completer, image, sparse):
