@@ -119,8 +119,8 @@ links() {
   touch third/complete
 }
 
-# finish NAME WEIGHTS: learns the prior from all frames, then the distribution of errors from a third, and writes NAME.safetensors in f16, as
-# `lsdc calibrate` always does.
+# finish NAME WEIGHTS: learns the prior from all frames, then the distribution of errors from a third, and writes
+# NAME.safetensors in f16, as `lsdc calibrate` always does.
 finish() {
   local name=$1 weights=$2 prior=calibrated/$1.safetensors
   if [ -e "$name.safetensors" ]; then

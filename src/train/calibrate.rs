@@ -48,8 +48,8 @@ const NUMBERS: [(usize, u64); COUNTS] = [(5, 8), (50, 2), (500, 1)];
 /// [`NUMBERS`](super::foresight::NUMBERS).
 pub type Held = [(f64, f64); KNOTS];
 
-/// Learns the prior over weights from the frames that `config` trained on, the strength of the
-/// noise and the scale of standard deviations from those that it held out (from all, if it held out
+/// Learns the prior over weights from the frames that `config` trained on (1,000 of them at most) and their
+/// mirror images, the strength of the noise and the scale of standard deviations from those that it held out (from all, if it held out
 /// none), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
 /// frames best takes the place of the strength of the noise, for few and for many points, and the
 /// distribution of errors is learned from them too. Returns how well that holds. Calls `progress` with the
@@ -69,7 +69,11 @@ pub fn calibrate(
         held_out.clone_from(&training);
     }
     training.sort_by_key(|&i| rng::hash(&["prior", &frames.id(i)]));
-    training.truncate(IMAGES);
+    if training.len() > IMAGES {
+        let count = training.len();
+        tracing::info!("the prior is learned from {IMAGES} of {count} training frames");
+        training.truncate(IMAGES);
+    }
     let completer = predict::completer(weights, device)?;
     let fit = FitConfig {
         prior: PriorKind::Learned,
@@ -287,4 +291,42 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let at = (values.len() as f64 * share) as usize;
     values.get(at).copied().unwrap_or(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mirrored_frame_has_the_moments_of_the_frame() {
+        let rgb = RgbImage::from_fn(32, 24, |x, y| {
+            image::Rgb([(7 * x) as u8, (9 * y) as u8, (x * y) as u8])
+        });
+        let depth = |x: usize, y: usize| 1.0 + 0.1 * x as f32 + 0.03 * (y * y) as f32;
+        let values = |place: &dyn Fn(usize) -> usize| -> Vec<f32> {
+            (0..32 * 24).map(|i| depth(place(i % 32), i / 32)).collect()
+        };
+        let frame = |rgb, values| {
+            Frame::new("f".into(), rgb, DepthMap::new(32, 24, values).unwrap()).unwrap()
+        };
+        let plain = frame(rgb.clone(), values(&|x| x));
+        let mirrored = frame(flip_horizontal(&rgb), values(&|x| 31 - x));
+        let weights = Weights::builtin_small();
+        let completer = predict::completer(&weights, &Device::flex()).unwrap();
+        // All pixels are points: each pair holds the same two images, in the other order.
+        let learned = |frame| {
+            let [own, opposite] = moments(&completer, frame, 0).unwrap();
+            (own, opposite)
+        };
+        let (own, opposite) = learned(&plain);
+        let (their_own, their_opposite) = learned(&mirrored);
+        let expected = Prior::learn(&[own, opposite]).unwrap().numbers();
+        let found = Prior::learn(&[their_opposite, their_own])
+            .unwrap()
+            .numbers();
+        let scale = expected.0.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+        for (a, b) in expected.0.iter().zip(&found.0) {
+            assert!((a - b).abs() < 1e-4 * scale, "{a} {b}");
+        }
+    }
 }

@@ -59,7 +59,7 @@ impl Space {
 
 /// A space, and the unit of depths in it.
 ///
-/// Logarithms are those of depths in units of the points' geometric mean: a scaled scene has the same, whatever the basis
+/// Logarithms are those of depths in units of the points' geometric mean: a scaled scene has the same values, whatever the basis
 /// functions are. Without that, only a constant among them would make the fit scale equivariant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
