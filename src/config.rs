@@ -29,6 +29,8 @@ pub enum Preset {
     Taught,
     /// The same at half the widths: 0.8 M.
     TaughtSmall,
+    /// `sharp` beside six stages of a pretrained `EfficientNet`-Lite0: 3.7 M.
+    Lite,
     /// `sharp` on top of a pretrained encoder: 2.1 M beside its 22 M.
     Anything,
 }
@@ -60,7 +62,7 @@ pub struct Config {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 12] = [
+const BUILT_IN: [(&str, &str); 13] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
@@ -77,6 +79,7 @@ const BUILT_IN: [(&str, &str); 12] = [
         "nyu-distill.toml",
         include_str!("../configs/nyu-distill.toml"),
     ),
+    ("nyu-lite.toml", include_str!("../configs/nyu-lite.toml")),
     ("s2d.toml", include_str!("../configs/s2d.toml")),
     ("cspn.toml", include_str!("../configs/cspn.toml")),
     ("lsk.toml", include_str!("../configs/lsk.toml")),
@@ -120,6 +123,7 @@ impl Config {
             Preset::Small => NetworkConfig::small(),
             Preset::Taught => NetworkConfig::taught(),
             Preset::TaughtSmall => NetworkConfig::taught_small(),
+            Preset::Lite => NetworkConfig::lite(),
             Preset::Anything => NetworkConfig::anything(),
         });
         NetworkConfig {

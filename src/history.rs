@@ -39,7 +39,7 @@ pub struct Made {
 /// Weights that others were made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Source {
-    /// What they were: `start`, `teacher`.
+    /// What they were: `start`, `teacher`, `backbone`.
     pub role: String,
     /// How they were called: a file, or a name of the program.
     pub weights: String,

@@ -38,13 +38,13 @@ class Graph:
         slope = part["gain"] / np.sqrt(part["running_variance"] + EPSILON)
         return slope, part["shift"] - part["running_mean"] * slope
 
-    def conv(self, x: str, name: str, stride=1, dilation=1, relu=True) -> str:
+    def conv(self, x: str, name: str, stride=1, dilation=1, relu=True, groups=1) -> str:
         weight = self.tensors[f"{name}.conv.weight"].astype(np.float64)
         slope, offset = self.line(f"{name}.norm")
         weight = weight * slope[:, None, None, None]
-        return self.plain(x, weight, offset, stride, dilation, relu)
+        return self.plain(x, weight, offset, stride, dilation, relu, groups)
 
-    def plain(self, x: str, weight: np.ndarray, bias, stride=1, dilation=1, relu=False) -> str:
+    def plain(self, x: str, weight: np.ndarray, bias, stride=1, dilation=1, relu=False, groups=1) -> str:
         taps = weight.shape[2]
         pad = dilation * (taps // 2)
         inputs = [x, self.constant(weight.astype(np.float32))]
@@ -56,6 +56,7 @@ class Graph:
             strides=[stride] * 2,
             dilations=[dilation] * 2,
             pads=[pad] * 4,
+            group=groups,
         )
         return self.add("Relu", x) if relu else x
 
@@ -70,6 +71,36 @@ class Graph:
             mode="linear",
             coordinate_transformation_mode="half_pixel",
         )
+
+
+def backbone_blocks(stages: int) -> list[dict]:
+    """Of the blocks of EfficientNet-Lite0: their stride, whether their input is added, whether their output is read."""
+    # Stride of the first block and number of blocks.
+    sizes = [(1, 1), (2, 2), (2, 2), (2, 3), (1, 3), (2, 4), (1, 1)]
+    blocks = []
+    for first, count in sizes[:stages]:
+        for i in range(count):
+            stride = first if i == 0 else 1
+            if len(blocks) > 1:
+                blocks[-1]["read"] = stride == 2
+            blocks.append({"stride": stride, "adds": i > 0, "read": False})
+    blocks[-1]["read"] = True
+    return blocks
+
+
+def seen_by_backbone(graph: Graph, image: str, stages: int) -> list[str]:
+    x = graph.conv(image, "extractor.backbone.stem", stride=2)
+    maps = []
+    for i, block in enumerate(backbone_blocks(stages)):
+        at = f"extractor.backbone.blocks.{i}"
+        y = graph.conv(x, f"{at}.expand") if f"{at}.expand.conv.weight" in graph.tensors else x
+        inner = graph.tensors[f"{at}.depthwise.conv.weight"].shape[0]
+        y = graph.conv(y, f"{at}.depthwise", stride=block["stride"], groups=inner)
+        y = graph.conv(y, f"{at}.project", relu=False)
+        x = graph.add("Add", y, x) if block["adds"] else y
+        if block["read"]:
+            maps.append(x)
+    return maps
 
 
 def encode(height: int, width: int, octaves: int) -> np.ndarray:
@@ -133,6 +164,11 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
             y = block(y, f"extractor.context.{i}.blocks.{j}", 2 if j == 0 else 1, 1)
         seen = graph.plain(y, graph.tensors[f"extractor.context.{i}.project.weight"], None)
         x = graph.add("Add", x, graph.resize(seen, h, w, extractor["features"]))
+    if backbone := extractor.get("backbone"):
+        maps = seen_by_backbone(graph, "image", backbone["stages"])
+        for i, seen in enumerate(maps):
+            seen = graph.plain(seen, graph.tensors[f"extractor.seen.{i}.weight"], None)
+            x = graph.add("Add", x, graph.resize(seen, h, w, extractor["features"]))
     # Absent in files written before there was any.
     sharpening = extractor.get("sharpening", 0)
     if sharpening > 0:

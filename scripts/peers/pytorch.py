@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import torch
-from network import EPSILON, encode
+from network import EPSILON, backbone_blocks, encode
 from safetensors import safe_open
 from torch import nn
 from torch.nn import functional
@@ -19,11 +19,15 @@ def tensor(value: np.ndarray) -> torch.Tensor:
 class Unit(nn.Module):
     """Convolution, batch normalisation, ReLU."""
 
-    def __init__(self, weight: np.ndarray, norm: dict | None, stride=1, dilation=1, relu=False):
+    def __init__(
+        self, weight: np.ndarray, norm: dict | None, stride=1, dilation=1, relu=False, groups=1
+    ):
         super().__init__()
         outputs, inputs, taps, _ = weight.shape
         pad = dilation * (taps // 2)
-        self.conv = nn.Conv2d(inputs, outputs, taps, stride, pad, dilation, bias=False)
+        self.conv = nn.Conv2d(
+            inputs * groups, outputs, taps, stride, pad, dilation, groups, bias=False
+        )
         self.norm = nn.BatchNorm2d(outputs, eps=EPSILON) if norm else None
         self.relu = relu
         with torch.no_grad():
@@ -56,6 +60,19 @@ def run(stage: nn.ModuleList, x):
     return x
 
 
+class Inverted(nn.Module):
+    """An inverted residual block of the backbone."""
+
+    def __init__(self, units: list[Unit], adds: bool, read: bool):
+        super().__init__()
+        self.units = nn.Sequential(*units)
+        self.adds, self.read = adds, read
+
+    def forward(self, x):
+        y = self.units(x)
+        return y + x if self.adds else y
+
+
 class Network(nn.Module):
     """Image `[batch, 3, height, width]` to basis functions `[batch, N, height, width]`, after the mean, if there is one."""
 
@@ -68,8 +85,9 @@ class Network(nn.Module):
         extractor = config["extractor"]
         self.pools = extractor["pools"]
 
-        def unit(name: str, stride=1, dilation=1, relu=True) -> Unit:
-            return Unit(tensors[f"{name}.conv.weight"], norm(name), stride, dilation, relu)
+        def unit(name: str, stride=1, dilation=1, relu=True, groups=1) -> Unit:
+            weight = tensors[f"{name}.conv.weight"]
+            return Unit(weight, norm(name), stride, dilation, relu, groups)
 
         def norm(name: str) -> dict:
             keys = ("gain", "shift", "running_mean", "running_variance")
@@ -106,6 +124,24 @@ class Network(nn.Module):
             Unit(tensors[f"extractor.context.{i}.project.weight"], None)
             for i in range(len(context))
         )
+        self.backbone = nn.ModuleList()
+        if stages := (extractor.get("backbone") or {}).get("stages", 0):
+            at = "extractor.backbone"
+            self.backbone_stem = unit(f"{at}.stem", 2)
+            for i, block in enumerate(backbone_blocks(stages)):
+                name = f"{at}.blocks.{i}"
+                expands = f"{name}.expand.conv.weight" in tensors
+                inner = len(tensors[f"{name}.depthwise.conv.weight"])
+                units = [
+                    *([unit(f"{name}.expand")] if expands else []),
+                    unit(f"{name}.depthwise", block["stride"], groups=inner),
+                    unit(f"{name}.project", relu=False),
+                ]
+                self.backbone.append(Inverted(units, block["adds"], block["read"]))
+            reads = sum(block.read for block in self.backbone)
+            self.read = nn.ModuleList(
+                Unit(tensors[f"extractor.seen.{i}.weight"], None) for i in range(reads)
+            )
         self.branches = nn.ModuleList(
             unit(f"extractor.branches.{i}") for i in range(len(self.pools))
         )
@@ -162,6 +198,13 @@ class Network(nn.Module):
         for stage, seen in zip(self.context, self.seen):
             y = run(stage, y)
             x = x + functional.interpolate(seen(y), x.shape[2:], mode="bilinear")
+        if len(self.backbone) > 0:
+            y, seen = self.backbone_stem(image), iter(self.read)
+            for block in self.backbone:
+                y = block(y)
+                if block.read:
+                    add = next(seen)(y)
+                    x = x + functional.interpolate(add, x.shape[2:], mode="bilinear")
         if hasattr(self, "mix"):
             x = functional.interpolate(x, taps[0].shape[2:], mode="bilinear")
             x = x + self.sharp(self.mix(x + self.lateral(taps[0])))

@@ -27,6 +27,20 @@ impl BasisNet {
         let context: u64 = context
             .map(|(context, i)| weights(context) * pixels(4 << i))
             .sum();
+        let backbone = extractor.backbone.as_ref().map_or(0, |net| {
+            let mut step = 2;
+            let mut reads = extractor.seen.iter();
+            let blocks = net.blocks.iter().map(|block| {
+                let before = pixels(step);
+                step *= block.config.stride;
+                let after = pixels(step);
+                let seen = block.config.read.then(|| reads.next()).flatten();
+                weights(&block.expand) * before
+                    + (weights(&block.depthwise) + weights(&block.project)) * after
+                    + seen.map_or(0, weights) * after
+            });
+            weights(&net.stem) * pixels(2) + blocks.sum::<u64>()
+        });
         let edges = self.edges.as_ref().map_or(0, |net| {
             let down = net.down.iter().enumerate();
             let down: u64 = down
@@ -42,6 +56,7 @@ impl BasisNet {
             + quarter * pixels(4)
             + branches
             + context
+            + backbone
             + weights(&self.head) * pixels(1)
             + edges
     }

@@ -6,6 +6,7 @@
 //! Two more on request: stages at lower resolutions, which add context to the features, and a decoder that sharpens
 //! them at half the resolution.
 
+use super::backbone::Backbone;
 use super::grid::enlarged;
 use super::layers::{Conv, ConvNorm, Init};
 use super::pooling::pooling;
@@ -25,6 +26,10 @@ pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
         project: Conv::zero(own.width, config.features, 1, ConvSpec::pointwise(), init),
     });
     let context = context.collect();
+    let backbone = config.backbone.map(|config| Backbone::init(config, init));
+    let reads = backbone.iter().flat_map(Backbone::reads);
+    let seen = reads.map(|from| Conv::zero(from, config.features, 1, ConvSpec::pointwise(), init));
+    let seen = seen.collect();
     Extractor {
         stem: vec![
             ConvNorm::init(3, config.stem, 3, ConvSpec::halving(), init),
@@ -65,6 +70,8 @@ pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
             init,
         ),
         context,
+        backbone,
+        seen,
         sharpen: (config.sharpening > 0).then(|| Sharpen {
             lateral: Conv::init(first.width, config.features, 1, ConvSpec::pointwise(), init),
             mix: (0..config.sharpening)
@@ -95,6 +102,9 @@ pub struct Extractor {
     pub(super) merge: ConvNorm,
     pub(super) project: Conv,
     pub(super) context: Vec<Context>,
+    pub(super) backbone: Option<Backbone>,
+    /// What turns what is read of the backbone into features: nothing before training.
+    pub(super) seen: Vec<Conv>,
     pub(super) sharpen: Option<Sharpen>,
     #[module(skip)]
     pub(super) pools: Vec<usize>,
@@ -129,6 +139,10 @@ impl Extractor {
     /// encoder says of the images, for networks trained on one.
     pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
+        let maps = self
+            .backbone
+            .as_ref()
+            .map(|net| net.forward(images.clone()));
         let x = self
             .stem
             .iter()
@@ -153,6 +167,9 @@ impl Extractor {
             x = run(x, &context.blocks);
             let seen = context.project.forward(x.clone());
             features = features + enlarged(seen, (height, width));
+        }
+        for (map, conv) in maps.into_iter().flatten().zip(&self.seen) {
+            features = features + enlarged(conv.forward(map), (height, width));
         }
         match &self.sharpen {
             None => features,

@@ -174,7 +174,8 @@ impl Conv {
         spec: ConvSpec,
         init: &mut Init,
     ) -> Self {
-        let deviation = (2.0 / (kernel * kernel * to) as f32).sqrt();
+        let fan_out = if spec.depthwise { 1 } else { to };
+        let deviation = (2.0 / (kernel * kernel * fan_out) as f32).sqrt();
         Self {
             weight: init.normal([to, from, kernel, kernel], deviation),
             spec,

@@ -5,6 +5,7 @@
 mod adapters;
 mod affinities;
 mod affinity_net;
+mod backbone;
 mod bases;
 mod cost;
 mod encoding;
@@ -28,13 +29,15 @@ pub use bases::{Bases, BasisHead, HiddenBases};
 pub use encoding::encode;
 pub use extractor::Extractor;
 pub use lsdc_core::network::{
-    AdapterConfig, EncoderConfig, ExtractorConfig, NetworkConfig, NormKind, StageConfig,
+    AdapterConfig, BackboneConfig, EncoderConfig, ExtractorConfig, NetworkConfig, NormKind,
+    StageConfig,
 };
 pub use lsdc_core::weights::{Normalisation, Tensor as Table};
 pub use on_device::{AnyEncoder, OnDevice, encoded_tensor};
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;
 pub use vision::{LastBlocks, VisionTransformer};
+pub(crate) use weights::fill;
 pub use weights::{Precision, load, stored_bytes, to_bytes, transfer, weights_of};
 
 use crate::error::Result;
@@ -91,6 +94,13 @@ pub struct BasisNet {
 }
 
 impl BasisNet {
+    /// What the backbone's stages see in images `[batch, height, width, 3]`.
+    #[cfg(test)]
+    pub(crate) fn seen_by_backbone(&self, images: Tensor<4>) -> Vec<Tensor<4>> {
+        let backbone = self.extractor.backbone.as_ref();
+        backbone.map_or_else(Vec::new, |net| net.forward(images))
+    }
+
     pub(crate) fn init(config: &NetworkConfig, init: &mut Init) -> Result<Self> {
         config.check()?;
         Ok(Self {

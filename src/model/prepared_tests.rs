@@ -278,6 +278,7 @@ fn every_preset_agrees() {
         NetworkConfig::anything(),
         NetworkConfig::taught(),
         NetworkConfig::taught_small(),
+        NetworkConfig::lite(),
     ] {
         let trained = Trained::filled(config);
         trained.agrees(Level::here(), (57, 76), (57, 76));

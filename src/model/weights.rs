@@ -128,6 +128,19 @@ pub fn transfer(weights: &Weights, net: BasisNet) -> Result<(BasisNet, usize)> {
     Ok((net, filler.wrong.len()))
 }
 
+/// Gives a network these tensors; the others stay as they are.
+///
+/// # Errors
+/// A tensor that the network has not, or of another shape.
+pub(crate) fn fill(tensors: BTreeMap<String, Table>, net: BasisNet) -> Result<BasisNet> {
+    let mut filler = Filler::new(tensors);
+    let net = net.map(&mut filler);
+    let shape = |(_, what): &(String, String)| what != MISSING;
+    filler.wrong.retain(shape);
+    filler.check()?;
+    Ok(net)
+}
+
 /// A tensor of a module and its path, such as `extractor.stem.0.conv.weight`.
 pub(crate) struct Named {
     pub(crate) name: String,
@@ -170,6 +183,9 @@ impl ModuleVisitor for Collector {
         });
     }
 }
+
+/// What is wrong with a tensor that is not there.
+const MISSING: &str = "is missing";
 
 /// Gives a module the tensors that agree in name and shape.
 pub(crate) struct Filler {
@@ -245,7 +261,7 @@ impl ModuleMapper for Filler {
                 param
             }
             None => {
-                self.wrong.push((name, "is missing".to_owned()));
+                self.wrong.push((name, MISSING.to_owned()));
                 param
             }
         }

@@ -3,6 +3,7 @@
 
 #[cfg(feature = "download")]
 mod download;
+mod efficientnet;
 mod known;
 mod names;
 mod pickle;
@@ -12,6 +13,7 @@ mod stored;
 
 #[cfg(feature = "download")]
 pub use download::{Event, Limits, get};
+pub use efficientnet::read_backbone;
 pub use known::{ANYTHING, KNOWN, Known, identity, recognise};
 pub use store::{Added, FOLDER, Store, how_to_install, installed};
 

@@ -59,24 +59,44 @@ pub(super) struct Stored {
 }
 
 impl Stored {
-    /// The tensor, from the bytes of its storage; `None` if it is not there row by row.
+    /// The tensor, from the bytes of its storage; `None` if it has not as many values.
     pub(super) fn tensor(&self, kind: Kind, bytes: &[u8]) -> Option<Tensor> {
         let count = self
             .shape
             .iter()
             .try_fold(1_usize, |n, &side| n.checked_mul(side))?;
         let start = self.offset.checked_mul(kind.bytes())?;
-        let length = count.checked_mul(kind.bytes())?;
-        let bytes = bytes.get(start..start.checked_add(length)?)?;
-        // Row by row, as trained networks are saved.
-        let mut step = 1;
-        for (side, stride) in self.shape.iter().zip(&self.stride).rev() {
-            if *side != 1 && *stride != step {
-                return None;
-            }
-            step = step.checked_mul(*side)?;
+        let values = bytes.get(start..)?;
+        if count > values.len() / kind.bytes() || self.stride.len() != self.shape.len() {
+            return None;
         }
-        Tensor::new(self.shape.clone(), kind.values(bytes))
+        if self.is_row_by_row() {
+            let values = &values[..count * kind.bytes()];
+            return Tensor::new(self.shape.clone(), kind.values(values));
+        }
+        let values = kind.values(values);
+        let mut places = vec![0_usize];
+        for (&side, &stride) in self.shape.iter().zip(&self.stride) {
+            let mut along = Vec::with_capacity(places.len() * side);
+            for place in places {
+                for i in 0..side {
+                    along.push(place.checked_add(i.checked_mul(stride)?)?);
+                }
+            }
+            places = along;
+        }
+        let values = places.into_iter().map(|place| values.get(place).copied());
+        Tensor::new(self.shape.clone(), values.collect::<Option<_>>()?)
+    }
+
+    fn is_row_by_row(&self) -> bool {
+        let mut step = 1_usize;
+        let axes = self.shape.iter().zip(&self.stride).rev();
+        axes.into_iter().all(|(&side, &stride)| {
+            let follows = side == 1 || stride == step;
+            step = step.saturating_mul(side);
+            follows
+        })
     }
 }
 
@@ -109,7 +129,14 @@ mod tests {
         );
         assert_eq!(read(stored(3, &[2, 2], &[2, 1])), None);
         // Transposed.
-        assert_eq!(read(stored(0, &[3, 2], &[1, 3])), None);
+        assert_eq!(
+            read(stored(0, &[3, 2], &[1, 3])),
+            Some(vec![0.0, 3.0, 1.0, 4.0, 2.0, 5.0])
+        );
+        assert_eq!(read(stored(1, &[3, 2], &[1, 3])), None);
+        // The same value again and again would be more than the file has.
+        assert_eq!(read(stored(0, &[7], &[0])), None);
+        assert_eq!(read(stored(0, &[2, 2], &[2])), None);
         assert_eq!(read(stored(usize::MAX, &[2], &[1])), None);
         assert_eq!(read(stored(0, &[usize::MAX, 2], &[2, 1])), None);
     }

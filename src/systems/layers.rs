@@ -106,7 +106,7 @@ impl Biased {
         let spec = ConvSpec {
             stride: 1,
             padding: taps / 2,
-            dilation: 1,
+            ..ConvSpec::pointwise()
         };
         conv2d(x, weight, spec) + self.bias.val().reshape([1, 1, 1, to])
     }
@@ -170,7 +170,7 @@ mod tests {
         let spec = ConvSpec {
             stride: 1,
             padding: weight.dims()[2] / 2,
-            dilation: 1,
+            ..ConvSpec::pointwise()
         };
         conv2d(cut(whole, (rows, columns)), weight, spec)
     }

@@ -97,7 +97,7 @@ impl ResNet {
         let spec = ConvSpec {
             stride: 2,
             padding: 3,
-            dilation: 1,
+            ..ConvSpec::pointwise()
         };
         let stem = Stem {
             conv: Conv::init(inputs, width, 7, spec, init),

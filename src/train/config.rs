@@ -74,6 +74,8 @@ pub struct TrainConfig {
     pub part: Part,
     /// Weights to start from: tensors that agree in name and shape are taken.
     pub start: Option<PathBuf>,
+    /// How the stages of a pretrained network are trained, for networks that have such (`network.extractor.backbone`).
+    pub backbone: BackboneTraining,
     /// A network that says what depth is where none was measured; absent: only measured depths are learned.
     pub teacher: Option<TeacherConfig>,
     /// The size at which to train.
@@ -91,6 +93,26 @@ pub struct TrainConfig {
     pub robust: Option<Reweighting>,
     /// Weights of the losses.
     pub loss: LossConfig,
+}
+
+/// Training of the stages of a pretrained network.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BackboneTraining {
+    /// `EfficientNet`-Lite0 as published for `PyTorch`, whose tensors they begin with where `start` has none; absent:
+    /// they begin at random.
+    pub pretrained: Option<PathBuf>,
+    /// Adam moves them with this share of the learning rate.
+    pub rate: f64,
+}
+
+impl Default for BackboneTraining {
+    fn default() -> Self {
+        Self {
+            pretrained: None,
+            rate: 0.1,
+        }
+    }
 }
 
 impl Default for TrainConfig {
@@ -114,6 +136,7 @@ impl Default for TrainConfig {
             calibrate: true,
             part: Part::All,
             start: None,
+            backbone: BackboneTraining::default(),
             teacher: None,
             protocol: Protocol::nyu(),
             augment: AugmentConfig::default(),
@@ -149,6 +172,9 @@ impl TrainConfig {
             return Err(Error::config(
                 "`train.learning_rate` must be above 0 and `weight_decay` at least 0",
             ));
+        }
+        if !(self.backbone.rate >= 0.0 && self.backbone.rate.is_finite()) {
+            return Err(Error::config("`train.backbone.rate` must be at least 0"));
         }
         if self
             .average

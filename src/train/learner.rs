@@ -6,6 +6,7 @@ use super::imitation::Shown;
 use super::loss::{field_losses, system_losses};
 use super::muon::Flattened;
 use super::parallel::gradients;
+use super::slower::Slower;
 use super::step::Step;
 use super::{LossConfig, Losses, TrainConfig, losses};
 use crate::error::{Cause, Error, Result};
@@ -151,6 +152,11 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
             .with_epsilon(1e-8)
             .with_weight_decay(Some(decay.clone()))
             .with_grad_clipping(clip.clone());
+        let pretrained = Slower {
+            inner: adam.build(),
+            share: config.backbone.rate,
+        };
+        let clipping = clip.as_ref().map(GradientClippingConfig::init);
         let optimiser = match config.optimiser {
             OptimiserKind::Adam => adam.init(),
             OptimiserKind::Sgd => {
@@ -167,6 +173,8 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
                 adam.init().with_group(group, Flattened::new(), None)
             }
         };
+        let backbone = ParamGroup::from_predicate("extractor.backbone.");
+        let optimiser = optimiser.with_group(backbone, pretrained, clipping);
         Self {
             average: config.average.map(|decay| (net.clone(), decay)),
             net,

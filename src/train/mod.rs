@@ -17,11 +17,12 @@ mod record;
 mod run;
 mod schedule;
 mod setup;
+mod slower;
 mod step;
 mod teacher;
 
 pub use calibrate::{Held, calibrate, divide, learn_errors};
-pub use config::{OptimiserKind, Part, TrainConfig};
+pub use config::{BackboneTraining, OptimiserKind, Part, TrainConfig};
 pub use foresight::{Foresight, NUMBERS};
 pub use imitation::Shown;
 pub use learner::{Fitting, Learner, Objective, Predicting};

@@ -5,6 +5,7 @@ use super::log::seconds;
 use crate::error::Result;
 use crate::history::{self, Made, Source};
 use crate::predict::open_weights;
+use crate::pretrained::{identity, read_tensors};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,6 +25,14 @@ impl Record {
         if let Some(start) = &config.start {
             before = history::of(&open_weights(Some(start))?.notes)?;
             of.push(Source::told_before("start", Some(start))?);
+        }
+        if let Some(path) = &config.backbone.pretrained {
+            of.push(Source {
+                role: "backbone".to_owned(),
+                weights: path.display().to_string(),
+                contents: identity(&read_tensors(path)?),
+                history: Vec::new(),
+            });
         }
         if let Some(teacher) = &config.teacher {
             of.push(Source::open("teacher", &teacher.weights)?);

@@ -4,7 +4,7 @@ use super::checkpoint::Checkpoints;
 use super::learner::Objective;
 use super::log::Log;
 use super::record::Record;
-use super::setup::{imitated, input_size, sampler, start_adapters};
+use super::setup::{imitated, input_size, sampler, start_adapters, with_backbone};
 use super::{Learner, Part, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, DepthMap, Mixture, Shard, write_atomically};
 use crate::error::{Cause, Error, Result};
@@ -382,6 +382,7 @@ impl Trainer {
 
     fn initial(&self, bases: &Bases, device: &Device) -> Result<BasisNet> {
         let net = bases.network.init(self.config.seed, device)?;
+        let net = with_backbone(net, &bases.network, &self.config.backbone)?;
         let Some(path) = &self.config.start else {
             return Ok(net);
         };

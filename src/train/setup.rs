@@ -1,11 +1,12 @@
 //! What a run makes of its settings before the first step.
 
 use super::teacher::Taught;
-use super::{TrainConfig, divide};
+use super::{BackboneTraining, TrainConfig, divide};
 use crate::data::{Dataset, Mixture};
 use crate::error::{Error, Result};
-use crate::model::{AdapterConfig, NetworkConfig, Normalisation};
+use crate::model::{AdapterConfig, BasisNet, NetworkConfig, Normalisation, fill};
 use crate::predict::open_weights;
+use crate::pretrained::read_backbone;
 use crate::sample::{Order, Protocol, Sampler, SamplerConfig};
 use lsdc_core::Weights;
 use std::sync::Arc;
@@ -51,6 +52,22 @@ pub(super) fn start_adapters(start: &NetworkConfig, network: &NetworkConfig) -> 
     .hint(format!(
         "set `adapters = {{ blocks = {blocks}, rank = {rank} }}`"
     )))
+}
+
+/// The network with the published tensors in its backbone, if they are given.
+pub(super) fn with_backbone(
+    net: BasisNet,
+    network: &NetworkConfig,
+    config: &BackboneTraining,
+) -> Result<BasisNet> {
+    let Some(path) = &config.pretrained else {
+        return Ok(net);
+    };
+    let backbone = network.extractor.backbone.ok_or_else(|| {
+        Error::config("`train.backbone.pretrained` is for networks with a backbone")
+            .hint("set `preset = \"lite\"`, or leave it out")
+    })?;
+    fill(read_backbone(path, backbone)?, net)
 }
 
 /// Samples of the frames that are learned from: all but those held out of the first dataset.

@@ -59,13 +59,17 @@ fn convolutions_agree() {
         cases.extend(three.map(|spec| ([2, 31, 18], channels, 3, spec)));
         cases.push(([2, 31, 18], channels, 1, ConvSpec::pointwise()));
     }
+    for (taps, stride) in [(3, 1), (5, 2)] {
+        cases.push(([2, 7, 9], [24, 24], taps, ConvSpec::depthwise(taps, stride)));
+    }
     for (size, [channels, outputs], taps, spec) in cases {
         let [batch, height, width] = size;
         let what = format!("{size:?} {channels} {outputs} {taps} {spec:?}");
         check(&what, 2e-6, |device, dtype| {
             let shape = [batch, height, width, channels];
             let x = tensor(shape, ("x", 0.0), device, dtype).require_grad();
-            let shape = [outputs, channels, taps, taps];
+            let per_output = if spec.depthwise { 1 } else { channels };
+            let shape = [outputs, per_output, taps, taps];
             let weight = tensor(shape, ("weight", 0.0), device, dtype).require_grad();
             let y = conv2d(x.clone(), weight.clone(), spec);
             let along = tensor(y.dims(), ("along", 0.0), device, dtype);

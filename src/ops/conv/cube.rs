@@ -55,13 +55,15 @@ impl Geometry {
 }
 
 /// Whether the kernels apply.
-fn applies(x: &CubeTensor, weight: &CubeTensor) -> bool {
-    x.dtype() == DType::F32 && x.shape().num_elements() * weight.shape().num_elements() > 0
+fn applies(x: &CubeTensor, weight: &CubeTensor, spec: ConvSpec) -> bool {
+    !spec.depthwise
+        && x.dtype() == DType::F32
+        && x.shape().num_elements() * weight.shape().num_elements() > 0
 }
 
 impl ConvBackend for CubeBackend {
     fn conv(x: Floats, weight: Floats, spec: ConvSpec) -> Floats {
-        if !applies(&x, &weight) {
+        if !applies(&x, &weight, spec) {
             return reference::<Self>(x, weight, spec);
         }
         let geometry = Geometry::new(&x, &weight, spec);
@@ -70,7 +72,7 @@ impl ConvBackend for CubeBackend {
     }
 
     fn conv_backward_input(x: Floats, weight: Floats, grad: Floats, spec: ConvSpec) -> Floats {
-        if !applies(&x, &weight) {
+        if !applies(&x, &weight, spec) {
             return reference_input::<Self>(x, weight, grad, spec);
         }
         let geometry = Geometry::new(&x, &weight, spec);
@@ -79,7 +81,7 @@ impl ConvBackend for CubeBackend {
     }
 
     fn conv_backward_weight(x: Floats, weight: Floats, grad: Floats, spec: ConvSpec) -> Floats {
-        if !applies(&x, &weight) {
+        if !applies(&x, &weight, spec) {
             return reference_weight::<Self>(x, weight, grad, spec);
         }
         let geometry = Geometry::new(&x, &weight, spec);

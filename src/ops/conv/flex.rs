@@ -19,7 +19,8 @@ fn scratch() -> &'static Scratch {
 impl ConvBackend for Flex {
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
         if x.dtype() != DType::F32 {
-            let output = Self::conv2d(channels_first::<Self>(x), weight, None, options(spec));
+            let options = options(spec, &weight.shape());
+            let output = Self::conv2d(channels_first::<Self>(x), weight, None, options);
             return channels_last::<Self>(output);
         }
         biased(
@@ -39,7 +40,8 @@ impl ConvBackend for Flex {
     ) -> FloatTensor<Self> {
         if x.dtype() != DType::F32 {
             let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
-            let input = Self::conv2d_x_backward(x, weight, grad, options(spec));
+            let options = options(spec, &weight.shape());
+            let input = Self::conv2d_x_backward(x, weight, grad, options);
             return channels_last::<Self>(input);
         }
         let (weight, grad) = (weight.to_contiguous(), grad.to_contiguous());
@@ -60,16 +62,14 @@ impl ConvBackend for Flex {
     ) -> FloatTensor<Self> {
         if x.dtype() != DType::F32 {
             let (x, grad) = (channels_first::<Self>(x), channels_first::<Self>(grad));
-            return Self::conv2d_weight_backward(x, weight, grad, options(spec));
+            let options = options(spec, &weight.shape());
+            return Self::conv2d_weight_backward(x, weight, grad, options);
         }
         let (x, grad) = (x.to_contiguous(), grad.to_contiguous());
         let shape = shape(&x, &weight, spec);
         let (values, grads) = (x.storage(), grad.storage());
         let weights = conv::weight_gradient(Level::here(), values, grads, &shape, scratch());
-        tensor(
-            weights,
-            [shape.outputs, shape.channels, shape.taps, shape.taps],
-        )
+        FlexTensor::from_data(TensorData::new(weights, weight.shape().to_vec()))
     }
 }
 
@@ -82,7 +82,7 @@ pub(in crate::ops) fn biased(
     spec: ConvSpec,
 ) -> FlexTensor {
     let shape = shape(x, weight, spec);
-    let sizes = [shape.outputs, shape.channels, shape.taps];
+    let sizes = [shape.outputs, weight.shape()[1], shape.taps];
     let layer = Layer::new(Level::here(), weight.storage(), sizes, bias, spec);
     let tail = Tail { skip: None, relu };
     let output = layer.output(x.storage(), shape.size(), tail, scratch());

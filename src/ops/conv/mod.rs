@@ -21,8 +21,15 @@ fn is_pointwise(spec: ConvSpec, weight: &Shape) -> bool {
     weight[2] == 1 && spec == ConvSpec::pointwise()
 }
 
-fn options(spec: ConvSpec) -> ConvOptions<2> {
-    ConvOptions::new([spec.stride; 2], [spec.padding; 2], [spec.dilation; 2], 1)
+/// As burn has it, with weights of that shape.
+fn options(spec: ConvSpec, weight: &Shape) -> ConvOptions<2> {
+    let groups = if spec.depthwise { weight[0] } else { 1 };
+    ConvOptions::new(
+        [spec.stride; 2],
+        [spec.padding; 2],
+        [spec.dilation; 2],
+        groups,
+    )
 }
 
 /// Backends that convolve; the defaults are burn's own implementation, the plain reference.
@@ -33,7 +40,7 @@ fn options(spec: ConvSpec) -> ConvOptions<2> {
     Cube: cfg(feature = "wgpu"),
 )]
 pub trait ConvBackend: Backend {
-    /// `x [b, h, w, c]` with `weight [o, c, k, k]` to `[b, h', w', o]`.
+    /// `x [b, h, w, c]` with `weight [o, c, k, k]`, or `[c, 1, k, k]` if each channel is convolved alone, to `[b, h', w', o]`.
     fn conv(x: FloatTensor<Self>, weight: FloatTensor<Self>, spec: ConvSpec) -> FloatTensor<Self> {
         reference::<Self>(x, weight, spec)
     }
@@ -72,7 +79,8 @@ fn reference<B: Backend>(
         );
         return images::<B>(rows, &x.shape());
     }
-    let output = B::conv2d(channels_first::<B>(x), weight, None, options(spec));
+    let options = options(spec, &weight.shape());
+    let output = B::conv2d(channels_first::<B>(x), weight, None, options);
     channels_last::<B>(output)
 }
 
@@ -88,7 +96,8 @@ fn reference_input<B: Backend>(
         return images::<B>(rows, &x.shape());
     }
     let (x, grad) = (channels_first::<B>(x), channels_first::<B>(grad));
-    channels_last::<B>(B::conv2d_x_backward(x, weight, grad, options(spec)))
+    let options = options(spec, &weight.shape());
+    channels_last::<B>(B::conv2d_x_backward(x, weight, grad, options))
 }
 
 /// The gradient of its weights in burn's own operations.
@@ -104,7 +113,8 @@ fn reference_weight<B: Backend>(
         return B::float_reshape(product, weight.shape());
     }
     let (x, grad) = (channels_first::<B>(x), channels_first::<B>(grad));
-    B::conv2d_weight_backward(x, weight, grad, options(spec))
+    let options = options(spec, &weight.shape());
+    B::conv2d_weight_backward(x, weight, grad, options)
 }
 
 /// `[b, h, w, c]` as rows `[b h w, c]`.
@@ -146,7 +156,8 @@ pub fn linear(x: Tensor<2>, weight: Tensor<2>) -> Tensor<2> {
     conv2d(image, weight, ConvSpec::pointwise()).reshape([rows, outputs])
 }
 
-/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]`.
+/// Convolves `x [batch, height, width, in]` with `weight [out, in, taps, taps]`, or `[in, 1, taps, taps]` if each channel is
+/// convolved alone.
 pub fn conv2d(x: Tensor<4>, weight: Tensor<4>, spec: ConvSpec) -> Tensor<4> {
     Tensor::from_dispatch(Dispatch::conv(
         x.into_dispatch(),

@@ -45,6 +45,17 @@ fn cases() -> Vec<Shape> {
             ConvSpec::pointwise(),
         ));
     }
+    for (taps, stride) in [(3, 1), (3, 2), (5, 1), (5, 2), (4, 3)] {
+        for (size, channels) in [
+            ([2, 1, 1], 3),
+            ([2, 2, 5], 16),
+            ([2, 21, 18], 24),
+            ([1, 7, 9], 40),
+        ] {
+            let spec = ConvSpec::depthwise(taps, stride);
+            cases.push(shape(size, channels, channels, taps, spec));
+        }
+    }
     // More pixels than fit one task.
     cases.push(shape([1, 60, 70], 40, 3, 3, ConvSpec::same(1)));
     // So many tiles that gradients of weights are summed in parts.
@@ -80,13 +91,23 @@ fn products(shape: &Shape, mut visit: impl FnMut(usize, usize, usize)) {
             let Some((y, x)) = y.zip(x) else { continue };
             for c in 0..channels {
                 let input = ((image * shape.height + y) * shape.width + x) * channels + c;
-                for o in 0..shape.outputs {
-                    let weight = (o * channels + c) * taps * taps + tap;
-                    visit(pixel * shape.outputs + o, input, weight);
+                let mut visit = |o: usize, row: usize| {
+                    visit(pixel * shape.outputs + o, input, row * taps * taps + tap);
+                };
+                if shape.spec.depthwise {
+                    visit(c, c);
+                } else {
+                    (0..shape.outputs).for_each(|o| visit(o, o * channels + c));
                 }
             }
         }
     }
+}
+
+/// The sizes of the weights.
+fn kernel_of(shape: &Shape) -> [usize; 4] {
+    let taps = shape.taps;
+    [shape.outputs, shape.depth() / (taps * taps), taps, taps]
 }
 
 fn agree(fast: &[f32], slow: &[f64], context: &dyn std::fmt::Debug) {
@@ -116,6 +137,9 @@ prop_compose! {
         channels in 1..50_usize,
         outputs in 1..50_usize,
         (taps, spec) in prop::sample::select(vec![
+            (3, ConvSpec::depthwise(3, 1)),
+            (3, ConvSpec { dilation: 2, ..ConvSpec::depthwise(3, 1) }),
+            (5, ConvSpec::depthwise(5, 2)),
             (3, ConvSpec::same(1)),
             (3, ConvSpec::same(2)),
             (3, ConvSpec::same(3)),
@@ -124,6 +148,7 @@ prop_compose! {
             (1, ConvSpec { stride: 2, ..ConvSpec::pointwise() }),
         ]),
     ) -> Shape {
+        let outputs = if spec.depthwise { channels } else { outputs };
         Shape { batch, height, width, channels, outputs, taps, spec }
     }
 }
@@ -164,7 +189,8 @@ fn kernels_agree(shape: &Shape, scratch: &Scratch) {
 
     for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
         let context = (level, shape);
-        let sizes = [shape.outputs, shape.channels, shape.taps];
+        let [_, per_output, ..] = kernel_of(shape);
+        let sizes = [shape.outputs, per_output, shape.taps];
         let prepared = Layer::new(level, &weights, sizes, &bias, shape.spec);
         let mut output = vec![f32::NAN; outputs];
         let tail = Tail {
@@ -191,7 +217,7 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
 fn the_op_agrees_with_burn_and_its_gradients_are_adjoint() {
     let device = Device::flex().autodiff();
     for shape in cases() {
-        let Shape { taps, spec, .. } = shape;
+        let spec = shape.spec;
         let dims = [shape.batch, shape.height, shape.width, shape.channels];
         let (x, weights) = (
             random(dims.iter().product(), "x"),
@@ -201,7 +227,7 @@ fn the_op_agrees_with_burn_and_its_gradients_are_adjoint() {
             Tensor::<4>::from_data(TensorData::new(v.to_vec(), dims), &device)
         };
         let input = tensor(&x, dims).require_grad();
-        let kernel = tensor(&weights, [shape.outputs, shape.channels, taps, taps]).require_grad();
+        let kernel = tensor(&weights, kernel_of(&shape)).require_grad();
         let output = conv2d(input.clone(), kernel.clone(), spec);
         let (height, width) = shape.out();
         let out_dims = [shape.batch, height, width, shape.outputs];
@@ -212,7 +238,7 @@ fn the_op_agrees_with_burn_and_its_gradients_are_adjoint() {
             input.clone().permute([0, 3, 1, 2]),
             kernel.clone(),
             None,
-            super::options(spec),
+            super::options(spec, &kernel.shape()),
         );
         let reference = read(reference.permute([0, 2, 3, 1]));
         let reference: Vec<f64> = reference.into_iter().map(f64::from).collect();
@@ -240,7 +266,7 @@ fn gradients_of_the_op_match_central_differences() {
     let device = Device::flex().autodiff();
     for shape in cases().into_iter().filter(|s| s.channels <= 17) {
         let dims = [shape.batch, shape.height, shape.width, shape.channels];
-        let kernel = [shape.outputs, shape.channels, shape.taps, shape.taps];
+        let kernel = kernel_of(&shape);
         let tensor = |v: &[f32], dims: [usize; 4]| {
             Tensor::<4>::from_data(TensorData::new(v.to_vec(), dims), &device)
         };

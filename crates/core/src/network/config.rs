@@ -43,6 +43,15 @@ pub struct StageConfig {
     pub blocks: usize,
 }
 
+/// How much of a pretrained `EfficientNet`-Lite0 sees the image beside the extractor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BackboneConfig {
+    /// Number of its seven stages, from the first on: 2 end at a quarter of the image's resolution, 3 at an eighth, 5 at
+    /// a 16th, 7 at a 32nd.
+    pub stages: usize,
+}
+
 /// Widths and depths of the feature extractor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -62,6 +71,10 @@ pub struct ExtractorConfig {
     /// Stages after the fourth, each at half the resolution of the one before it, from an eighth of the image's down:
     /// their outputs are enlarged and added to the features, which see more of the image that way.
     pub context: Vec<StageConfig>,
+    /// Stages of a pretrained network that see the image too, are trained on, and add to the features; absent: none.
+    // Not in files without them: earlier versions do not know the name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub backbone: Option<BackboneConfig>,
     /// Number of convolutions that sharpen the features at half the image's resolution, using the output of
     /// the first stage there; 0: the features stay at quarter resolution, as in PSMNet.
     pub sharpening: usize,
@@ -90,6 +103,7 @@ impl ExtractorConfig {
             merge: 128,
             features: 32,
             context: vec![],
+            backbone: None,
             sharpening: 0,
             encoder: 0,
         }
@@ -113,6 +127,7 @@ impl ExtractorConfig {
             merge: 64,
             features: 64,
             context: vec![],
+            backbone: None,
             sharpening: 2,
             encoder: 0,
         }
@@ -150,6 +165,9 @@ impl ExtractorConfig {
             && self.all_stages().all(|stage| blocks(stage.blocks))
             && self.context.len() <= MOST_BLOCKS
             && self.pools.len() <= MOST_BLOCKS
+            && self
+                .backbone
+                .is_none_or(|backbone| (2..=BackboneConfig::MOST).contains(&backbone.stages))
             && self.sharpening <= MOST_BLOCKS
             && self.encoder <= MOST_CHANNELS;
         if sound {
@@ -157,7 +175,8 @@ impl ExtractorConfig {
         }
         Err(SettingsError::new(format!(
             "widths and pools of the extractor must be from 1 to {MOST_CHANNELS}, numbers of blocks from \
-             1 to {MOST_BLOCKS}"
+             1 to {MOST_BLOCKS}, stages of the backbone from 2 to {}",
+            BackboneConfig::MOST
         )))
     }
 
@@ -302,6 +321,18 @@ impl NetworkConfig {
     pub fn taught() -> Self {
         Self {
             extractor: ExtractorConfig::slim().with_context([96, 128, 192]),
+            mean: true,
+            ..Self::sharp()
+        }
+    }
+
+    /// `sharp` on six stages of a pretrained `EfficientNet`-Lite0, whose first function is a map of depth: 3.7 M parameters.
+    pub fn lite() -> Self {
+        Self {
+            extractor: ExtractorConfig {
+                backbone: Some(BackboneConfig { stages: 6 }),
+                ..ExtractorConfig::slim()
+            },
             mean: true,
             ..Self::sharp()
         }

@@ -1,5 +1,6 @@
 //! The feature extractor, layer by layer.
 
+use super::backbone::Backbone;
 use super::config::{ExtractorConfig, StageConfig};
 use super::map::{Map, Pool};
 use super::run::Run;
@@ -24,6 +25,7 @@ pub(super) struct Extractor {
     project: Layer,
     /// Blocks at lower and lower resolutions, and what each adds to the features.
     context: Vec<(Vec<Block>, Layer)>,
+    backbone: Option<Backbone>,
     sharpen: Option<Sharpen>,
 }
 
@@ -170,6 +172,10 @@ impl Extractor {
             merge: tensors.conv_norm("extractor.merge", [config.merge, merged, 3], plain)?,
             project: tensors.conv("extractor.project", project, pointwise)?,
             context: context.collect::<Result<_, WeightsError>>()?,
+            backbone: config
+                .backbone
+                .map(|backbone| Backbone::new(backbone, config.features, tensors))
+                .transpose()?,
             sharpen: match config.sharpening {
                 0 => None,
                 layers => Some(Sharpen::new(tensors, first.width, config.features, layers)?),
@@ -226,6 +232,9 @@ impl Extractor {
             pool.give(seen);
         }
         pool.give(x);
+        if let Some(backbone) = &self.backbone {
+            backbone.add(image, &mut features, run);
+        }
         match (&self.sharpen, kept) {
             (Some(sharpen), Some(half)) => sharpen.forward(features, half, run),
             _ => features,

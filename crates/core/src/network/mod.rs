@@ -7,6 +7,7 @@
 //! weights of the fit are folded into the last layer.
 
 mod affinity_net;
+mod backbone;
 mod colours;
 mod colours_alone;
 mod config;
@@ -19,11 +20,12 @@ mod map;
 mod run;
 mod tensors;
 
+pub use backbone::{BACKBONE_STEM, InvertedBlock};
 pub use colours::{CONTRAST, LEAST, MOST_CHANGE};
 pub use colours_alone::ColoursAlone;
 pub use config::{
-    AdapterConfig, CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig, NetworkConfig, NormKind,
-    StageConfig,
+    AdapterConfig, BackboneConfig, CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig,
+    NetworkConfig, NormKind, StageConfig,
 };
 pub use encoder::{
     ADAPTERS, Encoded, Encoder, EncoderConfig, Features, LAYER_EPSILON, MORE_BLOCKS, PATCH,

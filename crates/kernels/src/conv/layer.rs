@@ -3,7 +3,7 @@
 
 use super::shape::Shape;
 use super::winograd::{self, Filter};
-use super::{ConvSpec, unfold};
+use super::{ConvSpec, depthwise, unfold};
 use crate::simd::{Level, Packed, Scratch, Tail, Unset, unset, written};
 use rayon::prelude::*;
 
@@ -19,12 +19,13 @@ pub struct Layer {
 
 #[derive(Clone, Debug)]
 enum Prepared {
+    Alone(depthwise::Filter),
     Spectrum(Filter),
     Matrix(Packed),
 }
 
 impl Layer {
-    /// Prepares weights `[outputs, channels, taps, taps]`; an empty bias is 0.
+    /// Prepares weights `[outputs, channels, taps, taps]`, with 1 channel if each is convolved alone; an empty bias is 0.
     ///
     /// # Panics
     /// If there are not as many weights, or as many biases as outputs, or taps, stride or dilation are 0.
@@ -37,6 +38,8 @@ impl Layer {
     ) -> Self {
         assert_eq!(weights.len(), outputs * channels * taps * taps, "weights");
         assert!(bias.is_empty() || bias.len() == outputs, "bias");
+        assert!(!spec.depthwise || channels == 1, "depthwise weights");
+        let channels = if spec.depthwise { outputs } else { channels };
         let shape = Shape {
             batch: 1,
             height: 1,
@@ -48,7 +51,9 @@ impl Layer {
         };
         shape.check();
         let area = taps * taps;
-        let weights = if shape.is_winograd() {
+        let weights = if spec.depthwise {
+            Prepared::Alone(depthwise::Filter::new(level, weights, channels, bias))
+        } else if shape.is_winograd() {
             let turned = transposed(weights, outputs, channels * area);
             let sizes = (channels, outputs);
             Prepared::Spectrum(Filter::new(level, &turned, sizes, spec.dilation, bias))
@@ -133,6 +138,7 @@ impl Layer {
         assert_eq!(output.len(), outputs, "output");
         assert!(tail.skip.is_none_or(|skip| skip.len() == outputs), "skip");
         match &self.weights {
+            Prepared::Alone(filter) => filter.write(x, &shape, tail, output),
             Prepared::Spectrum(filter) => filter.write(x, size, tail, scratch, output),
             Prepared::Matrix(matrix) => {
                 unfold::forward(x, matrix, &shape, tail, scratch, output);
@@ -142,7 +148,7 @@ impl Layer {
 }
 
 /// The gradient of the input from that of the output, with weights
-/// `[outputs, channels, taps, taps]`.
+/// `[outputs, channels, taps, taps]` (1 channel if each is convolved alone).
 ///
 /// # Panics
 /// If lengths do not go together, or taps, stride or dilation are 0.
@@ -155,8 +161,11 @@ pub fn input_gradient(
 ) -> Vec<f32> {
     shape.check();
     let (channels, outputs, area) = (shape.channels, shape.outputs, shape.taps * shape.taps);
-    assert_eq!(weights.len(), outputs * channels * area, "weights");
+    assert_eq!(weights.len(), outputs * shape.depth(), "weights");
     assert_eq!(grad.len(), shape.out_pixels() * outputs, "gradient");
+    if shape.spec.depthwise {
+        return depthwise::input_gradient(level, weights, grad, shape);
+    }
     if shape.is_winograd() {
         let turned = reversed(weights, channels);
         let dilation = shape.spec.dilation;
@@ -177,7 +186,7 @@ pub fn input_gradient(
     unfold::input_gradient(grad, &transposed, shape, scratch)
 }
 
-/// The gradient of the weights `[outputs, channels, taps, taps]` from that of the output.
+/// The gradient of the weights `[outputs, channels, taps, taps]` (1 channel if each is convolved alone) from that of the output.
 ///
 /// # Panics
 /// If lengths do not go together, or taps, stride or dilation are 0.
@@ -197,7 +206,10 @@ pub fn weight_gradient(
     );
     assert_eq!(grad.len(), shape.out_pixels() * outputs, "gradient");
     if grad.is_empty() {
-        return vec![0.0; outputs * channels * area];
+        return vec![0.0; outputs * shape.depth()];
+    }
+    if shape.spec.depthwise {
+        return depthwise::weight_gradient(level, x, grad, shape);
     }
     if shape.is_winograd() {
         let (sizes, dilation) = ((channels, outputs), shape.spec.dilation);

@@ -1,5 +1,6 @@
 //! 2-D convolution of images `[batch, height, width, channels]`, and its gradients.
 
+mod depthwise;
 mod layer;
 mod shape;
 mod unfold;
@@ -17,6 +18,8 @@ pub struct ConvSpec {
     pub padding: usize,
     /// Distance between taps, in input pixels.
     pub dilation: usize,
+    /// Each channel is convolved alone: weights are `[channels, 1, taps, taps]`.
+    pub depthwise: bool,
 }
 
 impl ConvSpec {
@@ -26,6 +29,7 @@ impl ConvSpec {
             stride: 1,
             padding: dilation,
             dilation,
+            depthwise: false,
         }
     }
 
@@ -35,6 +39,7 @@ impl ConvSpec {
             stride: 2,
             padding: 1,
             dilation: 1,
+            depthwise: false,
         }
     }
 
@@ -44,6 +49,17 @@ impl ConvSpec {
             stride: 1,
             padding: 0,
             dilation: 1,
+            depthwise: false,
+        }
+    }
+
+    /// Each channel alone, with `taps` x `taps` weights, an odd number: the size divided by the stride, rounded up.
+    pub fn depthwise(taps: usize, stride: usize) -> Self {
+        Self {
+            stride,
+            padding: taps / 2,
+            dilation: 1,
+            depthwise: true,
         }
     }
 

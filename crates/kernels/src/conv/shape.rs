@@ -25,11 +25,18 @@ impl Shape {
     /// What every kernel relies on.
     pub(super) fn check(&self) {
         let ConvSpec {
-            stride, dilation, ..
+            stride,
+            dilation,
+            depthwise,
+            ..
         } = self.spec;
         assert!(
             self.taps > 0 && stride > 0 && dilation > 0,
             "taps, stride and dilation must be above 0"
+        );
+        assert!(
+            !depthwise || self.channels == self.outputs,
+            "a depthwise convolution has as many outputs as channels"
         );
     }
 
@@ -53,7 +60,12 @@ impl Shape {
 
     /// Inputs of one output: taps x channels.
     pub fn depth(&self) -> usize {
-        self.taps * self.taps * self.channels
+        let channels = if self.spec.depthwise {
+            1
+        } else {
+            self.channels
+        };
+        self.taps * self.taps * channels
     }
 
     /// Whether an output reads just the pixel it lies on.

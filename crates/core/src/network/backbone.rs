@@ -1,0 +1,209 @@
+//! `EfficientNet`-Lite0 without its classifier (Tan and Le 2019; "Lite": no squeeze and excitation, ReLU), which was trained
+//! on photographs of a thousand kinds of things: it knows what parts of an image are.
+
+use super::config::BackboneConfig;
+use super::map::Map;
+use super::run::Run;
+use super::tensors::Tensors;
+use crate::error::WeightsError;
+use lsdc_kernels::conv::{ConvSpec, Layer};
+
+/// Channels behind the first convolution.
+pub const BACKBONE_STEM: usize = 32;
+
+/// Expansion, taps, stride of the first block, channels and number of blocks of each stage.
+const STAGES: [[usize; 5]; 7] = [
+    [1, 3, 1, 16, 1],
+    [6, 3, 2, 24, 2],
+    [6, 5, 2, 40, 2],
+    [6, 3, 2, 80, 3],
+    [6, 5, 1, 112, 3],
+    [6, 5, 2, 192, 4],
+    [6, 3, 1, 320, 1],
+];
+
+/// An inverted residual block (Sandler et al. 2018): channels are expanded, each is convolved alone, and they are
+/// reduced again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InvertedBlock {
+    /// Channels of the input.
+    pub from: usize,
+    /// Channels between; equal to those of the input if they are not expanded.
+    pub inner: usize,
+    /// Channels of the output.
+    pub to: usize,
+    /// Side of the convolution of each channel.
+    pub taps: usize,
+    /// Its stride.
+    pub stride: usize,
+    /// Whether its output, at the resolution before the next stride, is read.
+    pub read: bool,
+}
+
+impl InvertedBlock {
+    /// Whether channels are expanded.
+    pub fn expands(self) -> bool {
+        self.inner != self.from
+    }
+
+    /// Whether the input is added to the output.
+    pub fn adds(self) -> bool {
+        self.stride == 1 && self.from == self.to
+    }
+}
+
+impl BackboneConfig {
+    /// The most stages that there are.
+    pub const MOST: usize = STAGES.len();
+
+    /// The blocks of all stages that are used.
+    pub fn blocks(self) -> Vec<InvertedBlock> {
+        let mut blocks: Vec<InvertedBlock> = Vec::new();
+        let mut from = BACKBONE_STEM;
+        let stages = STAGES.iter().take(self.stages);
+        for &[expansion, taps, first, to, count] in stages {
+            for i in 0..count {
+                let stride = if i == 0 { first } else { 1 };
+                // From a quarter of the image's resolution on.
+                if let Some(before) = blocks.last_mut() {
+                    before.read = stride == 2 && before.from != BACKBONE_STEM;
+                }
+                blocks.push(InvertedBlock {
+                    from,
+                    inner: from * expansion,
+                    to,
+                    taps,
+                    stride,
+                    read: false,
+                });
+                from = to;
+            }
+        }
+        if let Some(last) = blocks.last_mut() {
+            last.read = true;
+        }
+        blocks
+    }
+}
+
+/// The stages with their weights.
+#[derive(Debug)]
+pub(super) struct Backbone {
+    stem: Layer,
+    blocks: Vec<Inverted>,
+}
+
+#[derive(Debug)]
+struct Inverted {
+    config: InvertedBlock,
+    expand: Option<Layer>,
+    depthwise: Layer,
+    project: Layer,
+    /// What is read of the output is multiplied with this and added to the features.
+    seen: Option<Layer>,
+}
+
+impl Backbone {
+    /// The stages, and what turns what is read of them into features.
+    pub(super) fn new(
+        config: BackboneConfig,
+        features: usize,
+        tensors: &Tensors<'_>,
+    ) -> Result<Self, WeightsError> {
+        let name = |part: &str| format!("extractor.backbone.{part}");
+        let pointwise = ConvSpec::pointwise();
+        let mut reads = 0..;
+        let mut block = |(i, config): (usize, InvertedBlock)| {
+            let name = |part: &str| name(&format!("blocks.{i}.{part}"));
+            let InvertedBlock {
+                from,
+                inner,
+                to,
+                taps,
+                stride,
+                ..
+            } = config;
+            let expand = |()| tensors.conv_norm(&name("expand"), [inner, from, 1], pointwise);
+            let spec = ConvSpec::depthwise(taps, stride);
+            let seen =
+                |i| tensors.conv(&format!("extractor.seen.{i}"), [features, to, 1], pointwise);
+            let read = config.read.then(|| reads.next()).flatten();
+            Ok(Inverted {
+                config,
+                expand: config.expands().then_some(()).map(expand).transpose()?,
+                depthwise: tensors.conv_norm(&name("depthwise"), [inner, 1, taps], spec)?,
+                project: tensors.conv_norm(&name("project"), [to, inner, 1], pointwise)?,
+                seen: read.map(seen).transpose()?,
+            })
+        };
+        let blocks = config.blocks().into_iter().enumerate();
+        Ok(Self {
+            blocks: blocks.map(&mut block).collect::<Result<_, _>>()?,
+            stem: tensors.conv_norm(&name("stem"), [BACKBONE_STEM, 3, 3], ConvSpec::halving())?,
+        })
+    }
+
+    /// Adds what the stages see in the image to the features.
+    pub(super) fn add(&self, image: &Map, features: &mut Map, run: Run<'_>) {
+        let pool = run.pool;
+        let mut x = run.layer(&self.stem, image, None, true);
+        for block in &self.blocks {
+            x = block.forward(x, run);
+            if let Some(layer) = &block.seen {
+                let seen = run.layer(layer, &x, None, false);
+                features.add_enlarged(&seen);
+                pool.give(seen);
+            }
+        }
+        pool.give(x);
+    }
+}
+
+impl Inverted {
+    fn forward(&self, x: Map, run: Run<'_>) -> Map {
+        let pool = run.pool;
+        let expanded = self.expand.as_ref();
+        let expanded = expanded.map(|layer| run.layer(layer, &x, None, true));
+        let inner = run.layer(&self.depthwise, expanded.as_ref().unwrap_or(&x), None, true);
+        let skip = self.config.adds().then_some(&x);
+        let output = run.layer(&self.project, &inner, skip, false);
+        for map in expanded.into_iter().chain([inner, x]) {
+            pool.give(map);
+        }
+        output
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_those_of_efficientnet_lite0() {
+        let blocks = BackboneConfig { stages: 7 }.blocks();
+        assert_eq!(blocks.len(), 16);
+        // Weights of convolutions: 4,652,008 numbers with the classifier and both lines of every normalisation, by PyTorch's
+        // count of the published file.
+        let convolutions = blocks.iter().map(|b| {
+            let expand = if b.expands() { b.from * b.inner } else { 0 };
+            expand + b.inner * b.taps * b.taps + b.inner * b.to
+        });
+        let lines = blocks.iter().map(|b| {
+            let expand = if b.expands() { b.inner } else { 0 };
+            2 * (expand + b.inner + b.to)
+        });
+        let classifier = 320 * 1280 + 2 * 1280 + 1280 * 1000 + 1000;
+        let stem = 27 * BACKBONE_STEM + 2 * BACKBONE_STEM;
+        let all = convolutions.chain(lines).sum::<usize>() + stem + classifier;
+        assert_eq!(all, 4_652_008);
+        let reads = |stages| {
+            let blocks = BackboneConfig { stages }.blocks().into_iter();
+            let read = blocks.filter(|b| b.read).map(|b| b.to);
+            read.collect::<Vec<usize>>()
+        };
+        assert_eq!(reads(7), [24, 40, 112, 320]);
+        assert_eq!(reads(5), [24, 40, 112]);
+        assert_eq!(reads(4), [24, 40, 80]);
+        assert_eq!(reads(0), [0; 0]);
+    }
+}
