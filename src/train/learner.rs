@@ -238,8 +238,8 @@ mod tests {
     use crate::data::{Rooms, RoomsConfig, Split};
     use crate::model::random_encoder::{random_tensors, short};
     use crate::model::{
-        AdapterConfig, ExtractorConfig, InitNetwork as _, NetworkConfig, Normalisation, Table,
-        weights_of,
+        AdapterConfig, BackboneConfig, ExtractorConfig, InitNetwork as _, NetworkConfig,
+        Normalisation, Table, weights_of,
     };
     use crate::sample::{AugmentConfig, Protocol, Sampler, SamplerConfig, SupervisionConfig};
     use burn::tensor::{Device, Tensor, TensorData};
@@ -324,6 +324,37 @@ mod tests {
             let same = after[name] == *tensor;
             assert_eq!(same, name.starts_with("edges."), "{name}");
         }
+    }
+
+    #[test]
+    fn a_backbone_moves_by_its_share_of_the_rate() {
+        let device = Device::flex().autodiff();
+        let mut network = network();
+        network.extractor.backbone = Some(BackboneConfig { stages: 3 });
+        let net = network.init(0, &device).unwrap();
+        let before = tensors(&net, &network);
+        let mut config = config(Part::Bases);
+        config.optimiser = OptimiserKind::Muon;
+        config.backbone.rate = 0.05;
+        config.weight_decay = 0.0;
+        let mut learner = Learner::new(net, &fit(), &config).freeze_statistics();
+        // In the first step nothing behind it multiplies what it sees.
+        for number in 1..=2 {
+            (learner, _) = learner.step(&[batch(&device)], 1e-2, number).unwrap();
+        }
+        let after = tensors(learner.net(), &network);
+        let mut moved = 0;
+        for (name, tensor) in &before {
+            if !name.starts_with("extractor.backbone.") {
+                continue;
+            }
+            let pairs = tensor.values().iter().zip(after[name].values());
+            let most = pairs.fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()));
+            // The first step of Adam that has a gradient is not larger than the rate.
+            assert!(most < 1.01 * 0.05 * 1e-2, "{name}: {most}");
+            moved += usize::from(most > 0.0);
+        }
+        assert!(moved > 10, "{moved}");
     }
 
     #[test]

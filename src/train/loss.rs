@@ -28,6 +28,9 @@ pub struct LossConfig {
     pub berhu: f64,
     /// Mean absolute error of the differences between neighbouring pixels, in metres.
     pub gradient: f64,
+    /// How far the map that the network suggests (`network.mean`) is from the depth, up to scale: the absolute and the
+    /// root mean squared differences of their logarithms, without their mean (Eigen et al. 2014).
+    pub mean: f64,
     /// Mean absolute weight of a basis function, in metres.
     pub regularisation: f64,
     /// The absolute and root mean squared errors of a fit to n points are multiplied by (n / `supervision.points`)
@@ -52,6 +55,7 @@ impl Default for LossConfig {
             rmse: 0.0,
             berhu: 0.0,
             gradient: 1.0,
+            mean: 0.0,
             regularisation: 1e-3,
             balance: 0.0,
             affinities: 0.0,
@@ -74,6 +78,7 @@ impl LossConfig {
             self.rmse,
             self.berhu,
             self.gradient,
+            self.mean,
             self.regularisation,
             self.affinities,
             self.teacher_affinities,
@@ -127,6 +132,11 @@ pub fn losses(
 
     let at_points = at_points.repeat_dim(0, draws);
     let functions = at_points.dims()[2];
+    let mean = (config.mean > 0.0).then(|| {
+        let first = TensorData::new(first_of(images, functions), [images, functions, 1]);
+        let map = bases.combine(Tensor::from_data(first, &at_points.device()));
+        up_to_scale(map.squeeze_dim(2), batch.depths.clone()) * config.mean
+    });
     let (depths, draw) = (
         batch.measured.clone().repeat_dim(0, draws),
         batch.draws.clone(),
@@ -167,12 +177,31 @@ pub fn losses(
         config,
     );
     let affinities = field.map(|(_, edges)| of_affinities(&edges, batch, shown, config));
-    let more = affinities.into_iter().flatten().chain(spans);
+    let more = affinities.into_iter().flatten().chain(spans).chain(mean);
     losses.total = more.fold(losses.total, |sum, loss| sum + loss);
     if config.regularisation > 0.0 {
         losses.total = losses.total + weights.abs().mean() * config.regularisation;
     }
     losses
+}
+
+/// Weights `[images, functions, 1]` of the first function alone.
+fn first_of(images: usize, functions: usize) -> Vec<f32> {
+    let one = |i: usize| f32::from(u8::from(i.is_multiple_of(functions)));
+    (0..images * functions).map(one).collect()
+}
+
+/// The absolute and root mean squared differences of the logarithms of maps and depths `[images, pixels]` without their
+/// mean, averaged over images; depths of 0 are not known.
+fn up_to_scale(maps: Tensor<2>, depths: Tensor<2>) -> Tensor<1> {
+    let known = depths.clone().greater_elem(0.0).float();
+    let counts = known.clone().sum_dim(1).clamp_min(1.0);
+    let off = (maps.log() - depths.clamp_min(1e-6).log()) * known.clone();
+    let mean = off.clone().sum_dim(1) / counts.clone();
+    let off = (off - mean) * known;
+    let absolute = off.clone().abs().sum_dim(1) / counts.clone();
+    let squared = off.square().sum_dim(1) / counts;
+    (absolute + (squared + 1e-8).sqrt()).mean()
 }
 
 /// The same for a field alone, at every pixel: basis functions are not computed.
@@ -287,4 +316,26 @@ fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
     let places = Tensor::<2, Int>::from_data(places, &field.device()).repeat_dim(0, draws);
     let values = field.gather(1, places);
     values.reshape([draws, images, count]).permute([1, 2, 0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::Device;
+
+    #[test]
+    fn maps_are_compared_up_to_scale_where_depth_is_known() {
+        let device = Device::flex();
+        let tensor = |values: [[f32; 4]; 2]| Tensor::<2>::from_data(values, &device);
+        let loss = |maps, depths| up_to_scale(tensor(maps), tensor(depths)).into_scalar::<f32>();
+        let depths = [[1.0, 2.0, 4.0, 0.0], [3.0, 3.0, 3.0, 3.0]];
+        let alike = [[0.5, 1.0, 2.0, 9.0], [7.0, 7.0, 7.0, 7.0]];
+        assert!(loss(alike, depths) < 1e-3);
+        // Logarithms are off by 1, 0 and 2 in the first image: by -1, 0 and 1 without their mean, so that the absolute
+        // difference is 2 / 3 and its square is the root mean squared one.
+        let e = std::f32::consts::E;
+        let off = [[e, 2.0, 4.0 * e * e, 1.0], [1.0, 1.0, 1.0, 1.0]];
+        let expected = f32::midpoint(2.0 / 3.0, (2.0_f32 / 3.0).sqrt());
+        assert!((loss(off, depths) - expected).abs() < 1e-3);
+    }
 }

@@ -135,6 +135,12 @@ impl Trainer {
                 "`train.part = \"affinities\"` needs a network with `affinities` above 0",
             ));
         }
+        if config.loss.mean > 0.0 && (!network.mean || config.part == Part::Affinities) {
+            return Err(Error::config(
+                "`train.loss.mean` needs a network with `mean = true` whose basis functions are trained",
+            )
+            .hint("set `preset = \"lite\"` or \"taught\", or leave it at 0"));
+        }
         fit.check()?;
         check(&config, &mixture, devices)?;
         let frames = mixture.first().clone();
@@ -191,6 +197,7 @@ impl Trainer {
             ("features", config.features.is_some()),
             ("robust", config.robust.is_some()),
             ("loss.affinities", config.loss.affinities > 0.0),
+            ("loss.mean", config.loss.mean > 0.0),
             ("loss.regularisation", config.loss.regularisation > 0.0),
             (
                 "loss.teacher_affinities or teacher_span",
@@ -389,7 +396,9 @@ impl Trainer {
         let start = open_weights(Some(path))?;
         start_adapters(&start.network, &bases.network)?;
         let (net, new) = transfer(&start, net)?;
-        tracing::info!("{new} tensors do not fit the start weights and begin at random");
+        tracing::info!(
+            "{new} tensors are not those of the start weights: they begin at random, or with the backbone's"
+        );
         Ok(net)
     }
 

@@ -112,3 +112,26 @@ pub(super) fn input_size(protocol: &Protocol, frames: &dyn Dataset) -> Result<[u
         }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::InitNetwork as _;
+    use burn::tensor::Device;
+
+    #[test]
+    fn a_published_backbone_needs_a_network_that_has_one() {
+        let network = NetworkConfig::small();
+        let net = network.init(0, &Device::flex()).unwrap();
+        let config = BackboneTraining {
+            pretrained: Some("efficientnet-lite0.pth".into()),
+            ..BackboneTraining::default()
+        };
+        let error = with_backbone(net, &network, &config).unwrap_err();
+        assert!(
+            error.to_string().contains("networks with a backbone"),
+            "{error}"
+        );
+        assert!(error.advice().unwrap().contains("lite"));
+    }
+}
