@@ -12,7 +12,6 @@ by `anything`, which starts from a first default.
 
   --nyu DIR           frames of NYU Depth v2, labelled: DIR/train/SCENE/FRAME.jpg and FRAME_depth.png
   --more DIR          further frames, DIR/SET/FRAME.jpg and FRAME_depth.png, for `anything` and all that it teaches
-  --backbone FILE     EfficientNet-Lite0 as PyTorch saves it, for `default`: docs/training.md, "A pretrained backbone"
   -o, --output DIR    where everything is made; the same command with the same folder goes on
   --steps-scale X     that part of the steps of every training, 0.001 for a trial [default: 1]
   --lsdc PROGRAM      the program [default: lsdc]
@@ -27,16 +26,15 @@ fail() {
 }
 
 here=$(cd "$(dirname "$0")" && pwd)
-nyu='' more='' backbone='' out='' scale=1 lsdc=lsdc names=()
+nyu='' more='' out='' scale=1 lsdc=lsdc names=()
 while [ $# -gt 0 ]; do
   case $1 in
   -h | --help) usage && exit ;;
-  --nyu | --more | --backbone | -o | --output | --steps-scale | --lsdc)
+  --nyu | --more | -o | --output | --steps-scale | --lsdc)
     [ $# -ge 2 ] || fail "$1 needs a value"
     case $1 in
     --nyu) nyu=$2 ;;
     --more) more=$2 ;;
-    --backbone) backbone=$2 ;;
     -o | --output) out=$2 ;;
     --steps-scale) scale=$2 ;;
     --lsdc) lsdc=$2 ;;
@@ -49,7 +47,6 @@ while [ $# -gt 0 ]; do
 done
 [ -n "$out" ] && [ ${#names[@]} -gt 0 ] || { usage >&2 && exit 2; }
 [ -d "$nyu/train" ] || fail "\`$nyu\` has no folder \`train\`: give --nyu DIR"
-[[ " ${names[*]} " != *" default "* ]] || [ -f "$backbone" ] || fail "\`default\` needs --backbone FILE"
 [ -z "$more" ] || [ -d "$more" ] || fail "\`$more\` is no folder"
 command -v "$lsdc" >/dev/null || fail "\`$lsdc\` is not there: give --lsdc PROGRAM"
 installed=$("$lsdc" weights list 2>/dev/null | grep '^anything ' || true)
@@ -59,7 +56,6 @@ python3 -c 'import numpy' 2>/dev/null || fail "python3 has no numpy"
 
 nyu=$(realpath "$nyu")
 [ -z "$more" ] || more=$(realpath "$more")
-[ -z "$backbone" ] || backbone=$(realpath "$backbone")
 lsdc=$(realpath "$(command -v "$lsdc")")
 mkdir -p "$out"
 # Weights tell what they were made from: by names below this folder, not those of this machine.
@@ -68,7 +64,6 @@ cd "$out"
 # What was begun with other data is not gone on with.
 asked="nyu $nyu
 more $more
-backbone $backbone
 steps-scale $scale"
 [ -e asked ] || echo "$asked" >asked
 [ "$(<asked)" = "$asked" ] || fail "\`$out\` was begun with other options: $(tr '\n' ' ' <asked)"
@@ -80,12 +75,11 @@ say() { echo "weights.sh: $*" >&2; }
 
 run_of() { echo "runs/$1/weights.safetensors"; }
 
-# all_frames: also the further frames; fewer_others, some_others, few_others: these only as 40, 30 and 15 % of what is seen.
-all_frames=() fewer_others=() some_others=() few_others=()
+# all_frames: also the further frames; fewer_others, few_others: these only as 40 and 15 % of what is seen.
+all_frames=() fewer_others=() few_others=()
 further="dataset = 'folder', root = '$more', folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' }"
 [ -z "$more" ] || all_frames=(--set "data.more=[{ $further }]")
 [ -z "$more" ] || fewer_others=(--set "data.more=[{ share = 0.4, $further }]")
-[ -z "$more" ] || some_others=(--set "data.more=[{ share = 0.3, $further }]")
 [ -z "$more" ] || few_others=(--set "data.more=[{ share = 0.15, $further }]")
 all_frames+=(--set "train.features=features")
 
@@ -167,17 +161,7 @@ taught() {
     --set train.learning_rate=1.5e-3 --set train.supervision.fewest=20 --set train.seed=6
   train "$name-last" "${alone[@]}" --set "train.start=$(run_of "$name-bases")" --set train.steps=1300 \
     --set train.learning_rate=1e-3 --set train.supervision.fewest=60 --set train.seed=7
-}
-
-# beside_backbone NAME: goes on from there beside the stages of a pretrained network, first with few points and many, then
-# with more points and fewer other frames.
-beside_backbone() {
-  local name=$1
-  local lite=(nyu-lite.toml --set "train.backbone.pretrained=$backbone" --set train.calibrate=false)
-  train "$name-lite" "${lite[@]}" "${some_others[@]}" --set "train.start=$(run_of "$name-last")" --set train.seed=11
-  train "$name-lite-last" "${lite[@]}" "${few_others[@]}" --set "train.start=$(run_of "$name-lite")" \
-    --set train.steps=1000 --set train.learning_rate=1.2e-3 --set train.average=0.995 \
-    --set train.supervision.fewest=20 --set train.seed=12
+  finish "$name" "$(run_of "$name-last")"
 }
 
 # anything: on top of the encoder; first the basis functions, then all, then with more points, then with all numbers of
@@ -206,15 +190,12 @@ make_default() {
   make_anything
   first_default
   taught default "$(run_of joint)" taught
-  beside_backbone default
-  finish default "$(run_of default-lite-last)"
 }
 
 make_small() {
   make_anything
   first_small
   taught small "$(run_of small-joint)" taught-small
-  finish small "$(run_of small-last)"
 }
 
 for name in "${names[@]}"; do "make_$name"; done
