@@ -194,6 +194,7 @@ impl Trainer {
             ("calibrate", config.calibrate),
             ("part", config.part != Part::All),
             ("start", config.start.is_some()),
+            ("backbone.pretrained", config.backbone.pretrained.is_some()),
             ("features", config.features.is_some()),
             ("robust", config.robust.is_some()),
             ("loss.affinities", config.loss.affinities > 0.0),

@@ -326,7 +326,7 @@ impl NetworkConfig {
         }
     }
 
-    /// `sharp` on six stages of a pretrained `EfficientNet`-Lite0, whose first function is a map of depth: 3.7 M parameters.
+    /// `sharp` beside six stages of a pretrained `EfficientNet`-Lite0, whose first function is a map of depth: 3.7 M parameters.
     pub fn lite() -> Self {
         Self {
             extractor: ExtractorConfig {
