@@ -29,7 +29,7 @@ pub enum Preset {
     Taught,
     /// The same at half the widths: 0.8 M.
     TaughtSmall,
-    /// `sharp` beside six stages of a pretrained `EfficientNet`-Lite0: 3.7 M.
+    /// `sharp` beside six stages of a pretrained `EfficientNet`-Lite0: 3.4 M.
     Lite,
     /// `sharp` on top of a pretrained encoder: 2.1 M beside its 22 M.
     Anything,
@@ -62,7 +62,7 @@ pub struct Config {
 }
 
 /// Configurations that come with the program, by file name.
-const BUILT_IN: [(&str, &str); 13] = [
+const BUILT_IN: [(&str, &str); 14] = [
     ("nyu.toml", include_str!("../configs/nyu.toml")),
     ("nyu-half.toml", include_str!("../configs/nyu-half.toml")),
     ("nyu-bases.toml", include_str!("../configs/nyu-bases.toml")),
@@ -79,6 +79,7 @@ const BUILT_IN: [(&str, &str); 13] = [
         "nyu-distill.toml",
         include_str!("../configs/nyu-distill.toml"),
     ),
+    ("nyu-map.toml", include_str!("../configs/nyu-map.toml")),
     ("nyu-lite.toml", include_str!("../configs/nyu-lite.toml")),
     ("s2d.toml", include_str!("../configs/s2d.toml")),
     ("cspn.toml", include_str!("../configs/cspn.toml")),

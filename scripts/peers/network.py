@@ -103,6 +103,20 @@ def seen_by_backbone(graph: Graph, image: str, stages: int) -> list[str]:
     return maps
 
 
+def pyramid(graph: Graph, maps: list[str], size: tuple[int, int], channels: int) -> str:
+    """The last level of the feature pyramid, of the size of the first map."""
+    sizes = [size]
+    for _ in maps[1:]:
+        sizes.append(tuple((n + 1) // 2 for n in sizes[-1]))
+    x = None
+    for i, (map, (h, w)) in reversed(list(enumerate(zip(maps, sizes)))):
+        lateral = graph.plain(map, graph.tensors[f"extractor.decoder.lateral.{i}.weight"], None)
+        if x:
+            lateral = graph.add("Add", lateral, graph.resize(x, h, w, channels))
+        x = graph.conv(lateral, f"extractor.decoder.mix.{i}")
+    return x
+
+
 def encode(height: int, width: int, octaves: int) -> np.ndarray:
     """The positional encoding `[1, 4 octaves, height, width]`."""
 
@@ -164,15 +178,20 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
             y = block(y, f"extractor.context.{i}.blocks.{j}", 2 if j == 0 else 1, 1)
         seen = graph.plain(y, graph.tensors[f"extractor.context.{i}.project.weight"], None)
         x = graph.add("Add", x, graph.resize(seen, h, w, extractor["features"]))
+    logarithm = None
     if backbone := extractor.get("backbone"):
         maps = seen_by_backbone(graph, "image", backbone["stages"])
-        for i, seen in enumerate(maps):
-            seen = graph.plain(seen, graph.tensors[f"extractor.seen.{i}.weight"], None)
-            x = graph.add("Add", x, graph.resize(seen, h, w, extractor["features"]))
+        decoded = pyramid(graph, maps, (h, w), backbone["decoder"])
+        seen = graph.plain(decoded, graph.tensors["extractor.decoder.features.weight"], None)
+        x = graph.add("Add", x, graph.resize(seen, h, w, extractor["features"]))
+        if config.get("mean"):
+            logarithm = graph.plain(decoded, graph.tensors["extractor.decoder.map.weight"], None)
     # Absent in files written before there was any.
     sharpening = extractor.get("sharpening", 0)
     if sharpening > 0:
         x = graph.resize(x, half(height), half(width), extractor["features"])
+        if logarithm:
+            logarithm = graph.resize(logarithm, half(height), half(width), 1)
         lateral = graph.tensors["extractor.sharpen.lateral.weight"]
         y = graph.add("Add", x, graph.plain(taps[0], lateral, None))
         for i in range(sharpening):
@@ -189,8 +208,12 @@ def build(weights: str, height: int, width: int) -> onnx.ModelProto:
     last = graph.tensors["head.last.weight"].T[:, :, None, None]
     bases = graph.plain(x, last, None)
     if config.get("mean"):
-        mean = graph.tensors["head.mean.weight"].T[:, :, None, None]
-        bases = graph.add("Concat", graph.add("Exp", graph.plain(x, mean, None)), bases, axis=1)
+        if logarithm:
+            logarithm = graph.resize(logarithm, height, width, 1)
+        else:
+            mean = graph.tensors["head.mean.weight"].T[:, :, None, None]
+            logarithm = graph.plain(x, mean, None)
+        bases = graph.add("Concat", graph.add("Exp", logarithm), bases, axis=1)
     graph.nodes[-1].output[0] = "bases"
 
     tensor = lambda name, channels: helper.make_tensor_value_info(

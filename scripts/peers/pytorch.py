@@ -138,10 +138,13 @@ class Network(nn.Module):
                     unit(f"{name}.project", relu=False),
                 ]
                 self.backbone.append(Inverted(units, block["adds"], block["read"]))
+            at = "extractor.decoder"
+            plain = lambda name: Unit(tensors[f"{at}.{name}.weight"], None)
             reads = sum(block.read for block in self.backbone)
-            self.read = nn.ModuleList(
-                Unit(tensors[f"extractor.seen.{i}.weight"], None) for i in range(reads)
-            )
+            self.lateral_maps = nn.ModuleList(plain(f"lateral.{i}") for i in range(reads))
+            self.mix_maps = nn.ModuleList(unit(f"{at}.mix.{i}") for i in range(reads))
+            self.decoded = plain("features")
+            self.logarithm = plain("map") if config.get("mean") else None
         self.branches = nn.ModuleList(
             unit(f"extractor.branches.{i}") for i in range(len(self.pools))
         )
@@ -166,6 +169,7 @@ class Network(nn.Module):
         self.last = Unit(pointwise(tensors["head.last.weight"]), None)
         mean = tensors.get("head.mean.weight") if config.get("mean") else None
         self.mean = None if mean is None else Unit(pointwise(mean), None)
+        self.has_map = bool(config.get("mean"))
         self.codes = {}
 
     def fold(self) -> "Network":
@@ -175,6 +179,22 @@ class Network(nn.Module):
             if isinstance(module, Unit):
                 module.fold()
         return self
+
+    def pyramid(self, image):
+        """The last level of the feature pyramid on the backbone."""
+        maps, y = [], self.backbone_stem(image)
+        for block in self.backbone:
+            y = block(y)
+            if block.read:
+                maps.append(y)
+        levels = list(zip(maps, self.lateral_maps, self.mix_maps))
+        x = None
+        for map, lateral, mix in reversed(levels):
+            own = lateral(map)
+            if x is not None:
+                own = own + functional.interpolate(x, own.shape[2:], mode="bilinear")
+            x = mix(own)
+        return x
 
     def forward(self, image):
         batch, _, height, width = image.shape
@@ -198,21 +218,26 @@ class Network(nn.Module):
         for stage, seen in zip(self.context, self.seen):
             y = run(stage, y)
             x = x + functional.interpolate(seen(y), x.shape[2:], mode="bilinear")
+        logarithm = None
         if len(self.backbone) > 0:
-            y, seen = self.backbone_stem(image), iter(self.read)
-            for block in self.backbone:
-                y = block(y)
-                if block.read:
-                    add = next(seen)(y)
-                    x = x + functional.interpolate(add, x.shape[2:], mode="bilinear")
+            decoded = self.pyramid(image)
+            add = self.decoded(decoded)
+            x = x + functional.interpolate(add, x.shape[2:], mode="bilinear")
+            logarithm = None if self.logarithm is None else self.logarithm(decoded)
         if hasattr(self, "mix"):
             x = functional.interpolate(x, taps[0].shape[2:], mode="bilinear")
+            if logarithm is not None:
+                logarithm = functional.interpolate(logarithm, x.shape[2:], mode="bilinear")
             x = x + self.sharp(self.mix(x + self.lateral(taps[0])))
         x = functional.interpolate(x, (height, width), mode="bilinear")
         x = torch.cat([x, self.codes[height, width].expand(batch, -1, -1, -1)], 1)
         x = self.hidden(x)
         bases = self.last(x)
-        return bases if self.mean is None else torch.cat([self.mean(x).exp(), bases], 1)
+        if logarithm is not None:
+            logarithm = functional.interpolate(logarithm, (height, width), mode="bilinear")
+        elif self.mean is not None:
+            logarithm = self.mean(x)
+        return bases if logarithm is None else torch.cat([logarithm.exp(), bases], 1)
 
 
 def trainer(path: str, height: int, width: int, batch: int, points: int, device: str = "cpu"):
@@ -228,7 +253,7 @@ def trainer(path: str, height: int, width: int, batch: int, points: int, device:
 
     def step() -> None:
         bases = net(image).permute(0, 2, 3, 1).flatten(1, 2)
-        if net.mean is None:
+        if not net.has_map:
             bases = torch.cat([torch.ones_like(bases[..., :1]), bases], 2)
         at = lambda values: values.gather(1, pixels[..., None].expand(-1, -1, values.shape[2]))
         rows, known = at(bases).double(), at(depth).double()

@@ -56,6 +56,8 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
         return prepare(&trainer, args.shard.unwrap_or(Shard::WHOLE));
     }
     if args.resume.is_none() {
+        // A run that cannot begin leaves no folder.
+        trainer.check_start()?;
         create(&folder, &config, &args.device)?;
         write_json(&folder.join(DATA), &data)?;
     }

@@ -1,5 +1,6 @@
 //! The per-pixel MLP, and basis functions that can be read at any pixel of any output size.
 
+use super::extractor::Seen;
 use super::layers::{Hidden, Init, Linear};
 use super::{NetworkConfig, encoding, grid};
 use burn::module::Module;
@@ -13,7 +14,7 @@ use std::ops::Range;
 pub struct BasisHead {
     pub(super) hidden: Vec<Hidden>,
     pub(super) last: Linear,
-    /// To the logarithm of the first function, if that is not the constant 1: 0 before training.
+    /// To the logarithm of the first function, if that is a map and no backbone says it: 0 before training.
     pub(super) mean: Option<Linear>,
     #[module(skip)]
     pub(super) octaves: usize,
@@ -30,7 +31,8 @@ impl BasisHead {
         Self {
             hidden,
             last: Linear::init(width, config.bases, init),
-            mean: config.mean.then(|| Linear::zero(width, 1, init)),
+            mean: (config.mean && config.extractor.backbone.is_none())
+                .then(|| Linear::zero(width, 1, init)),
             octaves: config.octaves,
         }
     }
@@ -39,27 +41,19 @@ impl BasisHead {
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         self.hidden.iter().fold(x, |x, layer| layer.forward(x))
     }
-
-    /// The constant or the mean at rows of the last hidden layer: `[rows, 1]`.
-    fn first(&self, hidden: Tensor<2>) -> Tensor<2> {
-        match &self.mean {
-            None => Tensor::ones([hidden.dims()[0], 1], &hidden.device()),
-            Some(mean) => mean.forward(hidden).clamp(-STEEPEST, STEEPEST).exp(),
-        }
-    }
 }
 
 /// The basis functions of a batch of images: features `[batch, height / 4, width / 4, channels]`,
 /// and the MLP that turns them into values at any pixel of any output size (paper section 4.5).
 #[derive(Clone, Debug)]
 pub struct Bases {
-    features: Tensor<4>,
+    seen: Seen,
     head: BasisHead,
 }
 
 impl Bases {
-    pub(super) fn new(features: Tensor<4>, head: BasisHead) -> Self {
-        Self { features, head }
+    pub(super) fn new(seen: Seen, head: BasisHead) -> Self {
+        Self { seen, head }
     }
 
     /// Values at pixels of an output of `size` (height, width): `[batch, pixels, N + 1]`, the
@@ -72,10 +66,12 @@ impl Bases {
 
     /// What basis functions at pixels, as in [`Bases::at`], are made from.
     pub fn hidden_at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> HiddenBases {
-        let device = self.features.device();
+        let device = self.seen.features.device();
         let batch = pixels.len();
         let count = pixels.first().map_or(0, Vec::len);
-        let mut input = grid::sample(self.features.clone(), size, pixels);
+        let mut input = grid::sample(self.seen.features.clone(), size, pixels);
+        let logarithm = self.seen.logarithm.clone();
+        let logarithm = logarithm.map(|map| grid::sample(map, size, pixels));
         let width = encoding::channels(self.head.octaves);
         if width > 0 {
             let encode = |list: &Vec<u32>| encoding::encode(size, list, self.head.octaves);
@@ -83,7 +79,7 @@ impl Bases {
             let codes = TensorData::new(codes.concat(), [batch * count, width]);
             input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
         }
-        self.hidden(input, [batch, count])
+        self.hidden(input, logarithm, [batch, count])
     }
 
     /// [`Bases::hidden_at`] pixels, and the values of all functions at the first `count` of each image.
@@ -97,7 +93,7 @@ impl Bases {
         count: usize,
     ) -> (HiddenBases, Tensor<3>) {
         let hidden = self.hidden_at(size, pixels);
-        let device = self.features.device();
+        let device = self.seen.features.device();
         let first = if self.head.hidden.iter().all(|layer| layer.is_fixed(&device)) {
             let lists = pixels.iter().map(|list| list[..count].to_vec());
             self.at(size, &lists.collect::<Vec<_>>())
@@ -110,23 +106,31 @@ impl Bases {
     /// Values at places (u, v) of an output of `size` (height, width) of a single image: `[1, places,
     /// N + 1]`. Places count in pixels from the centre of the first.
     pub fn at_places(&self, size: (usize, usize), places: &[[f64; 2]]) -> Tensor<3> {
-        let device = self.features.device();
-        let mut input = grid::sample_places(self.features.clone(), size, places);
+        let device = self.seen.features.device();
+        let mut input = grid::sample_places(self.seen.features.clone(), size, places);
+        let logarithm = self.seen.logarithm.clone();
+        let logarithm = logarithm.map(|map| grid::sample_places(map, size, places));
         let width = encoding::channels(self.head.octaves);
         if width > 0 {
             let codes = encoding::encode_places(size, places, self.head.octaves);
             let codes = TensorData::new(codes, [places.len(), width]);
             input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
         }
-        self.hidden(input, [1, places.len()]).functions()
+        self.hidden(input, logarithm, [1, places.len()]).functions()
     }
 
     /// The MLP on rows of features and position.
-    fn hidden(&self, input: Tensor<2>, [batch, count]: [usize; 2]) -> HiddenBases {
+    fn hidden(
+        &self,
+        input: Tensor<2>,
+        logarithm: Option<Tensor<2>>,
+        [batch, count]: [usize; 2],
+    ) -> HiddenBases {
         let hidden = self.head.forward(input);
         let width = hidden.dims()[1];
         HiddenBases {
             hidden: hidden.reshape([batch, count, width]),
+            logarithm: logarithm.map(|rows| rows.reshape([batch, count, 1])),
             head: self.head.clone(),
         }
     }
@@ -136,7 +140,7 @@ impl Bases {
     /// Works on strips of rows, so memory does not grow with the output.
     pub fn combine(&self, size: (usize, usize), weights: &[f32]) -> Vec<f32> {
         const STRIP: usize = 1 << 15;
-        let device = self.features.device();
+        let device = self.seen.features.device();
         let column = TensorData::new(weights.to_vec(), [1, weights.len(), 1]);
         let column = Tensor::<3>::from_data(column, &device);
         let total = size.0 * size.1;
@@ -159,6 +163,8 @@ impl Bases {
 pub struct HiddenBases {
     /// `[batch, pixels, width]`
     hidden: Tensor<3>,
+    /// Of the first function, `[batch, pixels, 1]`, if the extractor yields it.
+    logarithm: Option<Tensor<3>>,
     head: BasisHead,
 }
 
@@ -168,7 +174,8 @@ impl HiddenBases {
     pub fn slice(&self, pixels: Range<usize>) -> Self {
         let batch = self.hidden.dims()[0];
         Self {
-            hidden: self.hidden.clone().slice([0..batch, pixels]),
+            hidden: self.hidden.clone().slice([0..batch, pixels.clone()]),
+            logarithm: (self.logarithm.clone()).map(|map| map.slice([0..batch, pixels])),
             head: self.head.clone(),
         }
     }
@@ -178,25 +185,35 @@ impl HiddenBases {
     pub fn every(&self, step: usize) -> Self {
         Self {
             hidden: every(self.hidden.clone(), step),
+            logarithm: self.logarithm.clone().map(|map| every(map, step)),
             head: self.head.clone(),
         }
     }
 
     /// The values of all functions, `[batch, pixels, N + 1]`.
     pub fn functions(&self) -> Tensor<3> {
-        let rows = self.rows();
-        let first = self.head.first(rows.clone());
-        let values = Tensor::cat(vec![first, self.head.last.forward(rows)], 1);
-        let functions = values.dims()[1];
         let [batch, pixels, _] = self.hidden.dims();
+        let first = self.first().reshape([batch * pixels, 1]);
+        let values = Tensor::cat(vec![first, self.head.last.forward(self.rows())], 1);
+        let functions = values.dims()[1];
         values.reshape([batch, pixels, functions])
+    }
+
+    /// The constant or the map, `[batch, pixels, 1]`.
+    fn first(&self) -> Tensor<3> {
+        let [batch, pixels, _] = self.hidden.dims();
+        let logarithm = match (&self.logarithm, &self.head.mean) {
+            (Some(logarithm), _) => logarithm.clone(),
+            (None, Some(mean)) => mean.forward(self.rows()).reshape([batch, pixels, 1]),
+            (None, None) => return Tensor::ones([batch, pixels, 1], &self.hidden.device()),
+        };
+        positive(logarithm)
     }
 
     /// Sums of the functions with weights `[batch, N + 1, sums]`: `[batch, pixels, sums]`. As the product of
     /// [`HiddenBases::functions`] and weights, but `N / sums` times cheaper.
     pub fn combine(&self, weights: Tensor<3>) -> Tensor<3> {
-        let [batch, pixels, _] = self.hidden.dims();
-        let first = self.head.first(self.rows()).reshape([batch, pixels, 1]);
+        let first = self.first();
         let functions = weights.dims()[1];
         let last = self.head.last.weights().unsqueeze::<3>();
         let (scale, others) = (
@@ -209,6 +226,17 @@ impl HiddenBases {
     fn rows(&self) -> Tensor<2> {
         self.hidden.clone().flatten(0, 1)
     }
+}
+
+/// A map from its logarithm.
+fn positive<const D: usize>(logarithm: Tensor<D>) -> Tensor<D> {
+    logarithm.clamp(-STEEPEST, STEEPEST).exp()
+}
+
+/// A map of depth at pixels of images of `size` (height, width), `[batch, pixels]`, from its logarithm `[batch, h, w, 1]`.
+pub(super) fn map_at(logarithm: Tensor<4>, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<2> {
+    let rows = grid::sample(logarithm, size, pixels);
+    positive(rows).reshape([pixels.len(), pixels.first().map_or(0, Vec::len)])
 }
 
 /// Every `step`th of the second axis, from the first on.

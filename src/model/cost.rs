@@ -1,6 +1,7 @@
 //! What a network costs to run.
 
 use super::BasisNet;
+use super::decoder::Decoder;
 use super::weights::named;
 use burn::module::Module;
 
@@ -29,17 +30,21 @@ impl BasisNet {
             .sum();
         let backbone = extractor.backbone.as_ref().map_or(0, |net| {
             let mut step = 2;
-            let mut reads = extractor.seen.iter();
+            let decoder = extractor.decoder.as_ref();
+            let mut levels = decoder.iter().flat_map(|d| d.lateral.iter().zip(&d.mix));
             let blocks = net.blocks.iter().map(|block| {
                 let before = pixels(step);
                 step *= block.config.stride;
                 let after = pixels(step);
-                let seen = block.config.read.then(|| reads.next()).flatten();
+                let level = block.config.read.then(|| levels.next()).flatten();
                 weights(&block.expand) * before
                     + (weights(&block.depthwise) + weights(&block.project)) * after
-                    + seen.map_or(0, weights) * after
+                    + level.map_or(0, |(lateral, mix)| weights(lateral) + weights(mix)) * after
             });
-            weights(&net.stem) * pixels(2) + blocks.sum::<u64>()
+            let read = |d: &Decoder| weights(&d.features) + weights(&d.map);
+            weights(&net.stem) * pixels(2)
+                + blocks.sum::<u64>()
+                + decoder.map_or(0, read) * pixels(4)
         });
         let edges = self.edges.as_ref().map_or(0, |net| {
             let down = net.down.iter().enumerate();

@@ -3,10 +3,11 @@
 //!
 //! Two departures, so that every input size works: the pools are 32, 16, 8 and 4 instead of 64,
 //! 32, 16 and 8 pixels, and they run in ceil mode, averaging only the pixels inside the map.
-//! Two more on request: stages at lower resolutions, which add context to the features, and a decoder that sharpens
-//! them at half the resolution.
+//! More on request: stages at lower resolutions and a pretrained backbone, which add context to the features, and layers
+//! that sharpen them at half the resolution.
 
 use super::backbone::Backbone;
+use super::decoder::Decoder;
 use super::grid::enlarged;
 use super::layers::{Conv, ConvNorm, Init};
 use super::pooling::pooling;
@@ -15,8 +16,8 @@ use burn::tensor::Tensor;
 use lsdc_core::network::{EncoderConfig, ExtractorConfig, StageConfig};
 use lsdc_kernels::conv::ConvSpec;
 
-/// Builds the extractor with its weights.
-pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
+/// Builds the extractor with its weights; `mean` is whether the network suggests a map of depth.
+pub(super) fn build(config: &ExtractorConfig, mean: bool, init: &mut Init) -> Extractor {
     let plain = ConvSpec::same(1);
     let [first, second, third, fourth] = config.stages;
     let merged = second.width + fourth.width + config.pools.len() * config.branch + config.encoder;
@@ -26,10 +27,10 @@ pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
         project: Conv::zero(own.width, config.features, 1, ConvSpec::pointwise(), init),
     });
     let context = context.collect();
-    let backbone = config.backbone.map(|config| Backbone::init(config, init));
-    let reads = backbone.iter().flat_map(Backbone::reads);
-    let seen = reads.map(|from| Conv::zero(from, config.features, 1, ConvSpec::pointwise(), init));
-    let seen = seen.collect();
+    let backbone = config.backbone.map(|own| Backbone::init(own, init));
+    let decoder = config.backbone.zip(backbone.as_ref());
+    let decoder =
+        decoder.map(|(own, net)| Decoder::init(net, own.decoder, config.features, mean, init));
     Extractor {
         stem: vec![
             ConvNorm::init(3, config.stem, 3, ConvSpec::halving(), init),
@@ -71,7 +72,7 @@ pub(super) fn build(config: &ExtractorConfig, init: &mut Init) -> Extractor {
         ),
         context,
         backbone,
-        seen,
+        decoder,
         sharpen: (config.sharpening > 0).then(|| Sharpen {
             lateral: Conv::init(first.width, config.features, 1, ConvSpec::pointwise(), init),
             mix: (0..config.sharpening)
@@ -103,8 +104,7 @@ pub struct Extractor {
     pub(super) project: Conv,
     pub(super) context: Vec<Context>,
     pub(super) backbone: Option<Backbone>,
-    /// What turns what is read of the backbone into features: nothing before training.
-    pub(super) seen: Vec<Conv>,
+    pub(super) decoder: Option<Decoder>,
     pub(super) sharpen: Option<Sharpen>,
     #[module(skip)]
     pub(super) pools: Vec<usize>,
@@ -133,16 +133,39 @@ pub(super) struct Sharpen {
     pub(super) last: Conv,
 }
 
+/// What an extractor yields.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// `[batch, h, w, channels]`
+    pub features: Tensor<4>,
+    /// The logarithm of the map of depth that a backbone suggests, `[batch, h, w, 1]`, at the same resolution.
+    pub logarithm: Option<Tensor<4>>,
+}
+
 impl Extractor {
-    /// `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`; to
+    /// The last level of the backbone's pyramid.
+    fn decoded(&self, images: Tensor<4>) -> Option<Tensor<4>> {
+        let (backbone, decoder) = (self.backbone.as_ref()?, self.decoder.as_ref()?);
+        decoder.forward(backbone.forward(images))
+    }
+
+    /// The logarithm of the map of depth that the backbone suggests of images, as in [`Seen`], without the rest.
+    pub(super) fn logarithm(&self, images: Tensor<4>) -> Option<Tensor<4>> {
+        let [_, height, width, _] = images.dims();
+        let layer = self.decoder.as_ref()?.map.as_ref()?;
+        let map = layer.forward(self.decoded(images)?);
+        Some(match self.sharpen {
+            None => map,
+            Some(_) => enlarged(map, (height.div_ceil(2), width.div_ceil(2))),
+        })
+    }
+
+    /// Features are `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`; to
     /// half the resolution if features are sharpened. `encoded [batch, rows, columns, channels]` is what a pretrained
     /// encoder says of the images, for networks trained on one.
-    pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
+    pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Seen {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
-        let maps = self
-            .backbone
-            .as_ref()
-            .map(|net| net.forward(images.clone()));
+        let decoded = self.decoded(images.clone());
         let x = self
             .stem
             .iter()
@@ -168,12 +191,21 @@ impl Extractor {
             let seen = context.project.forward(x.clone());
             features = features + enlarged(seen, (height, width));
         }
-        for (map, conv) in maps.into_iter().flatten().zip(&self.seen) {
-            features = features + enlarged(conv.forward(map), (height, width));
+        let mut logarithm = None;
+        if let (Some(decoder), Some(decoded)) = (&self.decoder, decoded) {
+            let seen = decoder.features.forward(decoded.clone());
+            features = features + enlarged(seen, (height, width));
+            let map = decoder.map.as_ref();
+            logarithm = map.map(|layer| layer.forward(decoded));
         }
-        match &self.sharpen {
+        let features = match &self.sharpen {
             None => features,
             Some(sharpen) => sharpen.forward(features, half),
+        };
+        let [_, height, width, _] = features.dims();
+        Seen {
+            logarithm: logarithm.map(|map| enlarged(map, (height, width))),
+            features,
         }
     }
 }

@@ -8,6 +8,7 @@ mod affinity_net;
 mod backbone;
 mod bases;
 mod cost;
+mod decoder;
 mod encoding;
 mod extractor;
 mod grid;
@@ -27,7 +28,7 @@ pub use adapters::Adapters;
 pub(crate) use bases::every;
 pub use bases::{Bases, BasisHead, HiddenBases};
 pub use encoding::encode;
-pub use extractor::Extractor;
+pub use extractor::{Extractor, Seen};
 pub use lsdc_core::network::{
     AdapterConfig, BackboneConfig, EncoderConfig, ExtractorConfig, NetworkConfig, NormKind,
     StageConfig,
@@ -104,7 +105,7 @@ impl BasisNet {
     pub(crate) fn init(config: &NetworkConfig, init: &mut Init) -> Result<Self> {
         config.check()?;
         Ok(Self {
-            extractor: extractor::build(&config.extractor, init),
+            extractor: extractor::build(&config.extractor, config.mean, init),
             head: BasisHead::init(config, init),
             edges: (config.affinities > 0).then(|| AffinityNet::init(config, init)),
             adapters: config
@@ -117,6 +118,19 @@ impl BasisNet {
     /// channels]` is what a pretrained encoder says of them, for networks trained on one.
     pub fn bases(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Bases {
         Bases::new(self.extractor.forward(images, encoded), self.head.clone())
+    }
+
+    /// The map of depth that the backbone suggests of normalised images `[batch, height, width, 3]`, at pixels as in
+    /// [`Bases::at`]: `[batch, pixels]`, up to scale. Nothing else of the network is run. Nothing if it has no backbone
+    /// that says such a map.
+    pub fn map_at(
+        &self,
+        images: Tensor<4>,
+        size: (usize, usize),
+        pixels: &[Vec<u32>],
+    ) -> Option<Tensor<2>> {
+        let logarithm = self.extractor.logarithm(images)?;
+        Some(bases::map_at(logarithm, size, pixels))
     }
 
     /// How strongly each pixel of normalised images `[batch, height, width, 3]` is joined to its

@@ -74,7 +74,10 @@ mod tests {
     use safetensors::tensor::{Dtype, TensorView};
     use serde_json::Value;
 
-    const STAGES: BackboneConfig = BackboneConfig { stages: 3 };
+    const STAGES: BackboneConfig = BackboneConfig {
+        stages: 3,
+        decoder: 8,
+    };
 
     /// As `scripts/golden_backbone.py` has it.
     fn chirp(index: usize, count: usize) -> Vec<f64> {
@@ -181,7 +184,10 @@ mod tests {
     #[test]
     fn other_files_are_refused_with_advice() {
         let folder = tempfile::tempdir().unwrap();
-        let more = BackboneConfig { stages: 4 };
+        let more = BackboneConfig {
+            stages: 4,
+            ..STAGES
+        };
         let error = read_backbone(&file(folder.path()), more).unwrap_err();
         assert!(
             error

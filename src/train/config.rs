@@ -19,6 +19,8 @@ pub enum Part {
     Affinities,
     /// The basis functions, through the fit; what judges edges stays as it is.
     Bases,
+    /// The map that a pretrained backbone suggests, without fits; the others stay as they are.
+    Map,
 }
 
 /// What turns gradients into steps.
@@ -198,6 +200,11 @@ impl TrainConfig {
                 ));
             }
             None => {}
+        }
+        if self.part == Part::Map && self.loss.mean == 0.0 {
+            return Err(Error::config(
+                "`train.part = \"map\"` needs `train.loss.mean` above 0",
+            ));
         }
         self.augment.check()?;
         self.supervision.check()?;

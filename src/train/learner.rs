@@ -3,7 +3,7 @@
 use super::average::follow;
 use super::config::{OptimiserKind, Part};
 use super::imitation::Shown;
-use super::loss::{field_losses, system_losses};
+use super::loss::{field_losses, map_losses, system_losses};
 use super::muon::Flattened;
 use super::parallel::gradients;
 use super::slower::Slower;
@@ -76,6 +76,7 @@ impl Objective<BasisNet> for Fitting {
         Ok(match self.part {
             Part::All | Part::Bases => losses(net, batch, shown, fit, self.robust, loss),
             Part::Affinities => field_losses(net, batch, shown, fit, loss),
+            Part::Map => map_losses(net, batch, loss)?,
         })
     }
 }
@@ -106,7 +107,8 @@ impl Learner {
         let net = match config.part {
             Part::All => net,
             // Basis functions read what adapters change.
-            Part::Affinities => net.fix_adapters(),
+            // A map alone runs nothing that is not trained.
+            Part::Affinities | Part::Map => net.fix_adapters(),
             Part::Bases => net.fix_affinities(),
         };
         let objective = Fitting {
@@ -327,10 +329,58 @@ mod tests {
     }
 
     #[test]
+    fn a_map_is_trained_without_the_rest() {
+        let device = Device::flex().autodiff();
+        let mut network = network();
+        network.mean = true;
+        network.extractor.sharpening = 2;
+        network.extractor.backbone = Some(BackboneConfig {
+            stages: 3,
+            decoder: 16,
+        });
+        let mut config = config(Part::Map);
+        config.loss.mean = 1.0;
+        let batch = batch(&device);
+        let net = network.init(0, &device).unwrap();
+        let before = tensors(&net, &network);
+        let mut learner = Learner::new(net, &fit(), &config).freeze_statistics();
+        let mut steps = Vec::new();
+        for number in 1..=30 {
+            let step;
+            (learner, step) = learner
+                .step(std::slice::from_ref(&batch), 3e-3, number)
+                .unwrap();
+            steps.push(step);
+        }
+        assert!(steps[29].loss < 0.8 * steps[0].loss, "{steps:?}");
+        assert_eq!(steps[29].l1, 0.0);
+        let after = tensors(learner.net(), &network);
+        for (name, tensor) in &before {
+            let own = name.starts_with("extractor.backbone.")
+                || (name.starts_with("extractor.decoder.") && !name.contains(".features."));
+            assert!(own || after[name] == *tensor, "{name}");
+        }
+        assert_ne!(
+            after["extractor.decoder.map.weight"],
+            before["extractor.decoder.map.weight"]
+        );
+        // It is the first function.
+        let (net, images) = (learner.net(), batch.images.clone());
+        let map = net.map_at(images.clone(), batch.size, &batch.pixels);
+        let bases = net.bases(images, None).at(batch.size, &batch.pixels);
+        let first = bases.narrow(2, 0, 1).squeeze_dim::<2>(2);
+        let off = (map.unwrap() - first).abs().max().into_scalar::<f32>();
+        assert!(off < 1e-5, "{off}");
+    }
+
+    #[test]
     fn a_backbone_moves_by_its_share_of_the_rate() {
         let device = Device::flex().autodiff();
         let mut network = network();
-        network.extractor.backbone = Some(BackboneConfig { stages: 3 });
+        network.extractor.backbone = Some(BackboneConfig {
+            stages: 3,
+            decoder: 16,
+        });
         let net = network.init(0, &device).unwrap();
         let before = tensors(&net, &network);
         let mut config = config(Part::Bases);

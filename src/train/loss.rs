@@ -86,14 +86,14 @@ impl LossConfig {
         ];
         if all.iter().all(|w| *w >= 0.0 && w.is_finite())
             && (0.0..=1.0).contains(&self.balance)
-            && (self.l1 + self.l2 + self.rmse + self.berhu + self.affinities > 0.0
+            && (self.l1 + self.l2 + self.rmse + self.berhu + self.mean + self.affinities > 0.0
                 || self.imitates())
         {
             Ok(())
         } else {
             Err(Error::config(
                 "`loss`: weights must be at least 0, `balance` from 0 to 1, and `l1`, `l2`, `rmse`, \
-                 `berhu`, `affinities` or those of a teacher above 0",
+                 `berhu`, `mean`, `affinities` or those of a teacher above 0",
             ))
         }
     }
@@ -108,6 +108,18 @@ pub struct Losses {
     pub l1: Tensor<1>,
     /// Mean squared error in square metres.
     pub l2: Tensor<1>,
+}
+
+impl Losses {
+    /// A loss that is not one of depths.
+    fn only(total: Tensor<1>) -> Self {
+        let nothing = total.zeros_like();
+        Self {
+            total,
+            l1: nothing.clone(),
+            l2: nothing,
+        }
+    }
 }
 
 /// Runs the network once and one fit per draw, and compares with the depths of the batch, and with what the network
@@ -204,6 +216,24 @@ fn up_to_scale(maps: Tensor<2>, depths: Tensor<2>) -> Tensor<1> {
     (absolute + (squared + 1e-8).sqrt()).mean()
 }
 
+/// Compares the map that the backbone of a network suggests with the depths of a batch, at the pixels of its patches and
+/// points; nothing else of the network is run.
+///
+/// # Errors
+/// The network has no backbone that says such a map.
+pub(super) fn map_losses(net: &BasisNet, batch: &Batch, config: &LossConfig) -> Result<Losses> {
+    let map = net.map_at(batch.images.clone(), batch.size, &batch.pixels);
+    let map = map.ok_or_else(map_of_backbone)?;
+    let loss = up_to_scale(map, batch.depths.clone()) * config.mean;
+    Ok(Losses::only(loss))
+}
+
+/// What is missing when a map alone is to be trained.
+pub(super) fn map_of_backbone() -> Error {
+    Error::config("`train.part = \"map\"` is for networks whose backbone says a map of depth")
+        .hint("set `preset = \"lite\"`")
+}
+
 /// The same for a field alone, at every pixel: basis functions are not computed.
 pub(super) fn field_losses(
     net: &BasisNet,
@@ -239,12 +269,7 @@ pub(super) fn field_losses(
         let field = field.permute([1, 2, 0]);
         compared(field, &maps, &counts, (0, (height, width)), config)
     } else {
-        let nothing = Tensor::zeros([1], &device);
-        Losses {
-            total: nothing.clone(),
-            l1: nothing.clone(),
-            l2: nothing,
-        }
+        Losses::only(Tensor::zeros([1], &device))
     };
     let more = of_affinities(&edges, batch, shown, config).into_iter();
     losses.total = more.fold(losses.total, |sum, loss| sum + loss);

@@ -3,9 +3,10 @@
 use super::checkpoint::Checkpoints;
 use super::learner::Objective;
 use super::log::Log;
+use super::loss::map_of_backbone;
 use super::record::Record;
 use super::setup::{imitated, input_size, sampler, start_adapters, with_backbone};
-use super::{Learner, Part, TrainConfig, calibrate, divide};
+use super::{BackboneTraining, Learner, Part, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, DepthMap, Mixture, Shard, write_atomically};
 use crate::error::{Cause, Error, Result};
 use crate::metrics::{Rules, Scores, Tally};
@@ -140,6 +141,16 @@ impl Trainer {
                 "`train.loss.mean` needs a network with `mean = true` whose basis functions are trained",
             )
             .hint("set `preset = \"lite\"` or \"taught\", or leave it at 0"));
+        }
+        let backbone = network.extractor.backbone.is_some();
+        if config.part == Part::Map && !(network.mean && backbone) {
+            return Err(map_of_backbone());
+        }
+        if config.backbone != BackboneTraining::default() && !backbone {
+            return Err(Error::config(
+                "`train.backbone` is for networks with a pretrained backbone",
+            )
+            .hint("set `preset = \"lite\"`, or leave it out"));
         }
         fit.check()?;
         check(&config, &mixture, devices)?;
@@ -386,6 +397,17 @@ impl Trainer {
                 Batch::new(share, mean, deviation, &device.clone().autodiff())
             })
             .collect()
+    }
+
+    /// Whether all that a new run starts from can be read.
+    ///
+    /// # Errors
+    /// A file of weights that cannot be read, or that does not fit the network.
+    pub fn check_start(&self) -> Result<()> {
+        match &self.subject {
+            Subject::Bases(bases) => self.initial(bases, self.device()).map(|_| ()),
+            Subject::System(system) => begin(system, self.config.seed, self.device()).map(|_| ()),
+        }
     }
 
     fn initial(&self, bases: &Bases, device: &Device) -> Result<BasisNet> {

@@ -13,12 +13,11 @@ use lsdc_kernels::norm::{Lines, passed, row_sums};
 fn folded(weight: &FlexTensor, slopes: &[f32]) -> FlexTensor {
     let values = weight.storage::<f32>();
     let size = values.len() / slopes.len().max(1);
-    let rows = values.chunks_exact(size.max(1)).zip(slopes);
-    let values = rows.flat_map(|(row, s)| row.iter().map(move |v| v * s));
-    FlexTensor::from_data(TensorData::new(
-        values.collect::<Vec<f32>>(),
-        weight.shape().to_vec(),
-    ))
+    let mut folded = Vec::with_capacity(values.len());
+    for (row, s) in values.chunks_exact(size.max(1)).zip(slopes) {
+        folded.extend(row.iter().map(|v| v * s));
+    }
+    FlexTensor::from_data(TensorData::new(folded, weight.shape().to_vec()))
 }
 
 fn vector(values: Vec<f32>) -> FlexTensor {

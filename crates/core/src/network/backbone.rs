@@ -99,21 +99,13 @@ struct Inverted {
     expand: Option<Layer>,
     depthwise: Layer,
     project: Layer,
-    /// What is read of the output is multiplied with this and added to the features.
-    seen: Option<Layer>,
 }
 
 impl Backbone {
-    /// The stages, and what turns what is read of them into features.
-    pub(super) fn new(
-        config: BackboneConfig,
-        features: usize,
-        tensors: &Tensors<'_>,
-    ) -> Result<Self, WeightsError> {
+    pub(super) fn new(config: BackboneConfig, tensors: &Tensors<'_>) -> Result<Self, WeightsError> {
         let name = |part: &str| format!("extractor.backbone.{part}");
         let pointwise = ConvSpec::pointwise();
-        let mut reads = 0..;
-        let mut block = |(i, config): (usize, InvertedBlock)| {
+        let block = |(i, config): (usize, InvertedBlock)| {
             let name = |part: &str| name(&format!("blocks.{i}.{part}"));
             let InvertedBlock {
                 from,
@@ -125,37 +117,32 @@ impl Backbone {
             } = config;
             let expand = |()| tensors.conv_norm(&name("expand"), [inner, from, 1], pointwise);
             let spec = ConvSpec::depthwise(taps, stride);
-            let seen =
-                |i| tensors.conv(&format!("extractor.seen.{i}"), [features, to, 1], pointwise);
-            let read = config.read.then(|| reads.next()).flatten();
             Ok(Inverted {
                 config,
                 expand: config.expands().then_some(()).map(expand).transpose()?,
                 depthwise: tensors.conv_norm(&name("depthwise"), [inner, 1, taps], spec)?,
                 project: tensors.conv_norm(&name("project"), [to, inner, 1], pointwise)?,
-                seen: read.map(seen).transpose()?,
             })
         };
         let blocks = config.blocks().into_iter().enumerate();
         Ok(Self {
-            blocks: blocks.map(&mut block).collect::<Result<_, _>>()?,
+            blocks: blocks.map(block).collect::<Result<_, _>>()?,
             stem: tensors.conv_norm(&name("stem"), [BACKBONE_STEM, 3, 3], ConvSpec::halving())?,
         })
     }
 
-    /// Adds what the stages see in the image to the features.
-    pub(super) fn add(&self, image: &Map, features: &mut Map, run: Run<'_>) {
-        let pool = run.pool;
+    /// What is read of the stages, the finest first.
+    pub(super) fn forward(&self, image: &Map, run: Run<'_>) -> Vec<Map> {
         let mut x = run.layer(&self.stem, image, None, true);
+        let mut maps = Vec::new();
         for block in &self.blocks {
             x = block.forward(x, run);
-            if let Some(layer) = &block.seen {
-                let seen = run.layer(layer, &x, None, false);
-                features.add_enlarged(&seen);
-                pool.give(seen);
+            if block.config.read {
+                maps.push(x.copied(run.pool));
             }
         }
-        pool.give(x);
+        run.pool.give(x);
+        maps
     }
 }
 
@@ -180,7 +167,11 @@ mod tests {
 
     #[test]
     fn blocks_are_those_of_efficientnet_lite0() {
-        let blocks = BackboneConfig { stages: 7 }.blocks();
+        let blocks = BackboneConfig {
+            stages: 7,
+            ..BackboneConfig::default()
+        }
+        .blocks();
         assert_eq!(blocks.len(), 16);
         // Weights of convolutions: 4,652,008 numbers with the classifier and both lines of every normalisation, by PyTorch's
         // count of the published file.
@@ -197,7 +188,11 @@ mod tests {
         let all = convolutions.chain(lines).sum::<usize>() + stem + classifier;
         assert_eq!(all, 4_652_008);
         let reads = |stages| {
-            let blocks = BackboneConfig { stages }.blocks().into_iter();
+            let config = BackboneConfig {
+                stages,
+                ..BackboneConfig::default()
+            };
+            let blocks = config.blocks().into_iter();
             let read = blocks.filter(|b| b.read).map(|b| b.to);
             read.collect::<Vec<usize>>()
         };

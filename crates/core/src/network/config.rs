@@ -44,12 +44,24 @@ pub struct StageConfig {
 }
 
 /// How much of a pretrained `EfficientNet`-Lite0 sees the image beside the extractor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct BackboneConfig {
     /// Number of its seven stages, from the first on: 2 end at a quarter of the image's resolution, 3 at an eighth, 5 at
     /// a 16th, 7 at a 32nd.
     pub stages: usize,
+    /// Channels of the pyramid that brings what they see at each resolution together, at a quarter of the image's.
+    pub decoder: usize,
+}
+
+impl Default for BackboneConfig {
+    /// Down to a 16th of the resolution.
+    fn default() -> Self {
+        Self {
+            stages: 5,
+            decoder: 64,
+        }
+    }
 }
 
 /// Widths and depths of the feature extractor.
@@ -71,7 +83,8 @@ pub struct ExtractorConfig {
     /// Stages after the fourth, each at half the resolution of the one before it, from an eighth of the image's down:
     /// their outputs are enlarged and added to the features, which see more of the image that way.
     pub context: Vec<StageConfig>,
-    /// Stages of a pretrained network that see the image too, are trained on, and add to the features; absent: none.
+    /// Stages of a pretrained network that see the image too, are trained on, add to the features, and say the map of
+    /// depth if the network has one (`mean`); absent: none.
     // Not in files without them: earlier versions do not know the name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub backbone: Option<BackboneConfig>,
@@ -146,9 +159,9 @@ impl ExtractorConfig {
         }
     }
 
-    /// The same with three stages of these widths at lower resolutions.
-    fn with_context(self, widths: [usize; 3]) -> Self {
-        let stages = widths.into_iter().zip([1, 2, 2]);
+    /// The same with three stages of these widths and numbers of blocks at lower resolutions.
+    fn with_context(self, widths: [usize; 3], blocks: [usize; 3]) -> Self {
+        let stages = widths.into_iter().zip(blocks);
         let context = stages.map(|(width, blocks)| StageConfig { width, blocks });
         Self {
             context: context.collect(),
@@ -165,9 +178,9 @@ impl ExtractorConfig {
             && self.all_stages().all(|stage| blocks(stage.blocks))
             && self.context.len() <= MOST_BLOCKS
             && self.pools.len() <= MOST_BLOCKS
-            && self
-                .backbone
-                .is_none_or(|backbone| (2..=BackboneConfig::MOST).contains(&backbone.stages))
+            && self.backbone.is_none_or(|backbone| {
+                (2..=BackboneConfig::MOST).contains(&backbone.stages) && channels(&backbone.decoder)
+            })
             && self.sharpening <= MOST_BLOCKS
             && self.encoder <= MOST_CHANNELS;
         if sound {
@@ -188,6 +201,7 @@ impl ExtractorConfig {
     fn widths(&self) -> Vec<usize> {
         let mut widths: Vec<usize> = self.all_stages().map(|s| s.width).collect();
         widths.extend([self.stem, self.branch, self.merge]);
+        widths.extend(self.backbone.map(|backbone| backbone.decoder));
         if self.sharpening > 0 {
             widths.push(self.features);
         }
@@ -248,8 +262,9 @@ pub struct NetworkConfig {
     pub hidden: Vec<usize>,
     /// N, the number of learned basis functions, not counting the constant 1.
     pub bases: usize,
-    /// Whether the first function is a positive map that the network predicts, the exponential of a linear function
-    /// of its last hidden layer, instead of the constant 1: the depth that the image suggests, up to scale.
+    /// Whether the first function is a positive map that the network predicts instead of the constant 1: the depth that
+    /// the image suggests, up to scale. It is the exponential of a linear function of the last level of the backbone's
+    /// pyramid, or without a backbone of the last hidden layer.
     pub mean: bool,
     /// Number of channels at full resolution of the affinity network, which tells depth edges from colour
     /// edges, for fits with a field; 0: affinities come from colours alone.
@@ -320,18 +335,19 @@ impl NetworkConfig {
     /// depth: 3.3 M parameters.
     pub fn taught() -> Self {
         Self {
-            extractor: ExtractorConfig::slim().with_context([96, 128, 192]),
+            extractor: ExtractorConfig::slim().with_context([96, 128, 192], [1, 2, 2]),
             mean: true,
             ..Self::sharp()
         }
     }
 
-    /// `sharp` beside six stages of a pretrained `EfficientNet`-Lite0, whose first function is a map of depth: 3.7 M parameters.
+    /// `taught` with a block less, beside five stages of a pretrained `EfficientNet`-Lite0, which say the map of depth:
+    /// 3.4 M parameters.
     pub fn lite() -> Self {
         Self {
             extractor: ExtractorConfig {
-                backbone: Some(BackboneConfig { stages: 6 }),
-                ..ExtractorConfig::slim()
+                backbone: Some(BackboneConfig::default()),
+                ..ExtractorConfig::slim().with_context([96, 128, 192], [1, 2, 1])
             },
             mean: true,
             ..Self::sharp()
@@ -341,7 +357,7 @@ impl NetworkConfig {
     /// The same with half the widths: 0.8 M parameters.
     pub fn taught_small() -> Self {
         Self {
-            extractor: ExtractorConfig::slimmer().with_context([48, 64, 96]),
+            extractor: ExtractorConfig::slimmer().with_context([48, 64, 96], [1, 2, 2]),
             mean: true,
             ..Self::small()
         }

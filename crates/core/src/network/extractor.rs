@@ -2,6 +2,7 @@
 
 use super::backbone::Backbone;
 use super::config::{ExtractorConfig, StageConfig};
+use super::decoder::Decoder;
 use super::map::{Map, Pool};
 use super::run::Run;
 use super::tensors::Tensors;
@@ -25,8 +26,16 @@ pub(super) struct Extractor {
     project: Layer,
     /// Blocks at lower and lower resolutions, and what each adds to the features.
     context: Vec<(Vec<Block>, Layer)>,
-    backbone: Option<Backbone>,
+    backbone: Option<(Backbone, Decoder)>,
     sharpen: Option<Sharpen>,
+}
+
+/// What an extractor yields.
+pub(super) struct Seen {
+    /// At a quarter of the image's resolution, or at half of it if they are sharpened.
+    pub(super) features: Map,
+    /// The logarithm of the map of depth that a backbone suggests, at the same resolution.
+    pub(super) logarithm: Option<Map>,
 }
 
 #[derive(Debug)]
@@ -101,10 +110,12 @@ impl Run<'_> {
 }
 
 impl Extractor {
-    /// `channels` are those of the encoder's features, if there is an encoder.
+    /// `channels` are those of the encoder's features, if there is an encoder; `mean` is whether the network suggests a
+    /// map of depth.
     pub(super) fn new(
         config: &ExtractorConfig,
         channels: Option<usize>,
+        mean: bool,
         tensors: &Tensors<'_>,
     ) -> Result<Self, WeightsError> {
         let (plain, pointwise) = (ConvSpec::same(1), ConvSpec::pointwise());
@@ -174,7 +185,10 @@ impl Extractor {
             context: context.collect::<Result<_, WeightsError>>()?,
             backbone: config
                 .backbone
-                .map(|backbone| Backbone::new(backbone, config.features, tensors))
+                .map(|backbone| {
+                    let decoder = Decoder::new(backbone, config.features, mean, tensors)?;
+                    Ok((Backbone::new(backbone, tensors)?, decoder))
+                })
                 .transpose()?,
             sharpen: match config.sharpening {
                 0 => None,
@@ -183,8 +197,7 @@ impl Extractor {
         })
     }
 
-    /// Features at a quarter of the image's resolution, or at half of it if they are sharpened.
-    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, run: Run<'_>) -> Map {
+    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, run: Run<'_>) -> Seen {
         let pool = run.pool;
         let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
             let output = run.layer(layer, &x, None, true);
@@ -232,12 +245,30 @@ impl Extractor {
             pool.give(seen);
         }
         pool.give(x);
-        if let Some(backbone) = &self.backbone {
-            backbone.add(image, &mut features, run);
+        let mut logarithm = None;
+        if let Some((backbone, decoder)) = &self.backbone {
+            let decoded = decoder.forward(backbone.forward(image, run), run);
+            let seen = run.layer(&decoder.features, &decoded, None, false);
+            features.add_enlarged(&seen);
+            pool.give(seen);
+            let map = decoder.map.as_ref();
+            logarithm = map.map(|layer| run.layer(layer, &decoded, None, false));
+            pool.give(decoded);
         }
-        match (&self.sharpen, kept) {
+        let features = match (&self.sharpen, kept) {
             (Some(sharpen), Some(half)) => sharpen.forward(features, half, run),
             _ => features,
+        };
+        let logarithm = logarithm.map(|small| {
+            let mut map = pool.take(features.height, features.width, 1);
+            map.values.fill(0.0);
+            map.add_enlarged(&small);
+            pool.give(small);
+            map
+        });
+        Seen {
+            features,
+            logarithm,
         }
     }
 }

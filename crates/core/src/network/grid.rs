@@ -78,6 +78,17 @@ impl Grid {
         }
     }
 
+    /// The value of a map of one channel at a row and column.
+    #[inline(always)]
+    pub(super) fn value(&self, map: &Map, (y, x): (usize, usize)) -> f32 {
+        let ((top, bottom, v), (left, right, u)) = (self.rows[y], self.columns[x]);
+        let [upper, lower] = [top, bottom].map(|row| {
+            let row = &map.values[row * map.width..][..map.width];
+            row[left] * (1.0 - u) + row[right] * u
+        });
+        upper * (1.0 - v) + lower * v
+    }
+
     /// The columns of the feature map at a row.
     pub(super) fn along_row<'a>(
         &'a self,

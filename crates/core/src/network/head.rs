@@ -2,6 +2,7 @@
 
 use super::config::NetworkConfig;
 use super::encoding;
+use super::extractor::Seen;
 use super::grid::{Grid, Grids, axis_of};
 use super::map::{Map, Pool};
 use super::tensors::{Linear, Tensors};
@@ -24,9 +25,28 @@ pub(super) struct Head {
     last: Packed,
     /// The same weights as `[width, N]`.
     weights: Vec<f32>,
-    /// From the last hidden layer to the logarithm of the first function, if that is not the constant 1.
-    mean: Option<Vec<f32>>,
+    first: First,
     grids: Grids,
+}
+
+/// What the first function is.
+#[derive(Debug)]
+enum First {
+    /// 1 everywhere.
+    Constant,
+    /// A map, whose logarithm is the last hidden layer times these weights.
+    Hidden(Vec<f32>),
+    /// A map, whose logarithm the extractor yields.
+    Seen,
+}
+
+/// What a head makes of what an extractor sees in an image.
+#[derive(Debug, Default)]
+pub(super) struct Inputs {
+    /// What the features add to the first hidden layer, at their resolution.
+    pub(super) hidden: Map,
+    /// The logarithm of the first function there, if the extractor yields it.
+    pub(super) logarithm: Option<Map>,
 }
 
 /// The logarithm of the first function is kept within this of 0.
@@ -64,9 +84,11 @@ impl Head {
         }
         let functions = config.bases;
         let weights = tensors.values("head.last.weight", &[from, functions])?;
-        let mean = config
-            .mean
-            .then(|| tensors.values("head.mean.weight", &[from, 1]));
+        let first_function = match (config.mean, config.extractor.backbone) {
+            (false, _) => First::Constant,
+            (true, Some(_)) => First::Seen,
+            (true, None) => First::Hidden(tensors.values("head.mean.weight", &[from, 1])?.to_vec()),
+        };
         let last = |row: usize, column: usize| weights[row * functions + column];
         Ok(Self {
             level,
@@ -77,26 +99,30 @@ impl Head {
             hidden,
             last: Packed::new(level, (from, functions), &[], last),
             weights: weights.to_vec(),
-            mean: mean.transpose()?.map(<[f32]>::to_vec),
+            first: first_function,
             grids: Grids::default(),
         })
     }
 
-    /// What the features add to the first hidden layer.
-    pub(super) fn enter(&self, features: &Map, pool: &Pool) -> Map {
+    pub(super) fn enter(&self, seen: Seen, pool: &Pool) -> Inputs {
+        let Seen {
+            features,
+            logarithm,
+        } = seen;
         let columns = self.features.columns();
-        let mut map = pool.take(features.height, features.width, columns);
+        let mut hidden = pool.take(features.height, features.width, columns);
         let tail = Tail::default();
         self.features
-            .apply_parallel(&features.values, tail, &mut map.values);
-        map
+            .apply_parallel(&features.values, tail, &mut hidden.values);
+        pool.give(features);
+        Inputs { hidden, logarithm }
     }
 
     /// Values `[places, N + 1]`, the constant or the mean first, at positions (u, v) of an image of `size` (height,
     /// width).
     pub(super) fn at(
         &self,
-        inputs: &Map,
+        inputs: &Inputs,
         size: (usize, usize),
         places: &[[f64; 2]],
         scratch: &Scratch,
@@ -112,14 +138,14 @@ impl Head {
 
     fn fill(
         &self,
-        inputs: &Map,
+        inputs: &Inputs,
         size: (usize, usize),
         places: &[[f64; 2]],
         scratch: &Scratch,
         rows: &mut [f32],
     ) {
         let (functions, channels) = (self.last.columns(), self.features.columns());
-        let (grid, cells) = self.cells((inputs.height, inputs.width), size, places);
+        let (grid, cells) = self.cells((inputs.hidden.height, inputs.hidden.width), size, places);
         let pieces = rows.par_chunks_mut(PIECE * (functions + 1));
         pieces
             .zip(cells.par_chunks(PIECE))
@@ -127,20 +153,21 @@ impl Head {
                 let own = self.memory(cells.len());
                 scratch.with(own + cells.len() * functions, |memory| {
                     let (memory, values) = memory.split_at_mut(own);
-                    let blends = cells.iter().map(|&cell| grid.blend(inputs, cell, channels));
+                    let blends = cells
+                        .iter()
+                        .map(|&cell| grid.blend(&inputs.hidden, cell, channels));
                     let activations = self.activations(blends, memory);
                     self.last.apply_sparse(activations, Tail::default(), values);
                     let targets = rows.chunks_exact_mut(functions + 1);
                     for (row, values) in targets.zip(values.chunks_exact(functions)) {
                         row[1..].copy_from_slice(values);
                     }
-                    if let Some(weights) = &self.mean {
-                        let mut first = [0.0; PIECE];
-                        let first = &mut first[..cells.len()];
-                        dot_rows(self.level, activations, weights, 0.0, first);
+                    let mut first = [0.0; PIECE];
+                    let first = &mut first[..cells.len()];
+                    let cells = cells.iter().copied();
+                    if self.first_function(inputs, &grid, cells, activations, first) {
                         let targets = rows.chunks_exact_mut(functions + 1);
-                        let pairs = targets.zip(first);
-                        pairs.for_each(|(row, logarithm)| row[0] = positive(*logarithm));
+                        targets.zip(first).for_each(|(row, v)| row[0] = *v);
                     }
                 });
             });
@@ -174,12 +201,13 @@ impl Head {
     /// basis functions are never formed.
     pub(super) fn combine(
         &self,
-        inputs: &Map,
+        inputs: &Inputs,
         size: (usize, usize),
         weights: &[f64],
         scratch: &Scratch,
     ) -> Vec<f32> {
-        let grid = self.grids.get(self, (inputs.height, inputs.width), size);
+        let Inputs { hidden, .. } = inputs;
+        let grid = self.grids.get(self, (hidden.height, hidden.width), size);
         let functions = self.last.columns();
         let (first, weights) = weights.split_first().unwrap_or((&0.0, &[]));
         let folded: Vec<f32> = self
@@ -196,35 +224,53 @@ impl Head {
         let mut depths = vec![0.0; size.0 * size.1];
         let rows = depths.par_chunks_mut(size.1.max(1)).enumerate();
         rows.for_each(|(y, depths)| {
-            let entering = inputs.width * channels;
+            let entering = hidden.width * channels;
             scratch.with(entering + self.memory(PIECE), |memory| {
                 let (row, memory) = memory.split_at_mut(entering);
-                let blends = grid.along_row(inputs, y, channels);
+                let blends = grid.along_row(hidden, y, channels);
                 blend_rows(self.level, blends, channels, false, row);
                 for (i, depths) in depths.chunks_mut(PIECE).enumerate() {
                     let columns = i * PIECE..i * PIECE + depths.len();
-                    let blends = grid.in_row(row, columns, channels);
+                    let blends = grid.in_row(row, columns.clone(), channels);
                     let memory = &mut memory[..self.memory(depths.len())];
                     let activations = self.activations(blends, memory);
-                    self.combined(activations, &folded, *first as f32, depths);
+                    let mut map = [0.0; PIECE];
+                    let map = &mut map[..depths.len()];
+                    let cells = columns.map(|x| (y, x));
+                    if self.first_function(inputs, &grid, cells, activations, map) {
+                        dot_rows(self.level, activations, &folded, 0.0, depths);
+                        let pairs = depths.iter_mut().zip(map);
+                        pairs.for_each(|(depth, v)| *depth += *first as f32 * *v);
+                    } else {
+                        dot_rows(self.level, activations, &folded, *first as f32, depths);
+                    }
                 }
             });
         });
         depths
     }
 
-    /// The first function times its weight, and all others by their folded weights.
-    fn combined(&self, activations: &[f32], folded: &[f32], first: f32, depths: &mut [f32]) {
-        let Some(mean) = &self.mean else {
-            dot_rows(self.level, activations, folded, first, depths);
-            return;
-        };
-        dot_rows(self.level, activations, folded, 0.0, depths);
-        let mut logarithms = [0.0; PIECE];
-        let logarithms = &mut logarithms[..depths.len()];
-        dot_rows(self.level, activations, mean, 0.0, logarithms);
-        let pairs = depths.iter_mut().zip(logarithms);
-        pairs.for_each(|(depth, v)| *depth += first * positive(*v));
+    /// The first function at cells of a grid, whose last hidden layer this is; false if it is the constant 1.
+    fn first_function(
+        &self,
+        inputs: &Inputs,
+        grid: &Grid,
+        cells: impl Iterator<Item = (usize, usize)>,
+        activations: &[f32],
+        values: &mut [f32],
+    ) -> bool {
+        match (&self.first, &inputs.logarithm) {
+            (First::Hidden(weights), _) => dot_rows(self.level, activations, weights, 0.0, values),
+            (First::Seen, Some(map)) => {
+                let pairs = values.iter_mut().zip(cells);
+                pairs.for_each(|(value, cell)| *value = grid.value(map, cell));
+            }
+            _ => return false,
+        }
+        for value in values {
+            *value = value.clamp(-STEEPEST, STEEPEST).exp();
+        }
+        true
     }
 
     /// Floats that `activations` needs for a number of pixels.
@@ -257,9 +303,4 @@ impl Head {
         }
         x
     }
-}
-
-/// The first function from its logarithm.
-fn positive(logarithm: f32) -> f32 {
-    logarithm.clamp(-STEEPEST, STEEPEST).exp()
 }

@@ -11,6 +11,7 @@ mod backbone;
 mod colours;
 mod colours_alone;
 mod config;
+mod decoder;
 mod encoder;
 mod encoding;
 mod extractor;
@@ -39,7 +40,7 @@ use crate::weights::Tensor;
 use affinity_net::AffinityNet;
 use colours::affinities;
 use extractor::Extractor;
-use head::Head;
+use head::{Head, Inputs};
 use lsdc_kernels::simd::{Level, Scratch};
 use map::{Map, Pool};
 use run::Run;
@@ -120,7 +121,7 @@ impl Prepared {
         let affinities =
             (config.affinities > 0).then(|| AffinityNet::new(config, channels, &tensors));
         let inner = Inner {
-            extractor: Extractor::new(&config.extractor, channels, &tensors)?,
+            extractor: Extractor::new(&config.extractor, channels, config.mean, &tensors)?,
             encoder,
             head: Head::new(config, &tensors)?,
             affinities: affinities.transpose()?,
@@ -154,10 +155,8 @@ impl Network for Prepared {
         map.values.copy_from_slice(image);
         // On a thread of the pool, or each of some sixty layers would wake and await it anew.
         let inputs = rayon::scope(|_| {
-            let features = extractor.forward(&map, encoded.as_ref(), Run { scratch, pool });
-            let inputs = head.enter(&features, pool);
-            pool.give(features);
-            inputs
+            let seen = extractor.forward(&map, encoded.as_ref(), Run { scratch, pool });
+            head.enter(seen, pool)
         });
         Ok(Box::new(PreparedBasis {
             network: self.clone(),
@@ -177,8 +176,7 @@ impl Network for Prepared {
 #[derive(Debug)]
 struct PreparedBasis {
     network: Prepared,
-    /// What the features add to the first hidden layer, at their resolution.
-    inputs: Map,
+    inputs: Inputs,
     image: Map,
     /// What the encoder says of the image.
     encoded: Option<Map>,
@@ -186,8 +184,9 @@ struct PreparedBasis {
 
 impl Drop for PreparedBasis {
     fn drop(&mut self) {
-        let maps = [&mut self.inputs, &mut self.image].map(std::mem::take);
-        for map in maps.into_iter().chain(self.encoded.take()) {
+        let Inputs { hidden, logarithm } = std::mem::take(&mut self.inputs);
+        let maps = [hidden, std::mem::take(&mut self.image)].into_iter();
+        for map in maps.chain(logarithm).chain(self.encoded.take()) {
             self.network.0.pool.give(map);
         }
     }
