@@ -160,8 +160,8 @@ impl Extractor {
         })
     }
 
-    /// Features are `[batch, height, width, 3]` to `[batch, ceil(height / 4), ceil(width / 4), features]`; to
-    /// half the resolution if features are sharpened. `encoded [batch, rows, columns, channels]` is what a pretrained
+    /// Images `[batch, height, width, 3]` to features `[batch, ceil(height / 4), ceil(width / 4), channels]`, or at half the
+    /// resolution if they are sharpened. `encoded [batch, rows, columns, channels]` is what a pretrained
     /// encoder says of the images, for networks trained on one.
     pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Seen {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));

@@ -279,6 +279,7 @@ fn every_preset_agrees() {
         NetworkConfig::taught(),
         NetworkConfig::taught_small(),
         NetworkConfig::lite(),
+        NetworkConfig::lite_small(),
     ] {
         let trained = Trained::filled(config);
         trained.agrees(Level::here(), (57, 76), (57, 76));

@@ -107,12 +107,13 @@ fn sums_of_functions_need_none_of_them() {
         let config = NetworkConfig { mean, ..tiny() };
         let mut moved = Moved(Rng::stream(0, &["moved"]));
         let net = config.init(0, &device).unwrap().map(&mut moved);
-        let pixels = vec![(0..600).collect::<Vec<u32>>()];
-        let weights: Vec<f32> = (0..26).map(|i| ((i * i) as f32).sin()).collect();
+        let pixels = vec![(0..600).collect::<Vec<u32>>(), (0..600).rev().collect()];
+        let weights: Vec<f32> = (0..52).map(|i| ((i * i) as f32).sin()).collect();
         let found = |sum: fn(&HiddenBases, Tensor<3>) -> Tensor<3>| {
             let image = Tensor::from_inner(image(20, 30));
-            let hidden = net.bases(image, None).hidden_at((20, 30), &pixels);
-            let weights = TensorData::new(weights.clone(), [1, 13, 2]);
+            let images = Tensor::cat(vec![image.clone(), image * 0.5], 0);
+            let hidden = net.bases(images, None).hidden_at((20, 30), &pixels);
+            let weights = TensorData::new(weights.clone(), [2, 13, 2]);
             let weights = Tensor::<3>::from_data(weights, &device).require_grad();
             let sums = sum(&hidden, weights.clone());
             let gradients = sums.clone().cos().sum().backward();

@@ -201,10 +201,11 @@ impl TrainConfig {
             }
             None => {}
         }
-        if self.part == Part::Map && self.loss.mean == 0.0 {
-            return Err(Error::config(
-                "`train.part = \"map\"` needs `train.loss.mean` above 0",
-            ));
+        if self.part == Part::Map && self.loss != LossConfig::of_map(self.loss.mean) {
+            return Err(
+                Error::config("`train.part = \"map\"` learns by `train.loss.mean` alone")
+                    .hint("set the other losses to 0, or take `nyu-map.toml`"),
+            );
         }
         self.augment.check()?;
         self.supervision.check()?;

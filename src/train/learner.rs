@@ -339,7 +339,8 @@ mod tests {
             decoder: 16,
         });
         let mut config = config(Part::Map);
-        config.loss.mean = 1.0;
+        assert!(config.check().is_err(), "other losses would have no effect");
+        config.loss = LossConfig::of_map(1.0);
         let batch = batch(&device);
         let net = network.init(0, &device).unwrap();
         let before = tensors(&net, &network);

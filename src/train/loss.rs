@@ -66,6 +66,18 @@ impl Default for LossConfig {
 }
 
 impl LossConfig {
+    /// The loss of the map that the network suggests, and no other.
+    pub(super) fn of_map(mean: f64) -> Self {
+        Self {
+            l1: 0.0,
+            l2: 0.0,
+            gradient: 0.0,
+            mean,
+            regularisation: 0.0,
+            ..Self::default()
+        }
+    }
+
     /// Whether the network of a teacher is compared with.
     pub(super) fn imitates(&self) -> bool {
         self.teacher_affinities > 0.0 || self.teacher_span > 0.0
