@@ -120,6 +120,28 @@ fn training_steps_of_a_configuration_are_timed() {
 }
 
 #[test]
+fn a_training_that_cannot_begin_leaves_no_folder() {
+    let folder = room();
+    let at = folder.path();
+    let train = |setting: &str, words: &[&str]| {
+        let args = [
+            "train",
+            "--config",
+            "smoke.toml",
+            "-o",
+            "run",
+            "--set",
+            setting,
+        ];
+        refused(at, &args, words);
+        assert!(!at.join("run").exists(), "{setting}");
+    };
+    train("train.start=absent.safetensors", &["absent.safetensors"]);
+    train("train.backbone.rate=0.5", &["train.backbone", "lite"]);
+    train("train.part=map", &["train.loss.mean", "nyu-map.toml"]);
+}
+
+#[test]
 fn any_output_size_works() {
     let folder = room();
     let args = [
