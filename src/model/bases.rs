@@ -14,7 +14,7 @@ use std::ops::Range;
 pub struct BasisHead {
     pub(super) hidden: Vec<Hidden>,
     pub(super) last: Linear,
-    /// To the logarithm of the first function, if that is a map and no backbone says it: 0 before training.
+    /// To the logarithm of the first function, if that is a map and no backbone predicts it: 0 before training.
     pub(super) mean: Option<Linear>,
     #[module(skip)]
     pub(super) octaves: usize,

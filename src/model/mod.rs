@@ -122,7 +122,7 @@ impl BasisNet {
 
     /// The map of depth that the backbone suggests of normalised images `[batch, height, width, 3]`, at pixels as in
     /// [`Bases::at`]: `[batch, pixels]`, up to scale. Nothing else of the network is run. Nothing if it has no backbone
-    /// that says such a map.
+    /// that predicts such a map.
     pub fn map_at(
         &self,
         images: Tensor<4>,

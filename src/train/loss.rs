@@ -232,7 +232,7 @@ fn up_to_scale(maps: Tensor<2>, depths: Tensor<2>) -> Tensor<1> {
 /// points; nothing else of the network is run.
 ///
 /// # Errors
-/// The network has no backbone that says such a map.
+/// The network has no backbone that predicts such a map.
 pub(super) fn map_losses(net: &BasisNet, batch: &Batch, config: &LossConfig) -> Result<Losses> {
     let map = net.map_at(batch.images.clone(), batch.size, &batch.pixels);
     let map = map.ok_or_else(map_of_backbone)?;
@@ -242,7 +242,7 @@ pub(super) fn map_losses(net: &BasisNet, batch: &Batch, config: &LossConfig) -> 
 
 /// What is missing when a map alone is to be trained.
 pub(super) fn map_of_backbone() -> Error {
-    Error::config("`train.part = \"map\"` is for networks whose backbone says a map of depth")
+    Error::config("`train.part = \"map\"` is for networks whose backbone predicts a map of depth")
         .hint("set `preset = \"lite\"`")
 }
 

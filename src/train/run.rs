@@ -3,9 +3,8 @@
 use super::checkpoint::Checkpoints;
 use super::learner::Objective;
 use super::log::Log;
-use super::loss::map_of_backbone;
 use super::record::Record;
-use super::setup::{imitated, input_size, sampler, start_adapters, with_backbone};
+use super::setup::{check_network, imitated, input_size, sampler, start_adapters, with_backbone};
 use super::{BackboneTraining, Learner, Part, TrainConfig, calibrate, divide};
 use crate::data::{Dataset, DepthMap, Mixture, Shard, write_atomically};
 use crate::error::{Cause, Error, Result};
@@ -131,27 +130,7 @@ impl Trainer {
     ) -> Result<Self> {
         let mixture = frames.into();
         network.check()?;
-        if config.part == Part::Affinities && network.affinities == 0 {
-            return Err(Error::config(
-                "`train.part = \"affinities\"` needs a network with `affinities` above 0",
-            ));
-        }
-        if config.loss.mean > 0.0 && (!network.mean || config.part == Part::Affinities) {
-            return Err(Error::config(
-                "`train.loss.mean` needs a network with `mean = true` whose basis functions are trained",
-            )
-            .hint("set `preset = \"lite\"` or \"taught\", or leave it at 0"));
-        }
-        let backbone = network.extractor.backbone.is_some();
-        if config.part == Part::Map && !(network.mean && backbone) {
-            return Err(map_of_backbone());
-        }
-        if config.backbone != BackboneTraining::default() && !backbone {
-            return Err(Error::config(
-                "`train.backbone` is for networks with a pretrained backbone",
-            )
-            .hint("set `preset = \"lite\"`, or leave it out"));
-        }
+        check_network(&network, &config)?;
         fit.check()?;
         check(&config, &mixture, devices)?;
         let frames = mixture.first().clone();
@@ -205,7 +184,7 @@ impl Trainer {
             ("calibrate", config.calibrate),
             ("part", config.part != Part::All),
             ("start", config.start.is_some()),
-            ("backbone.pretrained", config.backbone.pretrained.is_some()),
+            ("backbone", config.backbone != BackboneTraining::default()),
             ("features", config.features.is_some()),
             ("robust", config.robust.is_some()),
             ("loss.affinities", config.loss.affinities > 0.0),
@@ -286,7 +265,12 @@ impl Trainer {
                     "network": bases.network,
                     "fit": bases.fit,
                 }))?;
-                let net = self.initial(bases, &device)?;
+                let (net, new) = self.initial(bases, &device)?;
+                if self.config.start.is_some() {
+                    tracing::info!(
+                        "{new} tensors are not those of the start weights: they begin at random, or with the backbone's"
+                    );
+                }
                 let teacher = bases.imitated.as_ref();
                 let teacher = teacher.map(|weights| load(weights, self.device()));
                 let learner = Learner::new(net, &bases.fit, &self.config);
@@ -405,24 +389,21 @@ impl Trainer {
     /// A file of weights that cannot be read, or that does not fit the network.
     pub fn check_start(&self) -> Result<()> {
         match &self.subject {
-            Subject::Bases(bases) => self.initial(bases, self.device()).map(|_| ()),
-            Subject::System(system) => begin(system, self.config.seed, self.device()).map(|_| ()),
+            Subject::Bases(bases) => self.initial(bases, self.device()).map(drop),
+            Subject::System(system) => begin(system, self.config.seed, self.device()).map(drop),
         }
     }
 
-    fn initial(&self, bases: &Bases, device: &Device) -> Result<BasisNet> {
+    /// The network before the first step, and how many of its tensors the start weights do not have.
+    fn initial(&self, bases: &Bases, device: &Device) -> Result<(BasisNet, usize)> {
         let net = bases.network.init(self.config.seed, device)?;
         let net = with_backbone(net, &bases.network, &self.config.backbone)?;
         let Some(path) = &self.config.start else {
-            return Ok(net);
+            return Ok((net, 0));
         };
         let start = open_weights(Some(path))?;
         start_adapters(&start.network, &bases.network)?;
-        let (net, new) = transfer(&start, net)?;
-        tracing::info!(
-            "{new} tensors are not those of the start weights: they begin at random, or with the backbone's"
-        );
-        Ok(net)
+        transfer(&start, net)
     }
 
     fn rate(&self, step: usize) -> f64 {

@@ -1,7 +1,8 @@
 //! What a run makes of its settings before the first step.
 
+use super::loss::map_of_backbone;
 use super::teacher::Taught;
-use super::{BackboneTraining, TrainConfig, divide};
+use super::{BackboneTraining, Part, TrainConfig, divide};
 use crate::data::{Dataset, Mixture};
 use crate::error::{Error, Result};
 use crate::model::{AdapterConfig, BasisNet, NetworkConfig, Normalisation, fill};
@@ -54,20 +55,42 @@ pub(super) fn start_adapters(start: &NetworkConfig, network: &NetworkConfig) -> 
     )))
 }
 
+/// Whether a network has what `config` trains.
+pub(super) fn check_network(network: &NetworkConfig, config: &TrainConfig) -> Result<()> {
+    if config.part == Part::Affinities && network.affinities == 0 {
+        return Err(Error::config(
+            "`train.part = \"affinities\"` needs a network with `affinities` above 0",
+        ));
+    }
+    if config.loss.mean > 0.0 && (!network.mean || config.part == Part::Affinities) {
+        return Err(Error::config(
+            "`train.loss.mean` needs a network with `mean = true` whose basis functions are trained",
+        )
+        .hint("set `preset = \"lite\"` or \"taught\", or leave it at 0"));
+    }
+    let backbone = network.extractor.backbone.is_some();
+    if config.part == Part::Map && !backbone {
+        return Err(map_of_backbone());
+    }
+    if config.backbone != BackboneTraining::default() && !backbone {
+        return Err(
+            Error::config("`train.backbone` is for networks with a pretrained backbone")
+                .hint("set `preset = \"lite\"`, or leave it out"),
+        );
+    }
+    Ok(())
+}
+
 /// The network with the published tensors in its backbone, if they are given.
 pub(super) fn with_backbone(
     net: BasisNet,
     network: &NetworkConfig,
     config: &BackboneTraining,
 ) -> Result<BasisNet> {
-    let Some(path) = &config.pretrained else {
-        return Ok(net);
-    };
-    let backbone = network.extractor.backbone.ok_or_else(|| {
-        Error::config("`train.backbone.pretrained` is for networks with a backbone")
-            .hint("set `preset = \"lite\"`, or leave it out")
-    })?;
-    fill(read_backbone(path, backbone)?, net)
+    match (&config.pretrained, network.extractor.backbone) {
+        (Some(path), Some(backbone)) => fill(read_backbone(path, backbone)?, net),
+        _ => Ok(net),
+    }
 }
 
 /// Samples of the frames that are learned from: all but those held out of the first dataset.
@@ -116,22 +139,35 @@ pub(super) fn input_size(protocol: &Protocol, frames: &dyn Dataset) -> Result<[u
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::InitNetwork as _;
-    use burn::tensor::Device;
+    use crate::train::LossConfig;
 
     #[test]
-    fn a_published_backbone_needs_a_network_that_has_one() {
-        let network = NetworkConfig::small();
-        let net = network.init(0, &Device::flex()).unwrap();
-        let config = BackboneTraining {
-            pretrained: Some("efficientnet-lite0.pth".into()),
-            ..BackboneTraining::default()
+    fn a_backbone_is_trained_where_there_is_one() {
+        let refused = |network: &NetworkConfig, config: &TrainConfig, words: [&str; 2]| {
+            let error = check_network(network, config).unwrap_err();
+            assert!(error.to_string().contains(words[0]), "{error}");
+            assert!(error.advice().unwrap().contains(words[1]), "{error}");
         };
-        let error = with_backbone(net, &network, &config).unwrap_err();
-        assert!(
-            error.to_string().contains("networks with a backbone"),
-            "{error}"
+        let mut config = TrainConfig::default();
+        config.backbone.pretrained = Some("efficientnet-lite0.pth".into());
+        let words = ["networks with a pretrained backbone", "lite"];
+        refused(&NetworkConfig::small(), &config, words);
+        check_network(&NetworkConfig::lite_small(), &config).unwrap();
+        let config = TrainConfig {
+            part: Part::Map,
+            loss: LossConfig::of_map(1.0),
+            ..TrainConfig::default()
+        };
+        refused(
+            &NetworkConfig::taught(),
+            &config,
+            ["a map of depth", "lite"],
         );
-        assert!(error.advice().unwrap().contains("lite"));
+        let without = NetworkConfig {
+            mean: false,
+            ..NetworkConfig::lite()
+        };
+        refused(&without, &config, ["mean = true", "lite"]);
+        check_network(&NetworkConfig::lite(), &config).unwrap();
     }
 }

@@ -83,8 +83,8 @@ pub struct ExtractorConfig {
     /// Stages after the fourth, each at half the resolution of the one before it, from an eighth of the image's down:
     /// their outputs are enlarged and added to the features, which see more of the image that way.
     pub context: Vec<StageConfig>,
-    /// Stages of a pretrained network that see the image too, are trained on, add to the features, and say the map of
-    /// depth if the network has one (`mean`); absent: none.
+    /// Stages of a pretrained network that see the image too, are trained on, add to the features, and predict the map
+    /// of depth if the network has one (`mean`); absent: none.
     // Not in files without them: earlier versions do not know the name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub backbone: Option<BackboneConfig>,
@@ -341,7 +341,7 @@ impl NetworkConfig {
         }
     }
 
-    /// `taught` with a block less, beside five stages of a pretrained `EfficientNet`-Lite0, which say the map of depth:
+    /// `taught` with a block less, beside five stages of a pretrained `EfficientNet`-Lite0, which predict the map of depth:
     /// 3.4 M parameters.
     pub fn lite() -> Self {
         Self {
@@ -354,7 +354,7 @@ impl NetworkConfig {
         }
     }
 
-    /// `small` beside the same stages, which say the map of depth: 1.0 M parameters.
+    /// `small` beside the same stages, which predict the map of depth: 1.0 M parameters.
     pub fn lite_small() -> Self {
         Self {
             extractor: ExtractorConfig {
