@@ -9,7 +9,7 @@ install -D -m 755 -s "$program" "$folder/usr/bin/lsdc"
 ldd "$program" | grep -o '/[^ ]*' | while read -r library; do
   install -D -m 755 "$library" "$folder$library"
 done
-install -D -m 644 -t "$folder/usr/share/doc/lsdc" "$licences/LICENSE-MIT" "$licences/LICENSE-APACHE"
+install -D -m 644 -t "$folder/usr/share/doc/lsdc" "$licences/LICENSE-MIT" "$licences/LICENSE-APACHE" "$licences/NOTICE"
 # Users have names here, and nothing else: `--user` may be any.
 install -d -m 755 "$folder/etc"
 echo 'lsdc:x:65532:65532::/:/usr/sbin/nologin' >"$folder/etc/passwd"

@@ -4,7 +4,7 @@
 Trains one variant after the other from the same seed, measures each on test frames, and prints a
 table. What exists is not done again: stop and go on as you like. Variants of `nyu-affinities.toml` and
 `nyu-joint.toml` judge edges and start from weights with basis functions; those of `nyu-half.toml` learn
-basis functions; those of `nyu-distill.toml`, "further", start from the weights `default`, some with the weights `anything` as
+basis functions; those of `nyu-lite.toml`, "further", start from the weights `default`, some with the weights `anything` as
 their teacher. FRAMES/SET/FRAME.jpg and FRAME_depth.png are the other frames of one of them.
 
     python3 scripts/ablation.py --root NYU_TREE --more FRAMES --steps 1000 --start WEIGHTS -o ablation
@@ -60,12 +60,15 @@ MEDIUM = {
     "branch": 32,
     "merge": 128,
 }
-# The stages of the taught network that add context to the features.
-CONTEXT = [
-    {"width": 96, "blocks": 1},
-    {"width": 128, "blocks": 2},
-    {"width": 192, "blocks": 2},
-]
+# What the lite network adds to the extractor: stages for context, and a pretrained backbone.
+LITE = {
+    "context": [
+        {"width": 96, "blocks": 1},
+        {"width": 128, "blocks": 2},
+        {"width": 192, "blocks": 1},
+    ],
+    "backbone": {"stages": 5, "decoder": 64},
+}
 # Stand for what is given on the command line.
 FRAMES, FEWER = "FRAMES", "FEWER"
 OTHERS = {
@@ -119,13 +122,9 @@ def bases(after: str = "", **changes: dict) -> Variant:
 
 
 def further(**changes: dict) -> Variant:
-    network = {"affinities": 16, "mean": True, "extractor": {"context": CONTEXT}}
-    # New views: what is kept of two of each frame would say little of augmentation.
-    train = {"views": 0, "freeze_statistics": 0.0, "average": 0.98, "teacher": None}
-    # Trained affinities forget more than they learn.
-    train |= {"part": "bases", "learning_rate": 1.5e-3}
-    train |= loss(teacher_affinities=0.0, teacher_span=0.0)
-    return Variant("nyu-distill", laid_over({"network": network, "train": train}, changes))
+    network = {"affinities": 16, "mean": True, "extractor": LITE}
+    train = {"start": "default", "average": 0.98}
+    return Variant("nyu-lite", laid_over({"network": network, "train": train}, changes))
 
 
 def from_teacher(target: str = "measured", part: str = "bases", **weights: float) -> Variant:
@@ -188,6 +187,7 @@ VARIANTS = {
     "further, other frames too": further(data={"more": [OTHERS]}),
     "further, a third of the frames": further(data={"root": FEWER}),
     "further, no context": further(network={"extractor": {"context": []}}),
+    "further, no loss of the map": further(train=loss(mean=0.0)),
     "further, images with flaws": further(train={"augment": FLAWS}),
     "further, fits of 200 points and more": further(train={"supervision": {"fewest": 200}}),
 }
@@ -231,7 +231,7 @@ def settings(args: argparse.Namespace, variant: Variant) -> dict:
     base["network"] = NETWORK
     base["data"]["root"] = str(args.root)
     common = {"train": {"steps": args.steps, "measure_every": args.steps, "calibrate": True}}
-    if variant.config == "nyu-distill":
+    if variant.config == "nyu-lite":
         common["train"]["calibrate"] = False
     elif "start" in base["train"]:
         common["train"]["start"] = args.start
@@ -271,7 +271,7 @@ def weights_of(args: argparse.Namespace, name: str) -> Path:
         return weights_of(args, variant.weights)
     folder = folder_of(args, name)
     # The prior of those that suggest a depth by themselves is learned from the frames that it is for.
-    calibrated = variant.config == "nyu-distill"
+    calibrated = variant.config == "nyu-lite"
     weights = folder / ("calibrated.safetensors" if calibrated else "run/weights.safetensors")
     if weights.exists():
         return weights
@@ -330,7 +330,7 @@ def main() -> None:
         names = [trained[args.task]]
     if not args.root:
         parser.error("--root is needed")
-    own = ("nyu-half", "nyu-distill")
+    own = ("nyu-half", "nyu-lite")
     variants = [VARIANTS[name] for name in names if VARIANTS[name].weights != "default"]
     if not args.start and any(variant.config not in own for variant in variants):
         parser.error("--start is needed")

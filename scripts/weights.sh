@@ -7,16 +7,18 @@ usage() {
   cat <<'TEXT'
 scripts/weights.sh --nyu DIR -o DIR [OPTIONS] small|default|anything ...
 
-Makes the named weights, NAME.safetensors in the output folder, and what they stand on: `small` and `default` are taught
-by `anything`, which starts from a first default.
+Makes the named weights, NAME.safetensors in the output folder, and what they are built from: `default` is first taught by
+`anything`, which starts from a first default; a pretrained network becomes part of `small` and `default`.
 
   --nyu DIR           frames of NYU Depth v2, labelled: DIR/train/SCENE/FRAME.jpg and FRAME_depth.png
-  --more DIR          further frames, DIR/SET/FRAME.jpg and FRAME_depth.png, for `anything` and all that it teaches
+  --more DIR          further frames, DIR/SET/FRAME.jpg and FRAME_depth.png, for everything after a first default and a first small
+  --backbone FILE     EfficientNet-Lite0, saved as docs/training.md tells, for `small` and `default`
   -o, --output DIR    where everything is made; the same command with the same folder goes on
   --steps-scale X     that part of the steps of every training, 0.001 for a trial [default: 1]
   --lsdc PROGRAM      the program [default: lsdc]
 
-The encoder of `anything` must be installed (`lsdc weights get anything`). Needs Python with numpy.
+For `default` and `anything`, the encoder of `anything` must be installed (`lsdc weights get anything`). Needs Python with
+numpy.
 TEXT
 }
 
@@ -26,15 +28,16 @@ fail() {
 }
 
 here=$(cd "$(dirname "$0")" && pwd)
-nyu='' more='' out='' scale=1 lsdc=lsdc names=()
+nyu='' more='' backbone='' out='' scale=1 lsdc=lsdc names=()
 while [ $# -gt 0 ]; do
   case $1 in
   -h | --help) usage && exit ;;
-  --nyu | --more | -o | --output | --steps-scale | --lsdc)
+  --nyu | --more | --backbone | -o | --output | --steps-scale | --lsdc)
     [ $# -ge 2 ] || fail "$1 needs a value"
     case $1 in
     --nyu) nyu=$2 ;;
     --more) more=$2 ;;
+    --backbone) backbone=$2 ;;
     -o | --output) out=$2 ;;
     --steps-scale) scale=$2 ;;
     --lsdc) lsdc=$2 ;;
@@ -49,9 +52,16 @@ done
 [ -d "$nyu/train" ] || fail "\`$nyu\` has no folder \`train\`: give --nyu DIR"
 [ -z "$more" ] || [ -d "$more" ] || fail "\`$more\` is no folder"
 command -v "$lsdc" >/dev/null || fail "\`$lsdc\` is not there: give --lsdc PROGRAM"
-installed=$("$lsdc" weights list 2>/dev/null | grep '^anything ' || true)
-[[ $installed != *"not installed"* && $installed == *installed* ]] ||
-  fail "the encoder of \`anything\` is not installed: lsdc weights get anything"
+asked_for() { [[ " ${names[*]} " == *" $1 "* ]]; }
+if asked_for default || asked_for anything; then
+  installed=$("$lsdc" weights list 2>/dev/null | grep '^anything ' || true)
+  [[ $installed != *"not installed"* && $installed == *installed* ]] ||
+    fail "the encoder of \`anything\` is not installed: lsdc weights get anything"
+fi
+if asked_for default || asked_for small || [ -n "$backbone" ]; then
+  [ -f "$backbone" ] || fail "\`$backbone\` is no file: give EfficientNet-Lite0, --backbone FILE"
+  backbone=$(realpath "$backbone")
+fi
 python3 -c 'import numpy' 2>/dev/null || fail "python3 has no numpy"
 
 nyu=$(realpath "$nyu")
@@ -72,6 +82,15 @@ steps-scale $scale"
 trap 'exit 130' INT TERM
 
 say() { echo "weights.sh: $*" >&2; }
+
+# Copied, so that the weights tell a relative name.
+if [ -n "$backbone" ]; then
+  if [ ! -e efficientnet-lite0.pth ]; then
+    cp "$backbone" efficientnet-lite0.part
+    mv efficientnet-lite0.part efficientnet-lite0.pth
+  fi
+  cmp -s "$backbone" efficientnet-lite0.pth || fail "\`$out\` was begun with another --backbone"
+fi
 
 run_of() { echo "runs/$1/weights.safetensors"; }
 
@@ -148,20 +167,29 @@ first_small() {
   train small-joint nyu-joint.toml --set preset=small --set train.steps=1200 --set "train.start=$(run_of small-affinities)"
 }
 
-# taught NAME START PRESET: by `anything`, all of it; then the basis functions alone, beside the affinities that it started
-# from, on which other frames do not improve, first with some of these, then with those of NYU.
+# beside_backbone NAME START PRESET: the map of depth that a pretrained network suggests, then basis functions trained with it.
+beside_backbone() {
+  local name=$1 start=$2 preset=$3
+  train "$name-map" nyu-map.toml "${fewer_others[@]}" --set "preset=$preset" --set "train.start=$start" --set train.seed=8
+  train "$name-lite" nyu-lite.toml "${few_others[@]}" --set "preset=$preset" --set "train.start=$(run_of "$name-map")" \
+    --set train.seed=9
+  finish "$name" "$(run_of "$name-lite")"
+}
+
+# By `anything`, all of it; then the basis functions alone, beside the affinities that it started from, on which other frames
+# do not improve, first with some of these, then with those of NYU.
 taught() {
-  local name=$1 start=$2 preset=$3 own=runs/$1-own-affinities.safetensors
-  local alone=(nyu-anything.toml --set "preset=$preset" --set train.part=bases --set train.average=0.995
+  local start own=runs/taught-own-affinities.safetensors
+  start=$(run_of joint)
+  local alone=(nyu-anything.toml --set preset=taught --set train.part=bases --set train.average=0.995
     --set train.freeze_statistics=0.0 --set train.views=0 --set train.loss.balance=0.4)
-  train "$name-taught" nyu-distill.toml "${all_frames[@]}" --set "preset=$preset" --set "train.start=$start" \
+  train taught nyu-distill.toml "${all_frames[@]}" --set "train.start=$start" \
     --set train.teacher.weights=anything.safetensors --set train.teacher.folder=answers
-  [ -e "$own" ] || python3 "$here/average.py" "$(run_of "$name-taught")" "$start" --only edges --share 1 -o "$own"
-  train "$name-bases" "${alone[@]}" "${few_others[@]}" --set "train.start=$own" --set train.steps=2000 \
+  [ -e "$own" ] || python3 "$here/average.py" "$(run_of taught)" "$start" --only edges --share 1 -o "$own"
+  train taught-bases "${alone[@]}" "${few_others[@]}" --set "train.start=$own" --set train.steps=2000 \
     --set train.learning_rate=1.5e-3 --set train.supervision.fewest=20 --set train.seed=6
-  train "$name-last" "${alone[@]}" --set "train.start=$(run_of "$name-bases")" --set train.steps=1300 \
+  train taught-last "${alone[@]}" --set "train.start=$(run_of taught-bases)" --set train.steps=1300 \
     --set train.learning_rate=1e-3 --set train.supervision.fewest=60 --set train.seed=7
-  finish "$name" "$(run_of "$name-last")"
 }
 
 # anything: on top of the encoder; first the basis functions, then all, then with more points, then with all numbers of
@@ -189,13 +217,13 @@ make_anything() {
 make_default() {
   make_anything
   first_default
-  taught default "$(run_of joint)" taught
+  taught
+  beside_backbone default "$(run_of taught-last)" lite
 }
 
 make_small() {
-  make_anything
   first_small
-  taught small "$(run_of small-joint)" taught-small
+  beside_backbone small "$(run_of small-joint)" lite-small
 }
 
 for name in "${names[@]}"; do "make_$name"; done

@@ -27,11 +27,9 @@ pub enum Preset {
     Small,
     /// `sharp` that sees more of the image, with a first function that is a map of depth: 3.3 M.
     Taught,
-    /// The same at half the widths: 0.8 M.
-    TaughtSmall,
     /// `taught` with a block less, beside five stages of a pretrained `EfficientNet`-Lite0: 3.4 M.
     Lite,
-    /// `small` beside the same stages: 1.0 M.
+    /// `small` beside the same stages: 1.1 M.
     LiteSmall,
     /// `sharp` on top of a pretrained encoder: 2.1 M beside its 22 M.
     Anything,
@@ -125,7 +123,6 @@ impl Config {
             Preset::Sharp => NetworkConfig::sharp(),
             Preset::Small => NetworkConfig::small(),
             Preset::Taught => NetworkConfig::taught(),
-            Preset::TaughtSmall => NetworkConfig::taught_small(),
             Preset::Lite => NetworkConfig::lite(),
             Preset::LiteSmall => NetworkConfig::lite_small(),
             Preset::Anything => NetworkConfig::anything(),

@@ -43,8 +43,8 @@ fn list() -> Result<()> {
         .filter(|weights| !on_encoder(weights.name))
     {
         let bytes = weights.bytes.len() as u64;
-        let licence = env!("CARGO_PKG_LICENSE");
-        line(weights.name, bytes, licence, "built in", weights.about);
+        let (licence, about) = (weights.licence, weights.about);
+        line(weights.name, bytes, licence, "built in", about);
     }
     let store = Store::open()?;
     let mut remarks = Vec::new();

@@ -277,7 +277,6 @@ fn every_preset_agrees() {
         NetworkConfig::small(),
         NetworkConfig::anything(),
         NetworkConfig::taught(),
-        NetworkConfig::taught_small(),
         NetworkConfig::lite(),
         NetworkConfig::lite_small(),
     ] {

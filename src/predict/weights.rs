@@ -15,6 +15,8 @@ pub struct Embedded {
     pub name: &'static str,
     /// What they are for.
     pub about: &'static str,
+    /// Under which licence, by its SPDX expression: what they contain of other networks keeps its own.
+    pub licence: &'static str,
     /// A safetensors file.
     pub bytes: &'static [u8],
 }
@@ -24,16 +26,19 @@ static EMBEDDED: [Embedded; 3] = [
     Embedded {
         name: "default",
         about: "the most accurate without an encoder",
+        licence: "Apache-2.0",
         bytes: weights::DEFAULT,
     },
     Embedded {
         name: "small",
         about: "for weak machines; two thirds of the time at 640x480",
+        licence: "Apache-2.0",
         bytes: weights::SMALL,
     },
     Embedded {
         name: "anything",
         about: "the most accurate of all, on top of a pretrained encoder that is installed apart",
+        licence: "MIT OR Apache-2.0",
         bytes: include_bytes!("../../assets/weights/anything.safetensors"),
     },
 ];

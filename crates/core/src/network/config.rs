@@ -354,7 +354,7 @@ impl NetworkConfig {
         }
     }
 
-    /// `small` beside the same stages, which predict the map of depth: 1.0 M parameters.
+    /// `small` beside the same stages, which predict the map of depth: 1.1 M parameters.
     pub fn lite_small() -> Self {
         Self {
             extractor: ExtractorConfig {
@@ -364,15 +364,6 @@ impl NetworkConfig {
                 }),
                 ..ExtractorConfig::slimmer()
             },
-            mean: true,
-            ..Self::small()
-        }
-    }
-
-    /// `taught` with half the widths: 0.8 M parameters.
-    pub fn taught_small() -> Self {
-        Self {
-            extractor: ExtractorConfig::slimmer().with_context([48, 64, 96], [1, 2, 2]),
             mean: true,
             ..Self::small()
         }

@@ -23,7 +23,10 @@ pub(crate) fn limits() -> Limits {
 }
 
 /// Bytes that a refused request may take: its body, and what a file may unfold to.
-const MOST: usize = 16 << 20;
+const MOST: usize = 4 << 20;
+
+/// Bytes that one may take that is answered all the same.
+const MOST_ANSWERED: usize = 16 << 20;
 
 #[test]
 fn forty_hostile_requests_do_no_harm() {
@@ -61,7 +64,12 @@ fn forty_hostile_requests_do_no_harm() {
             Expected::Dropped => status.is_none() || status == Some(408),
         };
         assert!(as_expected, "{}: {status:?} {said:?}", case.sent);
-        assert!(taken < MOST, "{}: {taken} bytes", case.sent);
+        let most = if status == Some(200) {
+            MOST_ANSWERED
+        } else {
+            MOST
+        };
+        assert!(taken < most, "{}: {taken} bytes", case.sent);
         let said = said.unwrap_or_default();
         assert!(
             !said.contains("/tmp") && !said.contains("panicked"),
@@ -87,9 +95,9 @@ fn check_documents() {
     }
 }
 
-/// A good request, for comparison.
+/// A good request, for comparison, even where an earlier one has left its buffers behind.
 #[test]
-fn a_good_request_takes_more_than_a_hostile_one() {
+fn a_good_request_takes_more_than_a_refused_one() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let service = Running::new(Config::default());
     let rgb = asset("rgb.png");
@@ -102,7 +110,7 @@ fn a_good_request_takes_more_than_a_hostile_one() {
         assert_eq!(reply.status, 200);
     });
     println!("a completion at 304x228: {} MiB", taken >> 20);
-    assert!(taken > MOST);
+    assert!(taken > MOST, "{taken} bytes");
     let ask = request(service.address, "GET", "/healthz", &[], &[]);
     assert!(counted::most(|| assert!(service.send(&ask).is_some())) < 1 << 20);
 }
