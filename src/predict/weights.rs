@@ -31,7 +31,7 @@ static EMBEDDED: [Embedded; 3] = [
     },
     Embedded {
         name: "small",
-        about: "for weak machines; two thirds of the time at 640x480",
+        about: "for weak machines; two thirds of the time",
         licence: "Apache-2.0",
         bytes: weights::SMALL,
     },
