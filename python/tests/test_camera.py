@@ -70,7 +70,8 @@ def test_what_a_camera_sees(completer, image):
     behind = [[0.0, 0.0, -1.0], [np.nan, 0.0, 1.0], [5.0, 0.0, 1.0], [*(wall[40, :2] * 2), 4.0]]
     cloud = camera.see(np.vstack([wall, behind]), (64, 48))
     assert (len(cloud), cloud.invalid, cloud.outside, cloud.hidden) == (len(wall), 1, 2, 1)
-    assert_allclose(completer.complete(image, cloud.points).depth, 2.0, atol=0.05)
+    off = np.abs(completer.complete(image, cloud.points).depth - 2.0)
+    assert off.mean() < 0.02 and off.max() < 0.1
 
 
 def test_other_resolutions(points):
