@@ -59,7 +59,8 @@ if asked_for default || asked_for anything; then
     fail "the encoder of \`anything\` is not installed: lsdc weights get anything"
 fi
 if asked_for default || asked_for small || [ -n "$backbone" ]; then
-  [ -f "$backbone" ] || fail "\`$backbone\` is no file: give EfficientNet-Lite0, --backbone FILE"
+  [ -n "$backbone" ] || fail "small and default contain EfficientNet-Lite0: give --backbone FILE"
+  [ -f "$backbone" ] || fail "\`$backbone\` is no file: give --backbone FILE"
   backbone=$(realpath "$backbone")
 fi
 python3 -c 'import numpy' 2>/dev/null || fail "python3 has no numpy"

@@ -141,8 +141,8 @@ class Completion:
 
     @cached_property
     def weights(self) -> Floats:
-        """The weights of the basis functions, that of the constant or of the image's map first, followed by those of the cosines; for
-        `Scene.complete(near=...)`."""
+        """The weights of the basis functions, that of the constant or of the image's map first, followed by those of the
+        cosines; for `Scene.complete(near=...)`."""
         return _kept(self._native.weights())
 
     @property

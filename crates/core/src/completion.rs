@@ -363,8 +363,8 @@ impl Completion {
         Ok(found)
     }
 
-    /// The weights of the basis functions, with that of the constant or of the image's map first, followed by those of the cosine basis, as
-    /// taken by [`Scene::complete_near`].
+    /// The weights of the basis functions, with that of the constant or of the image's map first, followed by those of
+    /// the cosine basis, as taken by [`Scene::complete_near`].
     pub fn weights(&self) -> &[f64] {
         &self.0.fit.weights
     }
