@@ -25,7 +25,7 @@ pub struct Embedded {
 static EMBEDDED: [Embedded; 3] = [
     Embedded {
         name: "default",
-        about: "the most accurate that needs nothing installed, from some ten points on",
+        about: "the most accurate that needs nothing installed",
         licence: "Apache-2.0",
         bytes: weights::DEFAULT,
     },

@@ -534,7 +534,7 @@ fn check(config: &TrainConfig, mixture: &Mixture, devices: &[Device]) -> Result<
         return Err(Error::config(
             "images without depths teach nothing without a teacher's depths",
         )
-        .hint("set `train.teacher`, its `target` to \"fill\" or \"all\", or `data.folder.depth`"));
+        .hint("set `train.teacher`, its `target` to \"images\", \"fill\" or \"all\", or `data.folder.depth`"));
     }
     if !mixture.first().measured() && (config.held_out > 0 || config.calibrate) {
         return Err(

@@ -24,6 +24,8 @@ pub enum Lesson {
     Fill,
     /// The teacher's depths everywhere.
     All,
+    /// The teacher's depths of images that have none; other frames keep their holes.
+    Images,
     /// Measured depths alone: the teacher is asked for no depths, and only its network is compared with.
     Measured,
 }
@@ -167,12 +169,17 @@ impl Teacher {
         })
     }
 
-    /// Gives a frame depths at every pixel and a target. Frames without holes stay as they are, if only holes are to
-    /// be filled.
+    /// Gives a frame that the teacher is asked for depths at every pixel and a target.
     fn teach(&self, mut frame: Frame) -> Result<Frame> {
         let (width, height) = (frame.depth.width(), frame.depth.height());
-        let fill = self.config.target == Lesson::Fill;
-        if fill && frame.depth.count() == width * height {
+        let (count, fill) = (frame.depth.count(), self.config.target != Lesson::All);
+        let asked = match self.config.target {
+            Lesson::All => true,
+            Lesson::Fill => count < width * height,
+            Lesson::Images => count == 0,
+            Lesson::Measured => false,
+        };
+        if !asked {
             return Ok(frame);
         }
         let Answer { depths, deviations } = self.answer(&frame)?;
@@ -352,6 +359,13 @@ mod tests {
         let whole = room();
         let found = taught(&config(), whole.clone());
         assert_eq!((found.depth, found.target), (whole.depth, None));
+
+        let images = TeacherConfig {
+            target: Lesson::Images,
+            ..config()
+        };
+        let found = taught(&images, frame.clone());
+        assert_eq!((found.depth, found.target), (frame.depth, None));
     }
 
     #[test]
@@ -361,7 +375,16 @@ mod tests {
             depth: map(&whole, |_, _| 0.0),
             ..whole
         };
-        let found = taught(&config(), frame);
+        let images = TeacherConfig {
+            target: Lesson::Images,
+            ..config()
+        };
+        let found = taught(&images, frame.clone());
+        let filled = taught(&config(), frame);
+        assert_eq!(
+            (&found.depth, &found.target),
+            (&filled.depth, &filled.target)
+        );
         let depths = found.depth.values();
         assert_eq!(found.depth.count(), depths.len());
         let mean = depths.iter().sum::<f32>() / depths.len() as f32;

@@ -149,6 +149,7 @@ const CALIBRATION: &str = "calibration";
 /// The tables that hold a prior.
 const MEAN: &str = "prior.mean";
 const FACTOR: &str = "prior.factor";
+const POOLED: &str = "prior.pooled";
 
 impl std::fmt::Debug for Weights {
     /// Not the numbers, of which there are millions.
@@ -295,7 +296,10 @@ impl Weights {
             .errors
             .as_ref()
             .map_or(Ok(()), ErrorModel::check)?;
-        let prior = Prior::new(&mean.values, &factor.values, calibration.noise)?;
+        let mut prior = Prior::new(&mean.values, &factor.values, calibration.noise)?;
+        if let Some(pooled) = self.tables.get(POOLED) {
+            prior = prior.with_pooled(&pooled.values)?;
+        }
         if prior.columns() != self.network.bases + 1 {
             let (found, bases) = (prior.columns(), self.network.bases);
             let what = format!("is one of {found} functions, not of {bases} and the constant");
@@ -317,11 +321,16 @@ impl Weights {
         let columns = mean.len();
         let rank = factor.len() / columns.max(1);
         for (name, shape, values) in [
-            (MEAN, vec![columns], mean),
-            (FACTOR, vec![columns, rank], factor),
+            (MEAN, vec![columns], Some(mean)),
+            (FACTOR, vec![columns, rank], Some(factor)),
+            (POOLED, vec![columns], prior.pooled()),
         ] {
-            self.tables
-                .insert(name.to_owned(), Tensor { shape, values });
+            match values {
+                Some(values) => self
+                    .tables
+                    .insert(name.to_owned(), Tensor { shape, values }),
+                None => self.tables.remove(name),
+            };
         }
         let noise = prior.noise();
         let calibration = Calibration {
@@ -374,4 +383,25 @@ fn decode(view: &TensorView<'_>) -> Option<Tensor> {
         _ => return None,
     };
     Tensor::new(view.shape().to_vec(), values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prior_that_is_kept_replaces_all_of_the_one_before() {
+        let mut weights = Weights::builtin_small();
+        let (prior, calibration) = weights.prior().unwrap().unwrap();
+        let columns = prior.columns();
+        let centres: Vec<f32> = (0..columns).map(|i| 0.1 * i as f32).collect();
+        let centred = prior.clone().with_pooled(&centres).unwrap();
+        weights.record_prior(&centred, calibration.deviation, None);
+        assert_eq!(weights.prior().unwrap().unwrap().0, centred);
+
+        let (mean, factor) = prior.numbers();
+        let plain = Prior::new(&mean, &factor, prior.noise()).unwrap();
+        weights.record_prior(&plain, calibration.deviation, None);
+        assert_eq!(weights.prior().unwrap().unwrap().0, plain);
+    }
 }

@@ -171,7 +171,7 @@ fn with_plain<T>(
     }
     let mut prior = match config.prior {
         PriorKind::Learned if config.method != FitMethod::Field => {
-            Some(Cow::Borrowed(learned(prior, config.space)?))
+            Some(learned(prior, config.space)?.at(rows.values.len()))
         }
         PriorKind::None if config.method == FitMethod::Lse => None,
         _ => Some(Cow::Owned(Prior::flat(rows.columns() - ridges.len()))),

@@ -3,6 +3,10 @@
 //! Weights are s (m + L u), where u is standard normal, m and L L^T are the mean and covariance over training
 //! images scaled to a mean depth of 1, and nothing is assumed about the scale s. So the fit stays exactly
 //! scale equivariant, and a single point sets the scale of a plausible map.
+//!
+//! Which weights are likely depends on the image, in ways that no one Gaussian tells. The mean over images of their
+//! weights is the centre of what many points find; but where points tell nothing of an image, depth is predicted best by
+//! the weights of the regression over the pixels of all images. So m moves from these, for a single point, to the mean.
 
 use super::lstsq::{Moments, Problem};
 use super::{Points, Space};
@@ -11,6 +15,7 @@ use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// A Gaussian over weights, up to their scale.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +25,12 @@ pub struct Prior {
     /// L `[k, r]`.
     pub(super) factor: Mat<f64>,
     pub(super) noise: NoisePrior,
+    /// What takes the place of m with a single point, if anything does.
+    pooled: Option<Vec<f64>>,
 }
+
+/// From this number of points on, m is the mean over images.
+const MANY: f64 = 50.0;
 
 /// The prior over the noise, given as the distribution of lambda, the ratio of the noise variance to the
 /// variance of u.
@@ -69,6 +79,7 @@ impl Prior {
                 deviation: None,
                 trust: 0.0,
             },
+            pooled: None,
         }
     }
 
@@ -92,7 +103,42 @@ impl Prior {
             mean: mean.iter().map(|&v| f64::from(v)).collect(),
             factor: Mat::from_fn(columns, rank, |i, j| f64::from(factor[i * rank + j])),
             noise,
+            pooled: None,
         })
+    }
+
+    /// The same prior, centred on other weights if there is a single point, and the less so the more there are.
+    ///
+    /// # Errors
+    /// Another number of weights, or some that are not finite.
+    pub fn with_pooled(self, weights: &[f32]) -> Result<Self, WeightsError> {
+        if weights.len() != self.columns() || !weights.iter().all(|w| w.is_finite()) {
+            return Err(WeightsError::Prior("is damaged".to_owned()));
+        }
+        let pooled = Some(weights.iter().map(|&w| f64::from(w)).collect());
+        Ok(Self { pooled, ..self })
+    }
+
+    /// The weights that the prior is centred on if there is a single point, if they are not its mean.
+    pub fn pooled(&self) -> Option<Vec<f32>> {
+        let pooled = self.pooled.as_ref()?;
+        Some(pooled.iter().map(|&w| w as f32).collect())
+    }
+
+    /// The prior for a number of points.
+    pub(super) fn at(&self, count: usize) -> Cow<'_, Self> {
+        let share = 1.0 - (count.max(1) as f64).ln() / MANY.ln();
+        match &self.pooled {
+            Some(pooled) if share > 0.0 => {
+                let pairs = self.mean.iter().zip(pooled);
+                Cow::Owned(Self {
+                    mean: pairs.map(|(m, p)| m + share * (p - m)).collect(),
+                    pooled: None,
+                    ..self.clone()
+                })
+            }
+            _ => Cow::Borrowed(self),
+        }
     }
 
     /// The same prior, its deviations times `share`, and `guides` more functions, whose weights have mean 0 and the
@@ -112,6 +158,7 @@ impl Prior {
                 }
             }),
             noise: self.noise,
+            pooled: None,
         }
     }
 
@@ -155,6 +202,7 @@ impl Prior {
         }
         Ok(Self {
             mean: mean.to_vec(),
+            pooled: None,
             ..self.clone()
         })
     }
@@ -218,6 +266,7 @@ impl Prior {
             directions[(i, j)] * values[j].max(0.0).sqrt()
         });
         prior.noise.mean = noise.ln();
+        prior.pooled = Some(pooled(images, columns).map_err(singular)?);
         Ok(prior)
     }
 }
@@ -238,6 +287,25 @@ impl ImageMoments {
         let problem = Problem::new(&rows.bases(), &depths, &rows.weights);
         Ok(Self(problem.moments()))
     }
+}
+
+/// The weights that fit the depths of all images at once.
+fn pooled(images: &[ImageMoments], columns: usize) -> std::result::Result<Vec<f64>, NotPositive> {
+    /// Of the mean square of all functions: some may be 0 in all images.
+    const RIDGE: f64 = 1e-6;
+    let mut normal = Mat::<f64>::zeros(columns, columns);
+    let mut right = vec![0.0; columns];
+    for ImageMoments(image) in images {
+        normal += &image.normal;
+        right
+            .iter_mut()
+            .zip(&image.right)
+            .for_each(|(sum, r)| *sum += r);
+    }
+    let mean = (0..columns).map(|i| normal[(i, i)]).sum::<f64>() / columns.max(1) as f64;
+    (0..columns).for_each(|i| normal[(i, i)] += RIDGE * mean);
+    let weights = inverse(&normal)? * column(&right);
+    Ok(weights.col(0).iter().copied().collect())
 }
 
 /// The expected sum of squared residuals under weights with this mean and covariance.

@@ -3,7 +3,7 @@
 use super::lstsq::Problem;
 use super::prior::{ImageMoments, NoisePrior, Prior};
 use super::{Fit, FitConfig, Lambda, Points, PriorKind, Robust, Space, fit};
-use faer::linalg::solvers::{DenseSolveCore as _, Solve as _};
+use faer::linalg::solvers::{DenseSolveCore as _, Solve as _, SolveLstsq as _};
 use faer::{Mat, Side};
 use lsdc_rng::Rng;
 
@@ -113,13 +113,49 @@ fn a_single_point_scales_the_mean_map() {
 }
 
 #[test]
+fn the_centre_of_a_prior_moves_with_the_number_of_points() {
+    let plain = prior(6, 4, UNKNOWN);
+    let pooled = normal(&mut Rng::stream(4, &["pooled"]), 6);
+    let both = plain.clone().with_pooled(&pooled).unwrap();
+    assert_eq!(both.pooled(), Some(pooled.clone()));
+    let found = |n: usize, prior: &Prior| {
+        let (bases, depths) = scene(&plain, n, 0.1, n as u64);
+        let points = Points::new(&bases, &depths);
+        let fit = fit(&points, &learned(Lambda::Fixed(0.3)), Some(prior)).unwrap();
+        (fit.weights, bases, depths)
+    };
+    // A single point scales the regression's weights.
+    let (weights, bases, depths) = found(1, &both);
+    let pairs = pooled.iter().zip(&bases);
+    let at: f32 = pairs.map(|(m, f)| m * f).sum();
+    let expected = pooled.iter().map(|m| f64::from(m * depths[0] / at));
+    close(&weights, &expected.collect::<Vec<_>>(), 1e-5);
+    // Half way, in logarithms, between one point and 50.
+    let (weights, bases, depths) = found(7, &both);
+    let share = 1.0 - (7.0_f64).ln() / (50.0_f64).ln();
+    let centre = plain.numbers().0.into_iter().zip(&pooled);
+    let centre = centre.map(|(m, p)| m + share as f32 * (p - m));
+    let (_, factor) = plain.numbers();
+    let between = Prior::new(&centre.collect::<Vec<_>>(), &factor, UNKNOWN).unwrap();
+    close(&weights, &generalised(&between, &bases, &depths, 0.3), 1e-5);
+    assert_eq!(found(50, &both).0, found(50, &plain).0);
+    // Nothing of it is left where a fit gives the centre.
+    let about = both.about(&[2.0, 1.0, 0.0, -1.0, 0.5, 0.25], 0).unwrap();
+    assert_eq!(about.pooled(), None);
+
+    let refused = |weights: &[f32]| plain.clone().with_pooled(weights).is_err();
+    assert!(refused(&pooled[1..]));
+    assert!(refused(&[f32::NAN; 6]));
+}
+
+#[test]
 fn scaling_depths_scales_every_fit() {
     let known = NoisePrior {
         mean: -3.0,
         deviation: Some(0.5),
         trust: 5.0,
     };
-    let prior = prior(6, 4, known);
+    let prior = prior(6, 4, known).with_pooled(&[0.5; 6]).unwrap();
     let configs = [
         learned(Lambda::Evidence),
         learned(Lambda::Gcv),
@@ -304,6 +340,7 @@ fn a_prior_is_learned_from_images() {
     // Many images with many points each, weights drawn from a known prior: its moments come back,
     // as far as 400 draws determine them.
     let truth = Prior::new(&[1.0, 0.2, -0.1], &[0.3, 0.0, 0.2, 0.1, 0.0, 0.2], UNKNOWN).unwrap();
+    let mut all = (Vec::new(), Vec::new());
     let images: Vec<ImageMoments> = (0..400)
         .map(|seed| {
             let mut rng = Rng::stream(seed, &["image"]);
@@ -325,6 +362,9 @@ fn a_prior_is_learned_from_images() {
             }
             // An offset of 4 keeps every depth positive: weights (5 w + 20, 5 w, 5 w) over their
             // mean depth.
+            let mean = depths.iter().sum::<f32>() / depths.len() as f32;
+            all.0.extend(bases.iter().map(|&f| f64::from(f)));
+            all.1.extend(depths.iter().map(|d| f64::from(d / mean)));
             ImageMoments::new(&Points::new(&bases, &depths)).unwrap()
         })
         .collect();
@@ -340,6 +380,13 @@ fn a_prior_is_learned_from_images() {
         covariance[(1, 1)] / second
     );
     assert!((prior.noise().mean.exp().sqrt() - 0.01).abs() < 1e-3);
+    let rows = Mat::from_fn(all.1.len(), 3, |i, j| all.0[3 * i + j]);
+    let depths = Mat::from_fn(all.1.len(), 1, |i, _| all.1[i]);
+    let regression = rows.qr().solve_lstsq(depths);
+    let pooled = prior.pooled().unwrap();
+    let pooled: Vec<f64> = pooled.into_iter().map(f64::from).collect();
+    let expected: Vec<f64> = regression.col(0).iter().copied().collect();
+    close(&pooled, &expected, 1e-5);
 }
 
 #[test]
