@@ -169,7 +169,7 @@ impl Teacher {
         })
     }
 
-    /// Gives a frame that the teacher is asked for depths at every pixel and a target.
+    /// Gives a frame depths at every pixel and a target, if the teacher is to be asked about it.
     fn teach(&self, mut frame: Frame) -> Result<Frame> {
         let (width, height) = (frame.depth.width(), frame.depth.height());
         let (count, fill) = (frame.depth.count(), self.config.target != Lesson::All);
