@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds lsdc for C and C++ and installs it: headers, shared and static library, pkg-config file, CMake package.
+# Builds lsdc for C and C++ and installs it: headers, shared and static library, pkg-config file, CMake package, licences.
 #
 #     crates/c/install.sh PREFIX
 #
@@ -27,8 +27,9 @@ case "$(uname)" in
     system="-lgcc_s -lutil -lrt -lpthread -lm -ldl" libraries="gcc_s;util;rt;pthread;m;dl" ;;
 esac
 
-install -d "$into/include" "$into/lib/pkgconfig" "$into/lib/cmake/lsdc"
+install -d "$into/include" "$into/lib/pkgconfig" "$into/lib/cmake/lsdc" "$into/share/doc/lsdc"
 install -m 644 "$here/include/lsdc.h" "$here/include/lsdc.hpp" "$into/include"
+install -m 644 "$here/LICENSE-APACHE" "$here/LICENSE-MIT" "$here/NOTICE" "$into/share/doc/lsdc"
 install -m 644 "$built/liblsdc_c.a" "$into/lib/liblsdc.a"
 install -m 755 "$built/liblsdc_c.$ending" "$into/lib/$file"
 ln -sf "$file" "$into/lib/$name"
