@@ -3,42 +3,27 @@
 use super::checkpoint::Checkpoints;
 use super::learner::Objective;
 use super::log::Log;
-use super::record::Record;
 use super::setup::{check_network, imitated, input_size, sampler, start_adapters, with_backbone};
-use super::{BackboneTraining, Learner, Part, TrainConfig, calibrate, divide};
-use crate::data::{Dataset, DepthMap, Mixture, Shard, write_atomically};
-use crate::error::{Cause, Error, Result};
-use crate::metrics::{Rules, Scores, Tally};
-use crate::model::{
-    AnyEncoder, BasisNet, InitNetwork as _, NetworkConfig, Normalisation, OnDevice, Precision,
-    load, to_bytes, transfer, weights_of,
-};
-use crate::predict::{
-    adapted_blocks, complete, completer, encoder_of, first_adapted, open_weights,
-};
+use super::{BackboneTraining, Learner, Part, TrainConfig, divide};
+use crate::data::{Dataset, Mixture, Shard};
+use crate::error::{Error, Result};
+use crate::metrics::Scores;
+use crate::model::{BasisNet, InitNetwork as _, NetworkConfig, Normalisation, load, transfer};
+use crate::predict::{adapted_blocks, encoder_of, first_adapted, open_weights};
 use crate::provenance;
-use crate::sample::{Batch, Encoding, Loader, Pattern, Sample, Sampler};
+use crate::sample::{Batch, Encoding, Loader, Sample, Sampler};
 use crate::systems::{Net, Predictor, SystemConfig, Trained, begin};
 use burn::module::Module;
 use burn::tensor::Device;
-use image::RgbImage;
+use lsdc_core::Weights;
 use lsdc_core::fit::FitConfig;
 use lsdc_core::network::Encoder;
-use lsdc_core::{Completer, Weights};
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-
-/// The note of a weights file that holds the `TrainConfig` it was trained by.
-pub const TRAINING_NOTE: &str = "training";
-
-/// The note of a weights file that holds the `Scores` on frames kept out of training, at 500
-/// points.
-pub const SCORES_NOTE: &str = "held_out";
 
 /// What happens during a run; also the lines of `metrics.jsonl`.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -79,20 +64,20 @@ pub enum Outcome {
 
 /// Trains a network in a run folder.
 pub struct Trainer {
-    folder: PathBuf,
+    pub(super) folder: PathBuf,
     subject: Subject,
-    config: TrainConfig,
+    pub(super) config: TrainConfig,
     /// What the network is measured and calibrated on.
-    frames: Arc<dyn Dataset>,
+    pub(super) frames: Arc<dyn Dataset>,
     /// All frames that are learned from, in words that change with their names.
-    data: Value,
+    pub(super) data: Value,
     /// The frames that are learned from, and what is drawn of them.
     sampler: Sampler,
     /// Frames that are kept out of training.
-    held_out: Vec<usize>,
-    normalisation: Normalisation,
+    pub(super) held_out: Vec<usize>,
+    pub(super) normalisation: Normalisation,
     /// At least one.
-    devices: Vec<Device>,
+    pub(super) devices: Vec<Device>,
 }
 
 /// What is trained.
@@ -104,13 +89,13 @@ enum Subject {
 }
 
 /// Basis functions, and what belongs to them.
-struct Bases {
-    network: NetworkConfig,
-    fit: FitConfig,
+pub(super) struct Bases {
+    pub(super) network: NetworkConfig,
+    pub(super) fit: FitConfig,
     /// The weights of a teacher whose network is compared with.
     imitated: Option<Weights>,
     /// What the network reads beside the image, if it was made for that.
-    encoder: Option<Arc<Encoder>>,
+    pub(super) encoder: Option<Arc<Encoder>>,
 }
 
 impl Trainer {
@@ -363,7 +348,7 @@ impl Trainer {
     }
 
     /// The device that measures and calibrates.
-    fn device(&self) -> &Device {
+    pub(super) fn device(&self) -> &Device {
         &self.devices[0]
     }
 
@@ -409,113 +394,6 @@ impl Trainer {
     fn rate(&self, step: usize) -> f64 {
         let progress = (step + 1) as f64 / self.config.steps as f64;
         self.config.learning_rate * self.config.schedule.factor(progress)
-    }
-
-    fn completer(&self, bases: &Bases, net: &BasisNet) -> Result<Completer> {
-        let weights = Weights::new(bases.network.clone(), self.normalisation, BTreeMap::new());
-        let network = OnDevice::new(
-            net.valid(),
-            bases.encoder.clone().map(AnyEncoder::Prepared),
-            self.device(),
-        )?;
-        let completer = Completer::builder(&weights).network(Arc::new(network));
-        Ok(completer.fit(bases.fit).build()?)
-    }
-
-    /// The scores on the frames kept out of training.
-    fn measure(&self, method: &impl Completes) -> Result<Scores> {
-        let mut tally = Tally::default();
-        for &index in &self.held_out {
-            let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
-            let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
-            let depth = method.depth(&frame.rgb, &sparse)?;
-            tally.add(&Scores::of(&depth, &frame.depth, &Rules::default())?);
-        }
-        Ok(tally.mean().unwrap_or_default())
-    }
-
-    /// The file of the result.
-    fn weights(&self) -> PathBuf {
-        self.folder.join("weights.safetensors")
-    }
-
-    /// The settings of the training, as weights files hold them.
-    fn note(&self) -> Result<String> {
-        serde_json::to_string(&self.config)
-            .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))
-    }
-
-    /// What weights files tell of the run, whose subject has these settings.
-    fn record(&self, mut settings: Value) -> Result<Record> {
-        settings["train"] = json!(self.config);
-        settings["devices"] = json!(self.devices.len());
-        Record::new(&self.config, self.data.clone(), settings)
-    }
-
-    /// Writes `weights.safetensors`.
-    fn publish(&self, bases: &Bases, net: &BasisNet, record: Record) -> Result<()> {
-        let mut weights = weights_of(&net.valid(), bases.network.clone(), self.normalisation);
-        record.keep(&mut weights.notes, &self.folder)?;
-        weights.notes.insert(TRAINING_NOTE.to_owned(), self.note()?);
-        weights.record_fit(&bases.fit);
-        let write = |weights: &Weights| {
-            let bytes = to_bytes(weights, Precision::Half)?;
-            write_atomically(&self.weights(), |out| out.write_all(&bytes))
-        };
-        // What was trained is not lost if its calibration fails.
-        write(&weights)?;
-        if self.config.calibrate {
-            let (frames, config) = (self.frames.as_ref(), &self.config);
-            calibrate(&mut weights, frames, config, self.device(), |_, _| {})?;
-        }
-        if !self.held_out.is_empty() {
-            let completer = completer(&weights, self.device())?;
-            let scores = encoded(&self.measure(&completer)?)?;
-            weights.notes.insert(SCORES_NOTE.to_owned(), scores);
-        }
-        write(&weights)?;
-        Ok(())
-    }
-
-    /// The same for a system.
-    fn publish_system(
-        &self,
-        system: &SystemConfig,
-        net: &Net,
-        measure: impl Fn(&Net) -> Result<Scores>,
-        record: Record,
-    ) -> Result<()> {
-        let mut trained = Trained::of(&net.valid(), system.clone(), self.normalisation);
-        record.keep(&mut trained.notes, &self.folder)?;
-        trained.notes.insert(TRAINING_NOTE.to_owned(), self.note()?);
-        if !self.held_out.is_empty() {
-            let scores = encoded(&measure(net)?)?;
-            trained.notes.insert(SCORES_NOTE.to_owned(), scores);
-        }
-        let bytes = trained.to_bytes(Precision::Half)?;
-        write_atomically(&self.weights(), |out| out.write_all(&bytes))
-    }
-}
-
-fn encoded(scores: &Scores) -> Result<String> {
-    serde_json::to_string(scores)
-        .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))
-}
-
-/// What a run is measured by.
-trait Completes {
-    fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap>;
-}
-
-impl Completes for Completer {
-    fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
-        Ok(complete(self, rgb, sparse)?.depth()?)
-    }
-}
-
-impl Completes for Predictor {
-    fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
-        self.complete(rgb, sparse)
     }
 }
 
