@@ -4,10 +4,13 @@
 Trains one variant after the other from the same seed, measures each on test frames, and prints a
 table. What exists is not done again: stop and go on as you like. Variants of `nyu-affinities.toml` and
 `nyu-joint.toml` judge edges and start from weights with basis functions; those of `nyu-half.toml` learn
-basis functions; those of `nyu-lite.toml`, "further", start from the weights `default`, some with the weights `anything` as
-their teacher. FRAMES/SET/FRAME.jpg and FRAME_depth.png are the other frames of one of them.
+basis functions; those of `nyu-map.toml` learn a map of depth beside the basis functions of the start; those
+of `nyu-lite.toml`, "further", start from the weights `default`. Some have the weights `anything` as their
+teacher. FRAMES/SET/FRAME.jpg and FRAME_depth.png are further frames, PHOTOS/SET/FRAME.jpg photographs
+without depths.
 
-    python3 scripts/ablation.py --root NYU_TREE --more FRAMES --steps 1000 --start WEIGHTS -o ablation
+    python3 scripts/ablation.py --root NYU_TREE --more FRAMES --photos PHOTOS --backbone FILE \\
+        --start WEIGHTS -o ablation
     python3 scripts/ablation.py --root NYU_TREE --steps 1000 -o ablation --only 'bases;N=16'
     python3 scripts/ablation.py --root NYU_TREE --more FRAMES --steps 300 -o ablation --points 500 50 5 --only further
     python3 scripts/ablation.py --list
@@ -70,13 +73,20 @@ LITE = {
     "backbone": {"stages": 5, "decoder": 64},
 }
 # Stand for what is given on the command line.
-FRAMES, FEWER = "FRAMES", "FEWER"
+FRAMES, FEWER, PHOTOS = "FRAMES", "FEWER", "PHOTOS"
 OTHERS = {
     "dataset": "folder",
     "root": FRAMES,
     "share": 0.4,
     "folder": {"rgb": "{set}/{frame}.jpg", "depth": "{set}/{frame}_depth.png"},
 }
+IMAGES = {
+    "dataset": "folder",
+    "root": PHOTOS,
+    "share": 0.4,
+    "folder": {"rgb": "{set}/{frame}.jpg", "depth": ""},
+}
+NO_AUGMENTATION = {"zoom": 1.0, "rotation": 0.0, "mirror": 0.0, "jitter": 0.0}
 FLAWS = {
     "shrink": 0.7,
     "grey": 0.1,
@@ -84,6 +94,8 @@ FLAWS = {
     "noise": {"chance": 0.2, "most": 8.0},
     "compression": {"chance": 0.2, "most": 60.0},
 }
+# Their networks suggest a depth by themselves: the prior is learned from the frames that it is for.
+OWN_PRIOR = ("nyu-lite", "nyu-map")
 # Rendered at the size that images of half the size are read at.
 ROOMS = {"dataset": "rooms", "rooms": {"train": 800, "width": 160, "height": 120}}
 
@@ -119,6 +131,17 @@ def edges(**changes: dict) -> Variant:
 
 def bases(after: str = "", **changes: dict) -> Variant:
     return Variant("nyu-half", changes, after)
+
+
+def depths(**changes: dict) -> Variant:
+    network = {"affinities": 16, "mean": True, "extractor": LITE}
+    base = {"network": network, "train": {"average": 0.99}, "data": {"more": [OTHERS]}}
+    return Variant("nyu-map", laid_over(base, changes))
+
+
+def photographs(*more: dict) -> Variant:
+    teacher = {"weights": "anything", "folder": "answers", "target": "images"}
+    return depths(data={"more": [*more, IMAGES]}, train={"teacher": teacher})
 
 
 def further(**changes: dict) -> Variant:
@@ -168,15 +191,25 @@ VARIANTS = {
     "bases, the paper's losses": bases(train=loss(rmse=0.0, l2=1.0)),
     "bases, no gradient loss": bases(train=loss(gradient=0.0)),
     "bases, one draw": bases(train={"supervision": {"draws": 1}}),
-    "bases, no augmentation": bases(
-        train={"augment": {"zoom": 1.0, "rotation": 0.0, "mirror": 0.0, "jitter": 0.0}}
-    ),
+    "bases, no augmentation": bases(train={"augment": NO_AUGMENTATION}),
     "bases, rooms alone": bases(data=ROOMS),
     "bases, after rooms": bases(after="bases, rooms alone"),
     **{f"N={n}": functions(n) for n in (16, 32, 64, 256, 512)},
     "no position": bases(network={"octaves": 0}),
     "raw position": bases(network={"octaves": 1}),
     **{f"E={e}": bases(network={"octaves": e}) for e in (3, 4, 6, 7, 8)},
+    "map": depths(),
+    "map, NYU alone": depths(data={"more": []}),
+    "map, a third of NYU alone": depths(data={"root": FEWER, "more": []}),
+    "map, photographs too": photographs({**OTHERS, "share": 0.24}),
+    "map, photographs in place of other frames": photographs(),
+    "map, stages not pretrained": depths(train={"backbone": {"pretrained": None}}),
+    "map, four stages": depths(network={"extractor": {"backbone": {"stages": 4}}}),
+    "map, six stages": depths(network={"extractor": {"backbone": {"stages": 6}}}),
+    "map, half the pyramid": depths(network={"extractor": {"backbone": {"decoder": 32}}}),
+    "map, stages at half the rate": depths(train={"backbone": {"rate": 0.1}}),
+    "map, no augmentation": depths(train={"augment": NO_AUGMENTATION}),
+    "map, images with flaws": depths(train={"augment": FLAWS}),
     "default": Variant(weights="default"),
     "further": further(),
     "further, affinities too": further(train={"part": "all"}),
@@ -231,19 +264,23 @@ def settings(args: argparse.Namespace, variant: Variant) -> dict:
     base["network"] = NETWORK
     base["data"]["root"] = str(args.root)
     common = {"train": {"steps": args.steps, "measure_every": args.steps, "calibrate": True}}
-    if variant.config == "nyu-lite":
+    if variant.config in OWN_PRIOR:
         common["train"]["calibrate"] = False
-    elif "start" in base["train"]:
+    if variant.config != "nyu-lite" and "start" in base["train"]:
         common["train"]["start"] = args.start
     if variant.after:
         common["train"]["start"] = str(weights_of(args, variant.after))
     merged = laid_over(laid_over(base, common), variant.changes)
     if "teacher" in merged["train"]:
         merged["train"]["teacher"]["folder"] = str(args.output / "answers")
+    backbone = merged["train"].get("backbone", {})
+    if "pretrained" in backbone:
+        backbone["pretrained"] = str(args.backbone)
     data = merged["data"]
     if data["root"] == FEWER:
         data["root"] = str(fewer(args))
-    data["more"] = [{**other, "root": str(args.more)} for other in data.get("more", [])]
+    roots = {FRAMES: args.more, PHOTOS: args.photos}
+    data["more"] = [{**other, "root": str(roots[other["root"]])} for other in data.get("more", [])]
     return merged
 
 
@@ -270,8 +307,7 @@ def weights_of(args: argparse.Namespace, name: str) -> Path:
     if variant.weights:
         return weights_of(args, variant.weights)
     folder = folder_of(args, name)
-    # The prior of those that suggest a depth by themselves is learned from the frames that it is for.
-    calibrated = variant.config == "nyu-lite"
+    calibrated = variant.config in OWN_PRIOR
     weights = folder / ("calibrated.safetensors" if calibrated else "run/weights.safetensors")
     if weights.exists():
         return weights
@@ -309,8 +345,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--root", help="tree of NYU Depth v2 with train and val")
     parser.add_argument("--more", help="frames of other datasets, SET/FRAME.jpg and SET/FRAME_depth.png")
+    parser.add_argument("--photos", help="photographs without depths, SET/FRAME.jpg")
+    parser.add_argument("--backbone", help="EfficientNet-Lite0, saved as docs/training.md tells")
     parser.add_argument("--steps", type=int, default=1000, help="of each variant")
-    parser.add_argument("--start", help="weights that those that judge edges start from")
+    parser.add_argument("--start", help="weights that those that judge edges or learn a map start from")
     parser.add_argument("--only", help="names of variants, with semicolons [default: all]")
     parser.add_argument("--task", type=int, help="only the variant with this number in --list")
     parser.add_argument("--points", type=int, nargs="+", default=[500, 50])
@@ -334,8 +372,13 @@ def main() -> None:
     variants = [VARIANTS[name] for name in names if VARIANTS[name].weights != "default"]
     if not args.start and any(variant.config not in own for variant in variants):
         parser.error("--start is needed")
-    if not args.more and any(variant.changes.get("data", {}).get("more") for variant in variants):
+    used = {other["root"] for v in variants for other in v.changes.get("data", {}).get("more", [])}
+    if not args.more and FRAMES in used:
         parser.error("--more is needed")
+    if not args.photos and PHOTOS in used:
+        parser.error("--photos is needed")
+    if not args.backbone and any(variant.config == "nyu-map" for variant in variants):
+        parser.error("--backbone is needed")
     heads = [f"RMSE {n} | REL {n}" for n in args.points]
     print(f"| variant | {' | '.join(heads)} |\n|---|" + "---|---|" * len(args.points))
     for name in names:

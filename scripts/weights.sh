@@ -8,17 +8,19 @@ usage() {
 scripts/weights.sh --nyu DIR -o DIR [OPTIONS] small|default|anything ...
 
 Makes the named weights, NAME.safetensors in the output folder, and what they are built from: `default` is first taught by
-`anything`, which starts from a first default; a pretrained network becomes part of `small` and `default`.
+`anything`, which starts from a first default; a pretrained network becomes part of `small` and `default`, and `anything` tells it
+the depths of photographs.
 
   --nyu DIR           frames of NYU Depth v2, labelled: DIR/train/SCENE/FRAME.jpg and FRAME_depth.png
   --more DIR          further frames, DIR/SET/FRAME.jpg and FRAME_depth.png, for everything after a first default and a first small
+  --photos DIR        photographs without depths, DIR/SET/FRAME.jpg, for the map of depth of `small` and `default`
   --backbone FILE     EfficientNet-Lite0, saved as docs/training.md tells, for `small` and `default`
   -o, --output DIR    where everything is made; the same command with the same folder goes on
   --steps-scale X     that part of the steps of every training, 0.001 for a trial [default: 1]
   --lsdc PROGRAM      the program [default: lsdc]
 
-For `default` and `anything`, the encoder of `anything` must be installed (`lsdc weights get anything`). Needs Python with
-numpy.
+For `default` and `anything`, and for `small` with photographs, the encoder of `anything` must be installed (`lsdc weights get
+anything`). Needs Python with numpy.
 TEXT
 }
 
@@ -28,15 +30,16 @@ fail() {
 }
 
 here=$(cd "$(dirname "$0")" && pwd)
-nyu='' more='' backbone='' out='' scale=1 lsdc=lsdc names=()
+nyu='' more='' photos='' backbone='' out='' scale=1 lsdc=lsdc names=()
 while [ $# -gt 0 ]; do
   case $1 in
   -h | --help) usage && exit ;;
-  --nyu | --more | --backbone | -o | --output | --steps-scale | --lsdc)
+  --nyu | --more | --photos | --backbone | -o | --output | --steps-scale | --lsdc)
     [ $# -ge 2 ] || fail "$1 needs a value"
     case $1 in
     --nyu) nyu=$2 ;;
     --more) more=$2 ;;
+    --photos) photos=$2 ;;
     --backbone) backbone=$2 ;;
     -o | --output) out=$2 ;;
     --steps-scale) scale=$2 ;;
@@ -50,10 +53,12 @@ while [ $# -gt 0 ]; do
 done
 [ -n "$out" ] && [ ${#names[@]} -gt 0 ] || { usage >&2 && exit 2; }
 [ -d "$nyu/train" ] || fail "\`$nyu\` has no folder \`train\`: give --nyu DIR"
-[ -z "$more" ] || [ -d "$more" ] || fail "\`$more\` is no folder"
+for folder in "$more" "$photos"; do
+  [ -z "$folder" ] || [ -d "$folder" ] || fail "\`$folder\` is no folder"
+done
 command -v "$lsdc" >/dev/null || fail "\`$lsdc\` is not there: give --lsdc PROGRAM"
 asked_for() { [[ " ${names[*]} " == *" $1 "* ]]; }
-if asked_for default || asked_for anything; then
+if asked_for default || asked_for anything || [ -n "$photos" ]; then
   installed=$("$lsdc" weights list 2>/dev/null | grep '^anything ' || true)
   [[ $installed != *"not installed"* && $installed == *installed* ]] ||
     fail "the encoder of \`anything\` is not installed: lsdc weights get anything"
@@ -67,6 +72,7 @@ python3 -c 'import numpy' 2>/dev/null || fail "python3 has no numpy"
 
 nyu=$(realpath "$nyu")
 [ -z "$more" ] || more=$(realpath "$more")
+[ -z "$photos" ] || photos=$(realpath "$photos")
 lsdc=$(realpath "$(command -v "$lsdc")")
 mkdir -p "$out"
 # Weights tell what they were made from: by names below this folder, not those of this machine.
@@ -75,6 +81,7 @@ cd "$out"
 # What was begun with other data is not gone on with.
 asked="nyu $nyu
 more $more
+photos $photos
 steps-scale $scale"
 [ -e asked ] || echo "$asked" >asked
 [ "$(<asked)" = "$asked" ] || fail "\`$out\` was begun with other options: $(tr '\n' ' ' <asked)"
@@ -95,13 +102,22 @@ fi
 
 run_of() { echo "runs/$1/weights.safetensors"; }
 
-# all_frames: also the further frames; fewer_others, few_others: these only as 40 and 15 % of what is seen.
+# all_frames: also the further frames; fewer_others, few_others: these only as 40 and 15 % of what is seen. for_map: what the map
+# of depth learns from, photographs as 35 %, and fewer others beside them.
 all_frames=() fewer_others=() few_others=()
 further="dataset = 'folder', root = '$more', folder = { rgb = '{set}/{frame}.jpg', depth = '{set}/{frame}_depth.png' }"
+images="dataset = 'folder', root = '$photos', folder = { rgb = '{set}/{frame}.jpg', depth = '' }"
 [ -z "$more" ] || all_frames=(--set "data.more=[{ $further }]")
 [ -z "$more" ] || fewer_others=(--set "data.more=[{ share = 0.4, $further }]")
 [ -z "$more" ] || few_others=(--set "data.more=[{ share = 0.15, $further }]")
 all_frames+=(--set "train.features=features")
+for_map=("${fewer_others[@]}")
+if [ -n "$photos" ]; then
+  beside="{ share = 0.35, $images }"
+  [ -z "$more" ] || beside="{ share = 0.2, $further }, $beside"
+  for_map=(--set "data.more=[$beside]" --set train.teacher.weights=anything.safetensors --set train.teacher.folder=answers
+    --set train.teacher.target=images)
+fi
 
 # train NAME CONFIG OPTION...: a run of the recipe, whose weights are those of `run_of NAME`. They are complete once the
 # command has ended, because it calibrates them after it has written them.
@@ -171,7 +187,7 @@ first_small() {
 # beside_backbone NAME START PRESET: the map of depth that a pretrained network suggests, then basis functions trained with it.
 beside_backbone() {
   local name=$1 start=$2 preset=$3
-  train "$name-map" nyu-map.toml "${fewer_others[@]}" --set "preset=$preset" --set "train.start=$start" --set train.seed=8
+  train "$name-map" nyu-map.toml "${for_map[@]}" --set "preset=$preset" --set "train.start=$start" --set train.seed=8
   train "$name-lite" nyu-lite.toml "${few_others[@]}" --set "preset=$preset" --set "train.start=$(run_of "$name-map")" \
     --set train.seed=9
   finish "$name" "$(run_of "$name-lite")"
@@ -223,6 +239,7 @@ make_default() {
 }
 
 make_small() {
+  [ -z "$photos" ] || make_anything
   first_small
   beside_backbone small "$(run_of small-joint)" lite-small
 }
