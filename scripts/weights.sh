@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the weights of the program from data: docs/training.md, "From data to the files". Called again, it goes on
+# Makes the weights of the program from data: docs/weights.md, "From data to the files". Called again, it goes on
 # where it stopped: what is there is not made again, and an interrupted training is resumed.
 set -euo pipefail
 

@@ -27,7 +27,7 @@ pub(super) struct Adapter {
 /// The product of two matrices, divided by their rank: 0 before training.
 ///
 /// Steps of Adam and Muon are as large whatever the gradients are: without the division, those that suit layers throw
-/// the encoder off (docs/training.md).
+/// the encoder off (docs/weights.md).
 #[derive(Module, Debug)]
 pub(super) struct LowRank {
     down: Linear,
