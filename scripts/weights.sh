@@ -184,11 +184,17 @@ first_small() {
   train small-joint nyu-joint.toml --set preset=small --set train.steps=1200 --set "train.start=$(run_of small-affinities)"
 }
 
-# beside_backbone NAME START PRESET: the map of depth that a pretrained network suggests, then basis functions trained with it.
+# beside_backbone NAME START PRESET: the map of depth that a pretrained network suggests, for longer with photographs, of which
+# there are many; then basis functions trained with it.
 beside_backbone() {
-  local name=$1 start=$2 preset=$3
-  train "$name-map" nyu-map.toml "${for_map[@]}" --set "preset=$preset" --set "train.start=$start" --set train.seed=8
-  train "$name-lite" nyu-lite.toml "${few_others[@]}" --set "preset=$preset" --set "train.start=$(run_of "$name-map")" \
+  local name=$1 start=$2 preset=$3 map=$1-map
+  train "$map" nyu-map.toml "${for_map[@]}" --set "preset=$preset" --set "train.start=$start" --set train.seed=8
+  if [ -n "$photos" ]; then
+    train "$map-again" nyu-map.toml "${for_map[@]}" --set "preset=$preset" --set "train.start=$(run_of "$map")" \
+      --set train.steps=2400 --set train.seed=10
+    map+=-again
+  fi
+  train "$name-lite" nyu-lite.toml "${few_others[@]}" --set "preset=$preset" --set "train.start=$(run_of "$map")" \
     --set train.seed=9
   finish "$name" "$(run_of "$name-lite")"
 }
