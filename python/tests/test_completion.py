@@ -16,6 +16,10 @@ def completion(scene, sparse):
     return scene.complete(sparse)
 
 
+# Pixels between the outermost points. The image shows nothing, so beyond them the network makes of it what it will.
+BETWEEN = np.s_[2:47, 2:63]
+
+
 def plane(sparse):
     """The truth that the sparse depths were taken from."""
     return 1.5 + np.mgrid[:48, :64][1] / 64.0
@@ -24,8 +28,7 @@ def plane(sparse):
 def test_depth_is_that_of_the_plane(completion, sparse):
     assert completion.depth.dtype == np.float32 and completion.depth.shape == (48, 64)
     off = np.abs(completion.depth - plane(sparse))
-    # The image is noise, of which the network makes what it will beyond the outermost points.
-    assert off.mean() < 0.02 and off.max() < 0.1
+    assert off.mean() < 0.02 and off[BETWEEN].max() < 0.05
     assert (completion.standard_deviation > 0).all()
 
 
@@ -140,7 +143,7 @@ def test_guides(completer, image):
 def test_the_next_frame_of_a_video(scene, sparse, completion):
     near = scene.complete(sparse, near=completion)
     assert_array_equal(scene.complete(sparse, near=completion.weights).depth, near.depth)
-    assert np.abs(near.depth - completion.depth).max() < 0.05
+    assert np.abs(near.depth - completion.depth)[BETWEEN].max() < 0.05
     with pytest.raises(lsdc.FitError) as caught:
         scene.complete(sparse, near=np.ones(3))
     assert "Completion.weights" in caught.value.hint
