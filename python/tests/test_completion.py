@@ -29,6 +29,7 @@ def test_depth_is_that_of_the_plane(completion, sparse):
     assert completion.depth.dtype == np.float32 and completion.depth.shape == (48, 64)
     off = np.abs(completion.depth - plane(sparse))
     assert off.mean() < 0.02 and off[BETWEEN].max() < 0.05
+    assert (off < plane(sparse) / 10).all()
     assert (completion.standard_deviation > 0).all()
 
 
@@ -143,7 +144,8 @@ def test_guides(completer, image):
 def test_the_next_frame_of_a_video(scene, sparse, completion):
     near = scene.complete(sparse, near=completion)
     assert_array_equal(scene.complete(sparse, near=completion.weights).depth, near.depth)
-    assert np.abs(near.depth - completion.depth)[BETWEEN].max() < 0.05
+    off = np.abs(near.depth - completion.depth)
+    assert off[BETWEEN].max() < 0.05 and (off < completion.depth / 10).all()
     with pytest.raises(lsdc.FitError) as caught:
         scene.complete(sparse, near=np.ones(3))
     assert "Completion.weights" in caught.value.hint
