@@ -1,0 +1,71 @@
+#!/usr/bin/env python3
+"""Checks the links between the documents of the repository: the files and the headings that they lead to exist.
+
+    python3 scripts/links.py
+
+Prints every link that leads nowhere, and then exits with 1. Links to other sites are not followed.
+"""
+
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from urllib.parse import unquote
+
+ROOT = Path(__file__).resolve().parent.parent
+# Code is not read: what looks like a link there is none.
+CODE = re.compile(r"^(```|~~~).*?^\1|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?[^)]*\)|^\s*\[[^\]]+\]:\s*(\S+)", re.MULTILINE)
+HEADING = re.compile(r"^#{1,6}\s+(.*?)\s*#*\s*$", re.MULTILINE)
+OTHER_SITE = re.compile(r"[a-z][a-z0-9+.-]*:")
+
+
+def prose(path: Path) -> str:
+    return CODE.sub(lambda code: "`" if code[0].startswith("`") else "", path.read_text("utf-8"))
+
+
+@cache
+def anchors(path: Path) -> set[str]:
+    """The names that GitHub gives to the headings of a document."""
+    # The words of code in a heading count, unlike a block of code.
+    text = re.sub(r"^(```|~~~).*?^\1", "", path.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    names: set[str] = set()
+    for heading in HEADING.findall(text):
+        words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
+        name = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
+        # Headings of the same words are numbered from the second on.
+        number = 0
+        while (unique := f"{name}-{number}" if number else name) in names:
+            number += 1
+        names.add(unique)
+    return names
+
+
+def broken(document: Path) -> list[str]:
+    """The links of a document that lead nowhere."""
+    found = []
+    for groups in LINK.findall(prose(document)):
+        link = groups[0] or groups[1]
+        if OTHER_SITE.match(link):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (document.parent / unquote(path)).resolve() if path else document
+        if not target.exists():
+            found.append(f"{link}: there is no such file")
+        elif anchor and target.suffix == ".md" and anchor not in anchors(target):
+            found.append(f"{link}: there is no such heading")
+    return found
+
+
+def main() -> None:
+    listed = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, check=True, capture_output=True, text=True)
+    documents = [ROOT / name for name in listed.stdout.splitlines()]
+    faults = [f"{document.relative_to(ROOT)}: {fault}" for document in documents for fault in broken(document)]
+    print(*faults, sep="\n", end="\n" if faults else "")
+    print(f"{len(documents)} documents, {len(faults)} links that lead nowhere")
+    sys.exit(1 if faults else 0)
+
+
+if __name__ == "__main__":
+    main()
