@@ -42,29 +42,32 @@ def anchors(path: Path) -> set[str]:
     return names
 
 
-def broken(document: Path) -> list[str]:
-    """The links of a document that lead nowhere."""
-    found = []
-    for groups in LINK.findall(prose(document)):
-        link = groups[0] or groups[1]
-        if OTHER_SITE.match(link):
-            continue
-        path, _, anchor = link.partition("#")
-        target = (document.parent / unquote(path)).resolve() if path else document
-        if not target.exists():
-            found.append(f"{link}: there is no such file")
-        elif anchor and target.suffix == ".md" and anchor not in anchors(target):
-            found.append(f"{link}: there is no such heading")
-    return found
+def links(document: Path) -> list[str]:
+    """What a document links to in this repository."""
+    found = (inline or reference for inline, reference in LINK.findall(prose(document)))
+    return [link for link in found if not OTHER_SITE.match(link)]
+
+
+def fault(document: Path, link: str) -> str | None:
+    """Why a link leads nowhere, if it does."""
+    path, _, anchor = link.partition("#")
+    target = (document.parent / unquote(path)).resolve() if path else document
+    if not target.exists():
+        return "there is no such file"
+    if anchor and target.suffix == ".md" and anchor not in anchors(target):
+        return "there is no such heading"
+    return None
 
 
 def main() -> None:
     listed = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, check=True, capture_output=True, text=True)
     documents = [ROOT / name for name in listed.stdout.splitlines()]
-    faults = [f"{document.relative_to(ROOT)}: {fault}" for document in documents for fault in broken(document)]
-    print(*faults, sep="\n", end="\n" if faults else "")
-    print(f"{len(documents)} documents, {len(faults)} links that lead nowhere")
-    sys.exit(1 if faults else 0)
+    checked = [(document, link) for document in documents for link in links(document)]
+    broken = [(document, link, why) for document, link in checked if (why := fault(document, link))]
+    for document, link, why in broken:
+        print(f"{document.relative_to(ROOT)}: {link}: {why}")
+    print(f"{len(documents)} documents, {len(checked)} links, {len(broken)} of which lead nowhere")
+    sys.exit(1 if broken else 0)
 
 
 if __name__ == "__main__":
