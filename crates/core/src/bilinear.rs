@@ -100,6 +100,12 @@ impl Taps {
         (self.count == 1).then_some(self.pixels[0])
     }
 
+    /// The pixel with the largest weight, the last of equal ones.
+    pub fn nearest(&self) -> u32 {
+        let nearest = self.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        nearest.map_or(0, |(pixel, _)| pixel)
+    }
+
     /// The pixels and their weights.
     pub fn iter(&self) -> impl Iterator<Item = (u32, f64)> + '_ {
         let pixels = self.pixels[..self.count].iter().copied();

@@ -1,8 +1,7 @@
 //! A fit and what is derived from it: depth at any position, residuals, outliers. Its standard deviations are in
 //! `uncertainty`.
 
-use crate::bilinear::Taps;
-use crate::detail::detail;
+use crate::detail::{Detail, Rests};
 use crate::error::{FitError, Result};
 use crate::fit::{Fit, FitMethod, Judgement, RANGE, Smooth, root_mean_square};
 use crate::image::{check_rows, check_size};
@@ -28,7 +27,7 @@ struct Inner {
     fit: Fit,
     usable: Usable,
     /// What dense observations add to a map of an image that is larger than the field.
-    detail: Option<Smooth>,
+    detail: Option<Detail>,
     report: Report,
     leverages: OnceLock<Vec<f64>>,
     /// The fitted values at the pixels of the field, before they are converted to depths.
@@ -43,14 +42,16 @@ pub struct Report {
     pub given: usize,
     /// Number of observations that were fitted.
     pub used: usize,
-    /// Number of observations whose depth or standard deviation is not between 1e-15 and 1e15, or whose
-    /// position is not finite.
+    /// Number of observations whose depth is not between 1e-15 and 1e15, or whose position is not finite.
     pub invalid: usize,
     /// Number of observations outside the image.
     pub outside: usize,
-    /// Number of used observations without a standard deviation where others had one: they were taken to be
-    /// exact but for what the model of depth leaves unexplained, as all are if none has one.
+    /// Number of used observations without a standard deviation (or one that is 0, negative or not finite) where others
+    /// had one: theirs is that of the observations about the model of depth.
     pub without_deviation: usize,
+    /// Number of used observations that were smoothed before the fit: each is the mean of those around it that it
+    /// agrees with. Observations are smoothed where they are dense and their standard deviations are known.
+    pub smoothed: usize,
     /// The model of depth.
     pub method: FitMethod,
     /// Root mean square of the residuals, in the unit of the observations.
@@ -101,15 +102,20 @@ impl std::fmt::Debug for Completion {
     }
 }
 
-/// The residuals of a fit, less what a map has beside it at the observations.
-fn with_detail<'a>(fit: &'a Fit, usable: &Usable, detail: Option<&Smooth>) -> Cow<'a, [f64]> {
-    let Some(detail) = detail else {
+/// The residuals of the map: those of the fit, unless observations were smoothed before it, or the map has detail.
+fn residuals<'a>(fit: &'a Fit, usable: &Usable, detail: Option<&Detail>) -> Cow<'a, [f64]> {
+    if detail.is_none() && usable.smoothed.is_none() {
         return (&fit.residuals).into();
-    };
-    let pairs = fit.residuals.par_iter().zip(&usable.places);
-    let left = pairs.map(|(residual, &place)| {
-        residual - detail.read(&Taps::new(place, detail.size(), detail.size()))
-    });
+    }
+    let pairs = fit.residuals.par_iter().zip(usable.fitted());
+    let given = usable.depths.par_iter().zip(&usable.places);
+    let left = pairs
+        .zip(given)
+        .map(|((residual, &fitted), (&given, &place))| {
+            let depth = f64::from(fitted) - residual;
+            let depth = detail.map_or(depth, |detail| detail.at(place, depth));
+            f64::from(given) - depth
+        });
     left.collect::<Vec<_>>().into()
 }
 
@@ -122,23 +128,28 @@ impl Completion {
         [network, fitting, field, solve]: [Duration; 4],
     ) -> Self {
         let detail = scene.upsampling().and_then(|upsampling| {
-            let found = || {
-                detail(
-                    upsampling,
-                    &usable.places,
+            let (places, depths) = (&usable.places, usable.fitted());
+            scene.completer().run(|| {
+                let rests = Rests::new(
+                    upsampling.size(),
+                    places,
                     &fit.residuals,
                     &fit.point_weights,
-                )
-            };
-            scene.completer().run(found)
+                )?;
+                Some(Detail::new(upsampling, &rests, places, depths))
+            })
         });
-        let residuals = with_detail(&fit, &usable, detail.as_ref());
+        let residuals = residuals(&fit, &usable, detail.as_ref());
         let report = Report {
             given: usable.given,
             used: usable.which.len(),
             invalid: usable.invalid,
             outside: usable.outside,
             without_deviation: usable.without,
+            smoothed: usable
+                .smoothed
+                .as_ref()
+                .map_or(0, |smoothed| smoothed.count),
             method,
             residual: root_mean_square(&residuals),
             rank: fit.rank,
@@ -236,10 +247,10 @@ impl Completion {
             let functions = row.iter().zip(&fit.weights).map(|(b, w)| f64::from(*b) * w);
             let smooth = fit.smooth().map_or(0.0, |smooth| smooth_at(smooth, place));
             let depth = fit.scale.depth(functions.sum::<f64>() + smooth);
-            let detail = detail.as_ref().map_or(0.0, |map| {
-                map.read(&Taps::new(place, map.size(), map.size()))
-            });
-            ((depth + detail) as f32).clamp(low, high)
+            let depth = detail
+                .as_ref()
+                .map_or(depth, |detail| detail.at(place, depth));
+            (depth as f32).clamp(low, high)
         };
         Ok(rows
             .chunks_exact(columns.max(1))
@@ -311,7 +322,7 @@ impl Completion {
             detail,
             ..
         } = &*self.0;
-        usable.spread(&with_detail(fit, usable, detail.as_ref()))
+        usable.spread(&residuals(fit, usable, detail.as_ref()))
     }
 
     /// For every given observation, its depth minus the depth predicted by a fit to all other observations
@@ -320,15 +331,48 @@ impl Completion {
     /// the error of the depth between the points without ground truth, if the points are distributed like the
     /// pixels.
     pub fn leave_one_out(&self) -> Vec<f64> {
-        self.0
-            .usable
-            .spread(&self.0.fit.leave_one_out(self.leverages()))
+        self.0.usable.spread(&self.left_out())
+    }
+
+    /// The leave-one-out errors of the usable observations: those of the fit, and where observations are dense those of
+    /// the map that follows each of them.
+    fn left_out(&self) -> Vec<f64> {
+        let Inner {
+            scene,
+            fit,
+            usable,
+            detail,
+            ..
+        } = &*self.0;
+        let mut errors = fit.leave_one_out(self.leverages());
+        if usable.smoothed.is_some() {
+            let steps = usable.depths.iter().zip(usable.fitted());
+            let pairs = errors.iter_mut().zip(steps);
+            pairs.for_each(|(error, (given, fitted))| *error += f64::from(given - fitted));
+        }
+        let (Some(_), Some(upsampling)) = (detail, scene.upsampling()) else {
+            return errors;
+        };
+        let (residuals, weights) = (&fit.residuals, &fit.point_weights);
+        scene.completer().run(|| {
+            let rests = Rests::new(upsampling.size(), &usable.places, residuals, weights);
+            let Some(rests) = rests else {
+                return errors;
+            };
+            let left_out = |(i, &error): (usize, &f64)| {
+                let own = [residuals[i], weights[i], error];
+                rests.left_out(upsampling, usable.places[i], own)
+            };
+            errors.par_iter().enumerate().map(left_out).collect()
+        })
     }
 
     /// Root mean square of the leave-one-out errors; `None` if no observation has one, because the fit
     /// passes through all of them whatever their depths are.
     pub fn leave_one_out_error(&self) -> Option<f64> {
-        self.0.fit.leave_one_out_error(self.leverages())
+        let mut errors = self.left_out();
+        errors.retain(|error| !error.is_nan());
+        (!errors.is_empty()).then(|| root_mean_square(&errors))
     }
 
     /// The final weight of every given observation, which is 1 in a plain fit without standard deviations, and

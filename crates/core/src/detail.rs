@@ -2,6 +2,7 @@
 //! many of its pixels are observed, several of them share a pixel of the grid, and a map that is read from it can
 //! follow only their mean. Here the map follows each, and their neighbours by likeness.
 
+use crate::bilinear::Taps;
 use crate::fit::Smooth;
 use crate::upsampling::Upsampling;
 use rayon::prelude::*;
@@ -16,93 +17,223 @@ const SPREAD: f32 = 0.65;
 /// What observations count against: a weight with a residual of 0.
 const NOTHING: f32 = 0.01;
 
-/// A residual at a pixel, and the weight of the observations there.
+/// The mean residual of the observations in a pixel, and their weight.
 #[derive(Clone, Copy, Default)]
 struct Rest {
     value: f32,
     weight: f32,
 }
 
-/// What is added to a map that is read with `upsampling`, from the residuals and weights (0 to 1) of observations at
-/// `places`; `None` if they are nowhere dense. A pixel that is observed with weight 1 gets its mean residual.
-pub(crate) fn detail(
-    upsampling: &Upsampling,
-    places: &[[f64; 2]],
-    residuals: &[f64],
-    weights: &[f64],
-) -> Option<Smooth> {
-    let (height, width) = upsampling.size();
-    let pixel = |[u, v]: [f64; 2]| {
-        let within = |place: f64, length: usize| (place.round().max(0.0) as usize).min(length - 1);
-        within(v, height) * width + within(u, width)
-    };
-    let pixels: Vec<u32> = places
-        .par_iter()
-        .map(|&place| pixel(place) as u32)
-        .collect();
-    let mut observed = vec![false; height * width];
-    for &pixel in &pixels {
-        observed[pixel as usize] = true;
-    }
-    let dense = |pixel: u32| {
-        let (mut count, mut all) = (0_u32, 0_u32);
-        Window::new(pixel as usize, width, height).each(|other, _| {
-            count += u32::from(observed[other]);
-            all += 1;
-        });
-        f64::from(count) >= DENSE * f64::from(all)
-    };
-    let all = pixels.par_iter().zip(0..pixels.len() as u32);
-    let mut order: Vec<(u32, u32)> = all
-        .filter(|(pixel, _)| dense(**pixel))
-        .map(|(&pixel, i)| (pixel, i))
-        .collect();
-    if order.is_empty() {
-        return None;
-    }
-    order.par_sort_unstable();
-    let mut rests = vec![Rest::default(); height * width];
-    for same in order.chunk_by_mut(|a, b| a.0 == b.0) {
-        // By residual, so that the order of the observations does not matter.
-        same.sort_unstable_by(|a, b| {
-            let [a, b] = [a.1 as usize, b.1 as usize];
-            let residual = residuals[a].total_cmp(&residuals[b]);
-            residual.then(weights[a].total_cmp(&weights[b]))
-        });
-        let own = || same.iter().map(|&(_, i)| i as usize);
-        let total: f64 = own().map(|i| weights[i]).sum();
-        let sum: f64 = own().map(|i| weights[i] * residuals[i]).sum();
-        if total > 0.0 {
-            rests[same[0].0 as usize] = Rest {
-                value: (sum / total) as f32,
-                weight: (total as f32).min(1.0),
-            };
-        }
-    }
-    let values = (0..height * width)
-        .into_par_iter()
-        .map(|pixel| correction(upsampling, &rests, pixel));
-    Some(Smooth::from_values((height, width), values.collect()))
+/// What dense observations leave to be followed pixel by pixel.
+pub(crate) struct Rests {
+    /// One for each pixel of the image.
+    values: Vec<Rest>,
+    height: usize,
+    width: usize,
 }
 
-/// The residual of a pixel by its weight, and that of its neighbours by the rest.
-fn correction(upsampling: &Upsampling, rests: &[Rest], pixel: usize) -> f32 {
-    let own = rests[pixel];
-    if own.weight >= 1.0 {
-        return own.value;
-    }
-    let (height, width) = upsampling.size();
-    let (mut sum, mut total) = (0.0, NOTHING);
-    Window::new(pixel, width, height).each(|other, square| {
-        let rest = rests[other];
-        if rest.weight > 0.0 && other != pixel {
-            let near = (-0.5 * square / (SPREAD * SPREAD)).exp();
-            let share = near * rest.weight * upsampling.likeness(pixel, other);
-            sum += share * rest.value;
-            total += share;
+/// What is added to a map, and the limits of the sum.
+#[derive(Debug)]
+pub(crate) struct Detail {
+    added: Smooth,
+    /// The nearest and the farthest depth observed around each pixel that is not observed itself: following these, a
+    /// map goes no farther.
+    limits: Vec<[f32; 2]>,
+}
+
+/// No limits.
+const ANY: [f32; 2] = [f32::NEG_INFINITY, f32::INFINITY];
+
+impl Rests {
+    /// Residuals and weights (0 to 1) of observations at `places` of an image of `size` (height, width); `None` if they
+    /// are nowhere dense.
+    pub(crate) fn new(
+        (height, width): (usize, usize),
+        places: &[[f64; 2]],
+        residuals: &[f64],
+        weights: &[f64],
+    ) -> Option<Self> {
+        let pixels: Vec<u32> = places
+            .par_iter()
+            .map(|&place| pixel(place, (height, width)) as u32)
+            .collect();
+        let mut observed = vec![false; height * width];
+        for &pixel in &pixels {
+            observed[pixel as usize] = true;
         }
-    });
-    own.weight * own.value + (1.0 - own.weight) * sum / total
+        let dense = |pixel: u32| {
+            let (mut count, mut all) = (0_u32, 0_u32);
+            Window::new(pixel as usize, width, height).each(|other, _| {
+                count += u32::from(observed[other]);
+                all += 1;
+            });
+            f64::from(count) >= DENSE * f64::from(all)
+        };
+        let all = pixels.par_iter().zip(0..pixels.len() as u32);
+        let mut order: Vec<(u32, u32)> = all
+            .filter(|(pixel, _)| dense(**pixel))
+            .map(|(&pixel, i)| (pixel, i))
+            .collect();
+        if order.is_empty() {
+            return None;
+        }
+        order.par_sort_unstable();
+        let mut values = vec![Rest::default(); height * width];
+        for same in order.chunk_by_mut(|a, b| a.0 == b.0) {
+            // By residual, so that the order of the observations does not matter.
+            same.sort_unstable_by(|a, b| {
+                let [a, b] = [a.1 as usize, b.1 as usize];
+                let residual = residuals[a].total_cmp(&residuals[b]);
+                residual.then(weights[a].total_cmp(&weights[b]))
+            });
+            let own = || same.iter().map(|&(_, i)| i as usize);
+            let total: f64 = own().map(|i| weights[i]).sum();
+            let sum: f64 = own().map(|i| weights[i] * residuals[i]).sum();
+            if total > 0.0 {
+                values[same[0].0 as usize] = Rest {
+                    value: (sum / total) as f32,
+                    weight: total as f32,
+                };
+            }
+        }
+        Some(Self {
+            values,
+            height,
+            width,
+        })
+    }
+
+    /// What a pixel with this residual of its own gets: that by its weight, and that of its neighbours by the rest.
+    /// Residuals of neighbours are `shift` larger where `shifted` is true of their pixels.
+    fn correction(
+        &self,
+        upsampling: &Upsampling,
+        pixel: usize,
+        own: Rest,
+        (shift, shifted): (f32, impl Fn(usize) -> bool),
+    ) -> f32 {
+        let weight = own.weight.min(1.0);
+        if weight >= 1.0 {
+            return own.value;
+        }
+        let (mut sum, mut total) = (0.0, NOTHING);
+        Window::new(pixel, self.width, self.height).each(|other, square| {
+            let rest = self.values[other];
+            if rest.weight > 0.0 && other != pixel {
+                let near = (-0.5 * square / (SPREAD * SPREAD)).exp();
+                let share = near * rest.weight.min(1.0) * upsampling.likeness(pixel, other);
+                let value = rest.value + if shifted(other) { shift } else { 0.0 };
+                sum += share * value;
+                total += share;
+            }
+        });
+        weight * own.value + (1.0 - weight) * sum / total
+    }
+
+    /// The leave-one-out error of an observation at `place` with this residual, weight, and leave-one-out error of the
+    /// fit: what the map would be off there without it. To first order: of the residuals of other pixels, only those in
+    /// the same pixel of the grid change, whose mean the fit follows.
+    pub(crate) fn left_out(
+        &self,
+        upsampling: &Upsampling,
+        place: [f64; 2],
+        [residual, weight, error]: [f64; 3],
+    ) -> f64 {
+        let pixel = pixel(place, (self.height, self.width));
+        let all = self.values[pixel];
+        if all.weight == 0.0 {
+            return error;
+        }
+        // Others in the pixel.
+        let shift = (error - residual) as f32;
+        let weight = weight as f32;
+        let others = all.weight - weight;
+        let own = if others > 1e-3 * all.weight {
+            Rest {
+                value: (all.weight * all.value - weight * residual as f32) / others + shift,
+                weight: others,
+            }
+        } else {
+            Rest::default()
+        };
+        let cell = upsampling.cell(pixel);
+        let beside = (shift, |other: usize| upsampling.cell(other) == cell);
+        error - f64::from(self.correction(upsampling, pixel, own, beside))
+    }
+}
+
+impl Detail {
+    /// What is added to a map that is read with `upsampling`, for observations at `places` with these depths. A pixel that
+    /// is observed with weight 1 gets its mean residual.
+    pub(crate) fn new(
+        upsampling: &Upsampling,
+        rests: &Rests,
+        places: &[[f64; 2]],
+        depths: &[f32],
+    ) -> Self {
+        let size = upsampling.size();
+        let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; size.0 * size.1];
+        for (&place, &depth) in places.iter().zip(depths) {
+            let range = &mut ranges[pixel(place, size)];
+            *range = [range[0].min(depth), range[1].max(depth)];
+        }
+        let found = (0..size.0 * size.1).into_par_iter().map(|pixel| {
+            let own = rests.values[pixel];
+            let added = rests.correction(upsampling, pixel, own, (0.0, |_| false));
+            if own.weight >= 1.0 || added == 0.0 {
+                return (added, ANY);
+            }
+            let mut limits = ranges[pixel];
+            Window::new(pixel, size.1, size.0).each(|other, _| {
+                if rests.values[other].weight > 0.0 {
+                    let [low, high] = ranges[other];
+                    limits = [limits[0].min(low), limits[1].max(high)];
+                }
+            });
+            (added, limits)
+        });
+        let (added, limits) = found.unzip();
+        Self {
+            added: Smooth::from_values(size, added),
+            limits,
+        }
+    }
+
+    /// Adds it to a map of depths of `size` (height, width).
+    pub(crate) fn add_to(&self, size: (usize, usize), depths: &mut [f32]) {
+        let mut added = vec![0.0; depths.len()];
+        self.added.add_to(size, &mut added);
+        let own = self.added.size();
+        let rows = depths
+            .par_chunks_exact_mut(size.1.max(1))
+            .zip(added.par_chunks_exact(size.1.max(1)));
+        rows.enumerate().for_each(|(y, (depths, added))| {
+            let row = (2 * y + 1) * own.0 / (2 * size.0) * own.1;
+            for (x, (depth, added)) in depths.iter_mut().zip(added).enumerate() {
+                let limits = self.limits[row + (2 * x + 1) * own.1 / (2 * size.1)];
+                *depth = limited(*depth, *added, limits);
+            }
+        });
+    }
+
+    /// The depth at a place of the image where it is `depth` without this.
+    pub(crate) fn at(&self, place: [f64; 2], depth: f64) -> f64 {
+        let size = self.added.size();
+        let added = self.added.read(&Taps::new(place, size, size));
+        let limits = self.limits[pixel(place, size)];
+        f64::from(limited(depth as f32, added as f32, limits))
+    }
+}
+
+/// The sum, which is not beyond the limits unless the first is.
+fn limited(depth: f32, added: f32, [low, high]: [f32; 2]) -> f32 {
+    (depth + added).clamp(low.min(depth), high.max(depth))
+}
+
+/// The pixel of an image of `size` (height, width) that a position is in.
+fn pixel([u, v]: [f64; 2], (height, width): (usize, usize)) -> usize {
+    let within = |place: f64, length: usize| (place.round().max(0.0) as usize).min(length - 1);
+    within(v, height) * width + within(u, width)
 }
 
 /// The pixels around one.
@@ -138,7 +269,6 @@ impl Window {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bilinear::Taps;
 
     const SIZE: (usize, usize) = (20, 30);
 
@@ -155,8 +285,15 @@ mod tests {
         pixels.map(|i| (place(i), (i as f64 * 2.3).sin())).unzip()
     }
 
-    fn at(detail: &Smooth, place: [f64; 2]) -> f64 {
-        detail.read(&Taps::new(place, SIZE, SIZE))
+    /// What is added to a map of 5 m, whose observations are off by these residuals.
+    fn detail(places: &[[f64; 2]], residuals: &[f64], weights: &[f64]) -> Option<Detail> {
+        let rests = Rests::new(SIZE, places, residuals, weights)?;
+        let depths: Vec<f32> = residuals.iter().map(|r| (5.0 + r) as f32).collect();
+        Some(Detail::new(&upsampling(), &rests, places, &depths))
+    }
+
+    fn at(detail: &Detail, place: [f64; 2]) -> f64 {
+        detail.at(place, 5.0) - 5.0
     }
 
     #[test]
@@ -164,12 +301,12 @@ mod tests {
         for step in [1, 2] {
             let (places, residuals) = observed(step);
             let ones = vec![1.0; places.len()];
-            let all = detail(&upsampling(), &places, &residuals, &ones).unwrap();
+            let all = detail(&places, &residuals, &ones).unwrap();
             for (&place, residual) in places.iter().zip(&residuals) {
                 assert!((at(&all, place) - residual).abs() < 1e-6);
             }
             assert!(
-                detail(&upsampling(), &places, &residuals, &vec![0.0; places.len()])
+                detail(&places, &residuals, &vec![0.0; places.len()])
                     .is_none_or(|none| places.iter().all(|&place| at(&none, place) == 0.0))
             );
         }
@@ -179,7 +316,7 @@ mod tests {
     fn a_pixel_between_equal_residuals_has_nearly_the_same() {
         let (places, _) = observed(2);
         let residuals = vec![0.4; places.len()];
-        let all = detail(&upsampling(), &places, &residuals, &vec![1.0; places.len()]).unwrap();
+        let all = detail(&places, &residuals, &vec![1.0; places.len()]).unwrap();
         for y in 3..17 {
             for x in 3..27 {
                 let found = at(&all, [f64::from(x), f64::from(y)]);
@@ -191,8 +328,8 @@ mod tests {
     #[test]
     fn sparse_observations_are_left_to_the_fit() {
         let (places, residuals) = observed(7);
-        assert!(detail(&upsampling(), &places, &residuals, &vec![1.0; places.len()]).is_none());
-        assert!(detail(&upsampling(), &[], &[], &[]).is_none());
+        assert!(detail(&places, &residuals, &vec![1.0; places.len()]).is_none());
+        assert!(detail(&[], &[], &[]).is_none());
     }
 
     #[test]
@@ -204,12 +341,10 @@ mod tests {
             residuals.push((i as f64 * 0.7).cos());
         }
         let ones = vec![1.0; places.len()];
-        let one = detail(&upsampling(), &places, &residuals, &ones).unwrap();
+        let one = detail(&places, &residuals, &ones).unwrap();
         places.reverse();
         residuals.reverse();
-        assert_eq!(
-            one,
-            detail(&upsampling(), &places, &residuals, &ones).unwrap()
-        );
+        let other = detail(&places, &residuals, &ones).unwrap();
+        assert_eq!((one.added, one.limits), (other.added, other.limits));
     }
 }

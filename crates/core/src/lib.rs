@@ -75,6 +75,7 @@ pub mod network;
 mod observations;
 mod resize;
 mod scene;
+mod smoothing;
 mod uncertainty;
 #[doc(hidden)]
 pub mod upsampling;

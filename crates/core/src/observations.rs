@@ -16,7 +16,7 @@ pub struct Observation {
     pub depth: f32,
     /// Standard deviation of the measurement, in the same unit, if it is known: how far this depth may be off the
     /// true depth at its position. It is in addition to how far true depths lie off the model between the
-    /// observations, which is estimated from these.
+    /// observations, which is estimated from these. 0, negative and non-finite values mean that it is unknown.
     pub sigma: Option<f32>,
 }
 

@@ -395,7 +395,13 @@ impl Inner {
     /// The basis functions at observations, unless there are so many that they are evaluated at some only.
     fn held(&self, usable: &Usable) -> Option<Vec<f32>> {
         let plain = self.completer.fit_config().method == FitMethod::Lse;
-        (plain || usable.places.len() <= HELD).then(|| self.at(self.size, &usable.places))
+        let grid = self
+            .upsampling
+            .as_ref()
+            .map_or(self.size, |upsampling| upsampling.grid());
+        // A fit to dense points evaluates them in the holes between these, too.
+        let sparse = usable.places.len() <= HELD.min(grid.0 * grid.1 / 5);
+        (plain || sparse).then(|| self.at(self.size, &usable.places))
     }
 
     /// The affinities, if the fit needs them.
@@ -437,8 +443,8 @@ impl Inner {
         Points {
             bases,
             guides: self.guides(),
-            depths: &usable.depths,
-            deviations: usable.deviations.as_deref(),
+            depths: usable.fitted(),
+            deviations: usable.fitted_deviations(),
             places: Some(&usable.places),
             scene: affinities.map(|affinities| Placed {
                 affinities,

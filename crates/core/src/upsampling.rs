@@ -63,6 +63,13 @@ impl Upsampling {
         likeness(square(colour(&self.image, one), colour(&self.image, other)))
     }
 
+    /// The pixel of the grid that contains the centre of a pixel of the image.
+    pub(crate) fn cell(&self, pixel: usize) -> usize {
+        let (x, y) = (pixel % self.size.1, pixel / self.size.1);
+        let row = containing(y as f64, self.size.0, self.grid.0);
+        row * self.grid.1 + containing(x as f64, self.size.1, self.grid.1)
+    }
+
     /// Height and width of the grid.
     pub fn grid(&self) -> (usize, usize) {
         self.grid

@@ -2,6 +2,7 @@
 
 use crate::error::FitError;
 use crate::observations::{Observation, Observations};
+use crate::smoothing::Smoothed;
 
 /// The accepted range of depths and standard deviations, in any unit; beyond it, squares overflow or
 /// underflow `f32`.
@@ -19,7 +20,9 @@ pub(crate) struct Usable {
     pub(crate) depths: Vec<f32>,
     /// Standard deviations, if any is known.
     pub(crate) deviations: Option<Vec<Option<f32>>>,
-    /// Number of observations whose depth, position or standard deviation cannot be used.
+    /// What depths and deviations are where dense observations were smoothed by their deviations.
+    pub(crate) smoothed: Option<Smoothed>,
+    /// Number of observations whose depth or position cannot be used.
     pub(crate) invalid: usize,
     pub(crate) outside: usize,
     /// Number of observations without a standard deviation, if others have one.
@@ -39,23 +42,27 @@ impl Usable {
             places: Vec::with_capacity(given),
             depths: Vec::with_capacity(given),
             deviations: None,
+            smoothed: None,
             invalid: 0,
             outside: 0,
             without: 0,
         };
         let sound = |v: f32| (LEAST..=MOST).contains(&v);
-        let any = observations.iter().any(|point| point.sigma.is_some());
+        // A standard deviation that is 0, negative or not finite is unknown.
+        let known = |point: &Observation| point.sigma.filter(|&sigma| sound(sigma));
+        let any = observations.iter().any(|point| known(point).is_some());
         let mut deviations = Vec::with_capacity(if any { given } else { 0 });
-        for (i, &Observation { u, v, depth, sigma }) in observations.iter().enumerate() {
+        for (i, point) in observations.iter().enumerate() {
+            let &Observation { u, v, depth, .. } = point;
             let inside = |place: f64, length: usize| (-0.5..length as f64 - 0.5).contains(&place);
-            if !(sound(depth) && u.is_finite() && v.is_finite() && sigma.is_none_or(sound)) {
+            if !(sound(depth) && u.is_finite() && v.is_finite()) {
                 usable.invalid += 1;
             } else if inside(u, width) && inside(v, height) {
                 usable.which.push(i);
                 usable.places.push([u, v]);
                 usable.depths.push(depth);
                 if any {
-                    deviations.push(sigma);
+                    deviations.push(known(point));
                 }
             } else {
                 usable.outside += 1;
@@ -67,9 +74,24 @@ impl Usable {
         let without = deviations.iter().filter(|sigma| sigma.is_none()).count();
         if without < deviations.len() {
             usable.without = without;
+            usable.smoothed =
+                Smoothed::new(&usable.places, &usable.depths, &deviations, (height, width));
             usable.deviations = Some(deviations);
         }
         Ok(usable)
+    }
+
+    /// The depths that are fitted.
+    pub(crate) fn fitted(&self) -> &[f32] {
+        self.smoothed
+            .as_ref()
+            .map_or(&self.depths, |smoothed| &smoothed.depths)
+    }
+
+    /// The standard deviations of these, if any is known.
+    pub(crate) fn fitted_deviations(&self) -> Option<&[Option<f32>]> {
+        let smoothed = self.smoothed.as_ref().map(|smoothed| &smoothed.deviations);
+        smoothed.or(self.deviations.as_ref()).map(Vec::as_slice)
     }
 
     /// The error that no observation can be used.

@@ -244,19 +244,20 @@ fn what_is_left_out_is_counted() {
     let report = completion.report();
     assert_eq!(
         (report.given, report.used, report.invalid, report.outside),
-        (30, 20, 7, 3)
+        (30, 21, 6, 3)
     );
+    // A standard deviation of 0 is unknown, like all others.
     assert_eq!(report.without_deviation, 0);
     let used = |values: Vec<f64>| values.iter().filter(|v| v.is_finite()).count();
-    assert_eq!(used(completion.residuals()), 20);
-    assert_eq!(used(completion.leave_one_out()), 20);
-    assert!(completion.residuals()[20..].iter().all(|v| v.is_nan()));
+    assert_eq!(used(completion.residuals()), 21);
+    assert_eq!(used(completion.leave_one_out()), 21);
+    assert!(completion.residuals()[20..29].iter().all(|v| v.is_nan()));
 
-    let nothing: Observations = given.iter().skip(20).copied().collect();
+    let nothing: Observations = given.iter().skip(20).take(9).copied().collect();
     let error = scene.complete(&nothing).unwrap_err();
     let expected = FitError::NoObservations {
-        given: 10,
-        invalid: 7,
+        given: 9,
+        invalid: 6,
         outside: 3,
     };
     assert!(
@@ -284,6 +285,30 @@ fn points_without_a_deviation_among_others_are_counted() {
         scene.complete(&given).unwrap().report().without_deviation,
         20
     );
+}
+
+/// One rule for every door: a standard deviation that is 0, negative or not finite is unknown.
+#[test]
+fn unusable_deviations_are_unknown() {
+    let scene = scene_of(&COMPLETER, 64, 48);
+    let given = observations(64, 48, 21);
+    let map = |sigma: Option<f32>| {
+        let points = with_sigma(&given, |i| if i < 5 { sigma } else { Some(0.1) });
+        let completion = scene.complete(&points).unwrap();
+        assert_eq!(completion.report().without_deviation, 5);
+        completion.depth().unwrap()
+    };
+    let unknown = map(None);
+    for sigma in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        assert_eq!(map(Some(sigma)), unknown, "{sigma}");
+    }
+    // They are not followed like exact ones.
+    let exact = with_sigma(&given, |i| Some(if i < 5 { 1e-6 } else { 0.1 }));
+    let exact = scene.complete(&exact).unwrap().residuals();
+    let points = with_sigma(&given, |i| (i >= 5).then_some(0.1));
+    let residuals = scene.complete(&points).unwrap().residuals();
+    let size = |values: &[f64]| values[..5].iter().map(|v| v.abs()).sum::<f64>();
+    assert!(size(&residuals) > 2.0 * size(&exact));
 }
 
 /// Standard deviations are in the unit of the depths: precise measurements are followed, rough ones are smoothed,

@@ -3,6 +3,10 @@
 //! With K the equations without observations, S the interpolation at these, A their weights and t their targets,
 //! the minimum of `y' K y + (S y - t)' A (S y - t)` is `y = H^-1 S' A t` with `H = K + S' A S`. An observation
 //! joins only pixels that are neighbours already, so that H has a factor like that of K.
+//!
+//! A lumped observation is one of each pixel that it is interpolated from, weighted by the shares s:
+//! `sum over q of a s_q (y_q - t)^2` in place of `a (s . y - t)^2`, as masses are lumped in finite elements. If all
+//! are lumped, every pixel of y is a weighted mean of targets (H is an M-matrix, whose inverse is not negative).
 
 use super::Grid;
 use super::factor::Factor;
@@ -31,16 +35,34 @@ impl Observed {
     /// # Panics
     /// If lengths do not match or a pixel is outside the grid.
     pub fn new(grid: &Grid<'_>, taps: &[Taps], weights: &[f64]) -> Option<Self> {
+        Self::with_lumped(grid, taps, weights, |_| false)
+    }
+
+    /// The same, where the observations for whose index `lumped` is true are lumped.
+    ///
+    /// # Panics
+    /// As for [`Self::new`].
+    pub fn with_lumped(
+        grid: &Grid<'_>,
+        taps: &[Taps],
+        weights: &[f64],
+        lumped: impl Fn(usize) -> bool,
+    ) -> Option<Self> {
         grid.check();
         assert_eq!(taps.len(), weights.len(), "weights");
         if taps.is_empty() {
             return None;
         }
         let mut equations = Stencil::new(grid);
-        for (taps, &weight) in taps.iter().zip(weights) {
-            equations.observe(taps, weight);
+        let mut on_pixels = true;
+        for (i, (taps, &weight)) in taps.iter().zip(weights).enumerate() {
+            if lumped(i) {
+                equations.observe_lumped(taps, weight);
+            } else {
+                equations.observe(taps, weight);
+                on_pixels &= taps.single().is_some();
+            }
         }
-        let on_pixels = taps.iter().all(|taps| taps.single().is_some());
         let neighbours = if on_pixels {
             Neighbours::Four
         } else {

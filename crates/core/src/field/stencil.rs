@@ -80,6 +80,15 @@ impl Stencil {
         }
     }
 
+    /// Adds `weight` times the shares s to the pixels that the taps read: the lumped form of the above, in which the
+    /// observation is one of each of these pixels, by its share.
+    pub(super) fn observe_lumped(&mut self, taps: &Taps, weight: f64) {
+        for (pixel, share) in taps.iter() {
+            let (entry, place) = self.pair(pixel, pixel);
+            self.entries[entry as usize][place] += weight * share;
+        }
+    }
+
     /// `s' M s` for a position that the taps s interpolate.
     pub(super) fn at(&self, taps: &Taps) -> f64 {
         let mut sum = 0.0;

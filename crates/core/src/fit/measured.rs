@@ -13,7 +13,8 @@ const ROUNDS: usize = 100;
 /// this share of that of the most precise point.
 const NOTHING: f64 = 1e-6;
 
-/// Weighs points with variances of their own, `own`, which are 0 for points without: a point whose own variance is v
+/// Weighs points with variances of their own, `own`, which are 0 for points whose variance is unknown: these have that
+/// of points about the model in `plain`, the noise of the fit, if others are known. A point whose own variance is v
 /// has the weight
 ///
 /// ```text
@@ -38,9 +39,11 @@ pub(super) fn weighed(
     if least == f64::INFINITY {
         return Ok((plain, vec![1.0; own.len()]));
     }
+    let unknown = plain.noise / data;
     let at = |place: f64| {
         let square = place.exp();
-        let weights = own.iter().map(|v| 1.0 / (1.0 + data * v / square));
+        let variances = own.iter().map(|&v| if v > 0.0 { v } else { unknown });
+        let weights = variances.map(|v| 1.0 / (1.0 + data * v / square));
         let weights: Vec<f64> = weights.collect();
         let estimate = solve(&weights)?;
         // Falls as the place rises.

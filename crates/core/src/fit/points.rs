@@ -215,6 +215,14 @@ impl Rows<'_> {
         }
     }
 
+    /// Basis functions x weights anywhere, unless they are known at the points only.
+    pub(super) fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Option<Vec<f64>> {
+        match self.bases {
+            Bases::Rows(_) => None,
+            Bases::Functions(functions) => Some(functions.combine(places, weights)),
+        }
+    }
+
     pub(super) fn residuals(&self, weights: &[f64]) -> Vec<f64> {
         let model = match self.bases {
             Bases::Rows(rows) => {

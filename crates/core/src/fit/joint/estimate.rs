@@ -3,10 +3,11 @@
 use super::JointConfig;
 use super::conjugate::Normal;
 use super::fitted::{FieldFit, Form};
+use super::holes::Holes;
 use super::sites::{Sample, Sites};
 use super::smoothness::Smoothness;
 use crate::error::{FitError, Result};
-use crate::field;
+use crate::field::{self, Observed};
 use crate::fit::affinities::{Affinities, Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
@@ -221,11 +222,13 @@ impl FieldEstimator<'_> {
             let residuals = rows.residuals(&solution.weights);
             (field, sites.means(&residuals), Some(residuals))
         };
+        let mut values = field.extend(&rest);
+        self.limit_holes(sites, rows, &solution.weights, &field, &mut values);
         Ok(Found {
             solution,
             noise,
             lambda: Some(found.lambda),
-            values: field.extend(&rest),
+            values,
             form: Form::Many {
                 field,
                 share: determined / sites.len() as f64,
@@ -234,6 +237,30 @@ impl FieldEstimator<'_> {
             sample,
             residuals,
         })
+    }
+
+    /// Limits what basis functions add in the holes of dense sites.
+    fn limit_holes(
+        self,
+        sites: &Sites,
+        rows: &Rows<'_>,
+        weights: &[f64],
+        field: &Observed,
+        values: &mut [f64],
+    ) {
+        let (grid, size) = (self.scene.affinities.size(), self.scene.size);
+        let Some(holes) = Holes::new(&sites.taps, &sites.depths, grid, size.0, rows.scale) else {
+            return;
+        };
+        let place = |&pixel: &u32| {
+            let (x, y) = (pixel as usize % grid.1, pixel as usize / grid.1);
+            [rescaled(x, grid.1, size.1), rescaled(y, grid.0, size.0)]
+        };
+        let places: Vec<[f64; 2]> = holes.pixels().iter().map(place).collect();
+        // None where basis functions are known at the points only.
+        if let Some(functions) = rows.combine(&places, weights) {
+            holes.limit(&functions, values, || field.extend(&sites.depths));
+        }
     }
 
     /// The weights in the coordinates of the prior, which are its scale and its directions, and those of the
@@ -255,7 +282,8 @@ impl FieldEstimator<'_> {
     }
 
     fn are_few(self, sites: &Sites) -> bool {
-        sites.len() <= field::MOST && self.smoothness().observations(sites) <= field::MOST
+        let few = |count| count <= field::MOST;
+        few(sites.len()) && self.smoothness().observations(sites).is_some_and(few)
     }
 
     fn smoothness(self) -> Smoothness {
@@ -263,8 +291,14 @@ impl FieldEstimator<'_> {
             affinities: self.scene.affinities.clone(),
             level: self.joint.level,
             tied: self.scene.upsampling.is_some(),
+            lumped: true,
         }
     }
+}
+
+/// The position of a pixel's centre on an axis of `from` pixels, on one of `to` pixels.
+fn rescaled(pixel: usize, from: usize, to: usize) -> f64 {
+    (pixel as f64 + 0.5) * to as f64 / from as f64 - 0.5
 }
 
 /// The field's precision takes the place of the identity in the normal equations (generalised least

@@ -14,8 +14,10 @@
 mod coarse;
 mod conjugate;
 mod covariance;
+mod crowded;
 mod estimate;
 mod fitted;
+mod holes;
 mod marginal;
 mod problem;
 mod sites;

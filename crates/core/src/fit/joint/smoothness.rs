@@ -1,5 +1,6 @@
 //! How smooth the field of an image is, and how sites join it.
 
+use super::crowded::Crowded;
 use super::sites::{Sample, Sites};
 use crate::bilinear::Taps;
 use crate::error::FitError;
@@ -13,6 +14,8 @@ pub(super) struct Smoothness {
     pub(super) level: f64,
     /// Whether the pixels that a site is read from are tied: in an image that is larger than the field.
     pub(super) tied: bool,
+    /// Whether sites are lumped where they are crowded: not where the field is only asked for roughly.
+    pub(super) lumped: bool,
 }
 
 /// A penalty on the square of the step of the field between two neighbouring pixels that a site is read from. A
@@ -36,7 +39,7 @@ impl Smoothness {
     /// Equations that are not positive definite.
     pub(super) fn kriged(&self, sample: &Sample, ridges: &[f64]) -> Result<Kriged, FitError> {
         let prior = self.affinities.prior(self.level).ok_or_else(unsolvable)?;
-        let ties = self.ties(&sample.taps, &sample.weights);
+        let ties = self.ties(&sample.taps, &sample.weights, &Crowded::nowhere());
         let count = sample.columns() + 1;
         let seen = Observations {
             taps: &sample.taps,
@@ -68,6 +71,7 @@ impl Smoothness {
             affinities: self.affinities.of_blocks().clone(),
             level: self.level * self.affinities.blocks().area() as f64,
             tied: self.tied,
+            lumped: false,
         }
     }
 
@@ -79,9 +83,11 @@ impl Smoothness {
         }
     }
 
-    /// The number of observations that sites are, with their ties.
-    pub(super) fn observations(&self, sites: &Sites) -> usize {
-        sites.len() + self.ties(&sites.taps, &sites.weights).len()
+    /// The number of observations that sites are, with their ties, where no site is lumped.
+    pub(super) fn observations(&self, sites: &Sites) -> Option<usize> {
+        let crowded = self.crowded(&sites.taps);
+        let ties = || self.ties(&sites.taps, &sites.weights, &crowded).len();
+        (!crowded.any()).then(|| sites.len() + ties())
     }
 
     /// The field with any number of sites.
@@ -90,9 +96,11 @@ impl Smoothness {
     /// Equations that are not positive definite.
     pub(super) fn observed(&self, taps: &[Taps], weights: &[f64]) -> Result<Observed, FitError> {
         let grid = self.affinities.grid(self.level);
-        let ties = self.ties(taps, weights);
+        let crowded = self.crowded(taps);
+        let ties = self.ties(taps, weights, &crowded);
+        let lumped = |site: usize| crowded.is(site);
         let field = if ties.is_empty() {
-            Observed::new(&grid, taps, weights)
+            Observed::with_lumped(&grid, taps, weights, lumped)
         } else {
             let (mut right, mut down) = (grid.right.to_vec(), grid.down.to_vec());
             for tie in ties {
@@ -104,12 +112,22 @@ impl Smoothness {
                 down: &down,
                 ..grid
             };
-            Observed::new(&tied, taps, weights)
+            Observed::with_lumped(&tied, taps, weights, lumped)
         };
         field.ok_or_else(unsolvable)
     }
 
-    fn ties(&self, taps: &[Taps], weights: &[f64]) -> Vec<Tie> {
+    /// The sites that are lumped.
+    fn crowded(&self, taps: &[Taps]) -> Crowded {
+        if self.lumped {
+            Crowded::among(taps, self.affinities.size())
+        } else {
+            Crowded::nowhere()
+        }
+    }
+
+    /// The ties of the sites that are not lumped.
+    fn ties(&self, taps: &[Taps], weights: &[f64], crowded: &Crowded) -> Vec<Tie> {
         /// Weight of the product of shares and squared step, relative to that of the site. Of 0.001, 0.003, 0.01,
         /// 0.03 and 0.1 on frames of training and of other cameras: with more, edges are less sharp.
         const TIE: f64 = 0.01;
@@ -121,7 +139,8 @@ impl Smoothness {
             return ties;
         }
         let grid = self.affinities.grid(self.level);
-        for (taps, weight) in taps.iter().zip(weights) {
+        let alone = taps.iter().zip(weights).enumerate();
+        for (_, (taps, weight)) in alone.filter(|(site, _)| !crowded.is(*site)) {
             for (i, (one, share)) in taps.iter().enumerate() {
                 // In the order of the pixels.
                 for (other, across) in taps.iter().skip(i + 1) {

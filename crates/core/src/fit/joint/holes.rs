@@ -1,0 +1,258 @@
+//! The holes of dense depths: what basis functions may add to the depths around.
+//!
+//! In a hole the field continues from its surroundings, and basis functions add their differences between the hole and
+//! these. They may be far off where the image in the hole is like nothing that was measured. The field of the
+//! depths alone, without basis functions, is a weighted mean of the depths around, so that it is within their range. What
+//! basis functions add to it counts as it is up to a margin beyond that range, and the less the farther beyond:
+//! basis functions that the surroundings contradict so clearly are outliers, and leave the field of the depths alone.
+
+use crate::bilinear::Taps;
+use crate::fit::space::Scale;
+use rayon::prelude::*;
+
+/// The share of the pixels that are observed, from which on the rest is holes.
+const DENSE: f64 = 0.15;
+/// The surroundings of a hole: everything up to so many pixels of the image from it.
+const REACH: f64 = 15.0;
+/// How much nearer than the nearest depth around, or farther than the farthest, depth may be: in a hole that is
+/// enclosed, and in one at the border of the image, beyond which floors and walls go on.
+const ENCLOSED: f64 = 1.2;
+const OPEN: f64 = 2.0;
+
+/// The pixels of a grid that no site lies in, among dense sites.
+pub(super) struct Holes {
+    /// The pixels.
+    pixels: Vec<u32>,
+    /// The hole of each of these.
+    of_pixels: Vec<u32>,
+    /// The least and the largest value that each hole may have.
+    bounds: Vec<[f64; 2]>,
+}
+
+impl Holes {
+    /// The holes among sites with these values on a grid of `size` (height, width), in an image of the height `high`;
+    /// `None` if sites are sparse.
+    pub(super) fn new(
+        taps: &[Taps],
+        values: &[f64],
+        size: (usize, usize),
+        high: usize,
+        scale: Scale,
+    ) -> Option<Self> {
+        let (height, width) = size;
+        let mut known = vec![f64::NAN; height * width];
+        for (taps, &value) in taps.iter().zip(values) {
+            known[taps.nearest() as usize] = scale.depth(value);
+        }
+        let empty = known.iter().filter(|depth| depth.is_nan()).count();
+        if empty == 0 || ((known.len() - empty) as f64) < DENSE * known.len() as f64 {
+            return None;
+        }
+        let (labels, holes) = labelled(&known, size);
+        let reach = (REACH * height as f64 / high.max(1) as f64).min(REACH);
+        let ranges = ranges(&known, &labels, &holes, size, reach);
+        let bounds = holes.iter().zip(ranges).map(|(hole, [low, high])| {
+            let margin = if hole.open { OPEN } else { ENCLOSED };
+            let [one, other] = [low / margin, high * margin].map(|depth| scale.of(depth));
+            [one.min(other), one.max(other)]
+        });
+        let bounds = bounds.collect();
+        let pixels: Vec<u32> = holes.into_iter().flat_map(|hole| hole.pixels).collect();
+        let of_pixels = pixels.iter().map(|&pixel| labels[pixel as usize]).collect();
+        Some(Self {
+            pixels,
+            of_pixels,
+            bounds,
+        })
+    }
+
+    /// The pixels in holes.
+    pub(super) fn pixels(&self) -> &[u32] {
+        &self.pixels
+    }
+
+    /// Changes the field at pixels in holes, where `functions` are what is added to it there, so that their sum is
+    /// within its bounds. `alone` is the field of the sites without functions. Returns the number of pixels that changed.
+    pub(super) fn limit(
+        &self,
+        functions: &[f64],
+        field: &mut [f64],
+        alone: impl FnOnce() -> Vec<f64>,
+    ) -> usize {
+        let bounds = self
+            .of_pixels
+            .iter()
+            .map(|&hole| self.bounds[hole as usize]);
+        let sums = self.pixels.iter().zip(functions);
+        let beyond: Vec<_> = sums
+            .map(|(&pixel, &function)| (pixel as usize, function))
+            .zip(bounds)
+            .filter(|&((pixel, function), [low, high])| {
+                !(low..=high).contains(&(field[pixel] + function))
+            })
+            .collect();
+        if beyond.is_empty() {
+            return 0;
+        }
+        let alone = alone();
+        for &((pixel, function), [low, high]) in &beyond {
+            let base = alone[pixel].clamp(low, high);
+            let added = field[pixel] + function - base;
+            let room = if added > 0.0 { high - base } else { low - base };
+            field[pixel] = base + room * (room / added) - function;
+        }
+        beyond.len()
+    }
+}
+
+/// Pixels without depth that touch, by a side or a corner.
+struct Hole {
+    pixels: Vec<u32>,
+    /// Whether it touches the border of the image.
+    open: bool,
+}
+
+/// No hole.
+const NONE: u32 = u32::MAX;
+
+/// The hole of each pixel, and all holes.
+fn labelled(known: &[f64], (height, width): (usize, usize)) -> (Vec<u32>, Vec<Hole>) {
+    let mut labels = vec![NONE; known.len()];
+    let mut holes = Vec::new();
+    for first in 0..known.len() {
+        if labels[first] != NONE || !known[first].is_nan() {
+            continue;
+        }
+        let label = holes.len() as u32;
+        labels[first] = label;
+        let mut hole = Hole {
+            pixels: vec![first as u32],
+            open: false,
+        };
+        let mut next = 0;
+        while let Some(&pixel) = hole.pixels.get(next) {
+            next += 1;
+            let (x, y) = (pixel as usize % width, pixel as usize / width);
+            hole.open |= x == 0 || y == 0 || x + 1 == width || y + 1 == height;
+            for v in y.saturating_sub(1)..(y + 2).min(height) {
+                for u in x.saturating_sub(1)..(x + 2).min(width) {
+                    let other = v * width + u;
+                    if labels[other] == NONE && known[other].is_nan() {
+                        labels[other] = label;
+                        hole.pixels.push(other as u32);
+                    }
+                }
+            }
+        }
+        holes.push(hole);
+    }
+    (labels, holes)
+}
+
+/// The nearest and the farthest depth within `reach` pixels of each hole.
+fn ranges(
+    known: &[f64],
+    labels: &[u32],
+    holes: &[Hole],
+    (height, width): (usize, usize),
+    reach: f64,
+) -> Vec<[f64; 2]> {
+    let rows = reach as usize;
+    // How far the surroundings of a pixel go to both sides in each row.
+    let halves: Vec<usize> = (0..=rows)
+        .map(|row| (reach * reach - (row * row) as f64).sqrt() as usize)
+        .collect();
+    let none = [f64::INFINITY, 0.0];
+    let joined = |[low, high]: [f64; 2], [l, h]: [f64; 2]| [low.min(l), high.max(h)];
+    let around = |pixel: u32| {
+        let (x, y) = (pixel as usize % width, pixel as usize / width);
+        // What is near the inner pixels of a hole is near those at its rim.
+        let beside = (y.saturating_sub(1)..(y + 2).min(height))
+            .flat_map(|v| (x.saturating_sub(1)..(x + 2).min(width)).map(move |u| v * width + u));
+        if beside.map(|other| labels[other]).all(|label| label != NONE) {
+            return none;
+        }
+        let mut range = none;
+        for v in y.saturating_sub(rows)..(y + rows + 1).min(height) {
+            let half = halves[v.abs_diff(y)];
+            let row = v * width;
+            for depth in &known[row + x.saturating_sub(half)..row + (x + half + 1).min(width)] {
+                // NaN is neither.
+                range = [range[0].min(*depth), range[1].max(*depth)];
+            }
+        }
+        range
+    };
+    let of_hole = |hole: &Hole| {
+        let ranges = hole.pixels.par_iter().map(|&pixel| around(pixel));
+        ranges.reduce(|| none, joined)
+    };
+    holes.par_iter().map(of_hole).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::Space;
+
+    const SIZE: (usize, usize) = (40, 50);
+
+    /// Depths of 2 m on the left and 3 m on the right, but for holes.
+    fn holes(is_hole: impl Fn(usize, usize) -> bool) -> Option<Holes> {
+        let pixels = (0..SIZE.0 * SIZE.1).filter(|i| !is_hole(i % SIZE.1, i / SIZE.1));
+        let pixels: Vec<usize> = pixels.collect();
+        let taps: Vec<Taps> = pixels.iter().map(|&i| Taps::pixel(i as u32)).collect();
+        let depth = |&i: &usize| if i % SIZE.1 < 25 { 2.0 } else { 3.0 };
+        let depths: Vec<f64> = pixels.iter().map(depth).collect();
+        let scale = Scale::of_points(Space::Depth, &[2.0, 3.0]);
+        Holes::new(&taps, &depths, SIZE, SIZE.0, scale)
+    }
+
+    #[test]
+    fn bounds_are_those_of_the_depths_around() {
+        // One hole far from the farther depths, one at both, one at the border.
+        let inside = |x: usize, y: usize, left, top| {
+            (left..left + 3).contains(&x) && (top..top + 3).contains(&y)
+        };
+        let found =
+            holes(|x, y| inside(x, y, 2, 20) || inside(x, y, 23, 20) || inside(x, y, 47, 30))
+                .unwrap();
+        let at = |x: usize, y: usize| {
+            let pixel = (y * SIZE.1 + x) as u32;
+            let place = found.pixels().iter().position(|&p| p == pixel).unwrap();
+            found.bounds[found.of_pixels[place] as usize]
+        };
+        assert_eq!(at(3, 21), [2.0 / 1.2, 2.0 * 1.2]);
+        assert_eq!(at(24, 20), [2.0 / 1.2, 3.0 * 1.2]);
+        assert_eq!(at(49, 32), [3.0 / 2.0, 3.0 * 2.0]);
+    }
+
+    #[test]
+    fn what_is_within_the_bounds_stays_and_what_is_far_beyond_becomes_the_field_alone() {
+        let found = holes(|x, y| (2..5).contains(&x) && y == 20).unwrap();
+        assert_eq!(found.pixels().len(), 3);
+        let alone = || vec![2.0; SIZE.0 * SIZE.1];
+        let mut field = vec![2.0; SIZE.0 * SIZE.1];
+        let changed = found.limit(&[0.3, -0.2, 0.4], &mut field, alone);
+        assert_eq!((changed, &field), (0, &alone()));
+        // Twice and a hundred times as far off as the bound.
+        let functions = [0.8, 40.0, -0.1];
+        assert_eq!(found.limit(&functions, &mut field, alone), 2);
+        let sums: Vec<f64> = found
+            .pixels()
+            .iter()
+            .zip(functions)
+            .map(|(&p, f)| field[p as usize] + f)
+            .collect();
+        for (sum, expected) in sums.iter().zip([2.2, 2.004, 1.9]) {
+            assert!((sum - expected).abs() < 1e-12, "{sums:?}");
+        }
+    }
+
+    #[test]
+    fn sparse_sites_have_no_holes() {
+        assert!(holes(|x, y| x % 2 + y % 2 > 0).is_some());
+        assert!(holes(|x, y| x % 3 + y % 3 > 0).is_none());
+        assert!(holes(|_, _| false).is_none());
+    }
+}
