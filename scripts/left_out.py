@@ -6,7 +6,7 @@ Needs numpy. Takes frames that `lsdc export -o FRAMES` wrote:
     python3 scripts/left_out.py FRAMES [PROGRAM]
 """
 
-import re
+import json
 import subprocess
 import sys
 import tempfile
@@ -22,14 +22,13 @@ def main(frames: str, program: str = str(ROOT / "target/release/lsdc")) -> None:
     for rgb in sorted((Path(frames) / "rgb").rglob("*.png")):
         name = rgb.relative_to(Path(frames) / "rgb").with_suffix(".npy")
         with tempfile.TemporaryDirectory() as folder:
-            command = [program, "complete", rgb, Path(frames) / "sparse" / name, "-o", folder]
-            text = subprocess.check_output(command, text=True)
+            command = [program, "complete", rgb, Path(frames) / "sparse" / name, "-o", folder, "--json"]
+            fit = json.loads(subprocess.check_output(command, text=True))["fit"]
             depth = np.load(Path(folder) / f"{rgb.stem}_depth.npy")
-        found = re.search(r"([\d.]+) m rms at the points, ([\d.]+) m at points left out", text)
         truth = np.load(Path(frames) / "gt" / name)
         valid = truth > 0
         error = np.sqrt(np.mean((depth - truth)[valid] ** 2))
-        rows.append([float(found[1]), float(found[2]), error])
+        rows.append([fit["residual"], fit["leave_one_out"], error])
     residual, left_out, error = np.array(rows).T
     print(f"{len(rows)} frames: residual {residual.mean():.4f} m, left out {left_out.mean():.4f} m, "
           f"true {error.mean():.4f} m")

@@ -20,7 +20,7 @@ from ._completion import Completion, Outliers
 from ._errors import Error, FitError, InputError, ReadError, SettingsError, WeightsError
 from ._files import Colmap, FileWarning, read_depth, read_points
 from ._guide import DepthGuide
-from ._input import Array, ImageLike, Order, Size, Unit
+from ._input import Array, ImageLike, Noise, Order, Size, Unit
 from ._native import __version__
 from ._scene import Scene, Sparse
 from ._settings import FitSettings, JointSettings, Robust, RobustSettings
@@ -56,6 +56,7 @@ def complete(
     sparse: Sparse,
     *,
     sigma: Array | float | None = None,
+    noise: Noise | None = None,
     unit: Unit | None = None,
     robust: Robust = None,
     guide: DepthGuide | Array | None = None,
@@ -72,8 +73,8 @@ def complete(
         See `Completer.scene`.
     sparse : array (H, W), (N, 3) or (N, 4), tuple of arrays (N,), or path
         A depth map of the image's shape, with 0 or NaN where there is no measurement; or points, one row x (to the
-        right), y (down), depth[, sigma] each; or a file of either. See `Scene.complete`, also for `sigma`, `unit`, `robust`, `guide` and
-        `size`.
+        right), y (down), depth[, sigma] each; or a file of either. See `Scene.complete`, also for `sigma`, `noise`,
+        `unit`, `robust`, `guide` and `size`.
     weights, threads
         See `Completer`. Those that come with the package are prepared on first use and kept.
 
@@ -94,7 +95,7 @@ def complete(
     else:
         completer = Completer(weights, threads=threads)
     scene = completer.scene(image, guide=guide, order=order)
-    completion = scene.complete(sparse, sigma=sigma, unit=unit, robust=robust)
+    completion = scene.complete(sparse, sigma=sigma, noise=noise, unit=unit, robust=robust)
     return completion.depth_at(scene.size if size is None else size)
 
 

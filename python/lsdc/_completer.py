@@ -10,7 +10,7 @@ from . import _native
 from ._completion import Completion
 from ._errors import ReadError, SettingsError
 from ._guide import DepthGuide
-from ._input import Array, ImageLike, Order, Size, Unit, as_image, as_size
+from ._input import Array, ImageLike, Noise, Order, Size, Unit, as_image, as_size
 from ._scene import Scene, Sparse
 from ._settings import FitSettings, Robust, as_json
 
@@ -143,6 +143,7 @@ class Completer:
         sparse: Sparse,
         *,
         sigma: Array | float | None = None,
+        noise: Noise | None = None,
         unit: Unit | None = None,
         guide: DepthGuide | Array | None = None,
         size: Size | None = None,
@@ -154,7 +155,7 @@ class Completer:
         <lsdc.Completion 64x48, 192 points, residual 0.00... m>
         """
         scene = self.scene(image, guide=guide, order=order)
-        return scene.complete(sparse, sigma=sigma, unit=unit, size=size)
+        return scene.complete(sparse, sigma=sigma, noise=noise, unit=unit, size=size)
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = (self._name, self._weights, self._changes, self._working_size, self._threads)

@@ -31,6 +31,8 @@ ImageLike = Union[Array, "os.PathLike[str]", str]
 """An array `(H, W)`, `(H, W, 3)` or `(H, W, 4)`, an image of Pillow, or the path of an image file (read by Pillow)."""
 Unit = Union[Literal["m", "cm", "mm"], float]
 """Of depths: "m", "cm", "mm", or the metres of one step, such as 1 / 256 for KITTI."""
+Noise = Union[Literal["kinect", "realsense", "tof"], "tuple[float, float, float]"]
+"""Of a depth camera, by its name, or A, B, C of the standard deviation A + B z + C z^2 in metres at z metres."""
 Order = Literal["rgb", "bgr"]
 """Of the colours of a pixel: "bgr" as read by OpenCV."""
 Size = tuple[int, int]
@@ -156,6 +158,11 @@ def as_observations(
         f"{_shape(given)} is neither a map of the image of {height} rows and {width} columns nor a table of points",
         hint,
     )
+
+
+def with_noise(known: _native.Observations, noise: Noise) -> _native.Observations:
+    """The same depths, those without a standard deviation with that of a depth camera."""
+    return known.with_noise(noise if isinstance(noise, str) else ",".join(map(str, noise)))
 
 
 def _same_view(map: tuple[int, ...], image: tuple[int, int]) -> bool:

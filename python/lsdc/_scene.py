@@ -12,7 +12,8 @@ from . import _native
 from ._completion import Completion
 from ._files import read_points
 from ._guide import DepthGuide
-from ._input import Array, Size, Unit, as_array, as_observations, as_positions, as_size
+from ._errors import InputError
+from ._input import Array, Noise, Size, Unit, as_array, as_observations, as_positions, as_size, with_noise
 from ._settings import Robust, as_json
 
 Guide = Union[DepthGuide, Array]
@@ -44,6 +45,7 @@ class Scene:
         sparse: Sparse,
         *,
         sigma: Array | float | None = None,
+        noise: Noise | None = None,
         unit: Unit | None = None,
         robust: Robust = None,
         guide: Guide | None = None,
@@ -62,6 +64,9 @@ class Scene:
             the optical axis.
         sigma : array of the shape of the depths, or a number, optional
             Standard deviations of the depths in the same unit, if they are known.
+        noise : "kinect", "realsense", "tof" or (A, B, C), optional
+            Noise of a depth camera: depths without a standard deviation have A + B z + C z^2 metres at z metres. Depths
+            must be in metres, or `unit` given.
         unit : "m", "cm", "mm" or the metres of one step, optional
             Of `sparse` and `sigma`; integers need it. Floats are metres, or any other unit, which is then that of the
             result.
@@ -95,8 +100,12 @@ class Scene:
         (3, 1)
         """
         if isinstance(sparse, (str, os.PathLike)):
+            if noise is not None and unit is None:
+                raise InputError("`noise` is in metres, but the unit of a file may be a guess", 'give `unit`, as in "m"')
             sparse, unit = read_points(sparse, self.size, unit=unit), None
         known = as_observations(sparse, sigma, unit, self.size)
+        if noise is not None:
+            known = with_noise(known, noise)
         scene = self._native
         if robust is not None:
             scene = scene.with_robust(as_json(robust))

@@ -2,7 +2,7 @@
 
 use crate::arrays;
 use crate::error::raised;
-use lsdc_core::{DepthMap, Observation};
+use lsdc_core::{DepthMap, DepthNoise, Observation};
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -73,6 +73,16 @@ impl Observations {
         Ok(Self {
             all: rows.map(observation).collect(),
             ignored: 0,
+        })
+    }
+
+    /// The same, in metres, where those without a standard deviation have that of a depth camera: a name, or A,B,C.
+    fn with_noise(&self, py: Python<'_>, model: &str) -> PyResult<Self> {
+        let model = model.parse::<DepthNoise>();
+        let model = model.map_err(|error| raised(py, &error.into()))?;
+        Ok(Self {
+            all: model.applied(&self.all).0,
+            ignored: self.ignored,
         })
     }
 

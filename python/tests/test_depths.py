@@ -252,3 +252,16 @@ def test_huge_and_tiny_depths(scene, sparse):
     beyond[2, 2] = 1e300
     report = scene.complete(beyond).report
     assert (report["ignored"], report["used"]) == (1, (sparse > 0).sum() - 1)
+
+
+def test_noise_of_a_depth_camera(scene, sparse, tmp_path):
+    # Fankhauser et al. (2015).
+    sigma = np.where(sparse > 0, 0.0015 - 0.0005 * sparse + 0.0003 * sparse**2, 1.0)
+    expected = scene.complete(sparse, sigma=sigma).depth
+    for noise in ["tof", (0.0015, -0.0005, 0.0003)]:
+        assert_allclose(scene.complete(sparse, noise=noise).depth, expected, rtol=1e-5)
+    with pytest.raises(lsdc.SettingsError, match="no noise of a depth camera"):
+        scene.complete(sparse, noise="radar")
+    np.save(tmp_path / "sparse.npy", sparse)
+    with pytest.raises(lsdc.InputError, match="may be a guess"):
+        scene.complete(tmp_path / "sparse.npy", noise="tof")

@@ -91,7 +91,7 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
     if args.training {
         let outcome = train(args)?;
         let lines = [
-            work(&outcome.setting, &format!("{} images", outcome.batch)),
+            work(&outcome.setting, &ui::counted(outcome.batch, "image")),
             format!("step      {:8.1} ms", outcome.step_ms),
         ];
         return report(args.json, &outcome, lines.into(), outcome.peak_mb);
@@ -99,7 +99,7 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
     let outcome = complete(args, size(args, 640, 480))?;
     let mut lines = vec![work(
         &outcome.setting,
-        &format!("{} points", outcome.points),
+        &ui::counted(outcome.points, "point"),
     )];
     for (name, value) in [
         ("network", outcome.times.network_ms),
@@ -201,7 +201,10 @@ fn in_one_piece(args: &Bench, size: Size) -> Result<Exit> {
         setting: setting(&args.model, size, args.runs),
     };
     let lines = vec![
-        work(&outcome.setting, &format!("{name}, {} points", args.points)),
+        work(
+            &outcome.setting,
+            &format!("{name}, {}", ui::counted(args.points, "point")),
+        ),
         format!("{:<9} {:8.2} ms", "total", outcome.total_ms),
     ];
     report(args.json, &outcome, lines, outcome.peak_mb)

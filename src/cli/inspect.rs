@@ -7,7 +7,7 @@ use crate::device::device;
 use crate::error::{Error, Result};
 use crate::experiment::contact_sheet;
 use crate::predict::open_completer;
-use crate::report::coloured;
+use crate::report::{coloured, usual_range};
 use lsdc_recordings::Recording;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -101,9 +101,9 @@ fn dataset(args: &Inspect) -> Result<Exit> {
             }
         };
         ui::print(&format!(
-            "{:<9} {} frames, {}",
+            "{:<9} {}, {}",
             split.name(),
-            frames.len(),
+            ui::counted(frames.len(), "frame"),
             frames.about()
         ));
         let frame = frames.load(0)?;
@@ -132,8 +132,8 @@ fn lines(contents: &Contents) -> Vec<String> {
             let (width, height) = (depth.width(), depth.height());
             let share = depth.count() as f64 / (width * height) as f64;
             lines.push(format!(
-                "depths    {width}x{height}, {} pixels ({:.2} %), {} ignored",
-                depth.count(),
+                "depths    {width}x{height}, {} ({:.2} %), {} ignored",
+                ui::counted(depth.count(), "pixel"),
                 share * 100.0,
                 depth.ignored()
             ));
@@ -180,7 +180,8 @@ fn lines(contents: &Contents) -> Vec<String> {
             high,
         } => {
             lines.push(format!(
-                "cloud     {count} points, {ignored} without a place"
+                "cloud     {}, {ignored} without a place",
+                ui::counted(*count, "point")
             ));
             for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
                 lines.push(format!("{name:<9} {:.3} to {:.3}", low[axis], high[axis]));
@@ -189,9 +190,9 @@ fn lines(contents: &Contents) -> Vec<String> {
         Contents::Model(model) => {
             let seen = model.views.iter().map(View::count);
             lines.push(format!(
-                "model     {} images, {} observations of points",
-                model.views.len(),
-                seen.sum::<usize>()
+                "model     {}, {} of points",
+                ui::counted(model.views.len(), "image"),
+                ui::counted(seen.sum::<usize>(), "observation")
             ));
         }
         Contents::Camera(camera) => lines.push(format!("camera    {camera}")),
@@ -297,7 +298,7 @@ fn picture(map: &DepthMap) -> String {
             *here = point.depth;
         }
     }
-    let (low, high) = map.range().unwrap_or((0.0, 1.0));
+    let (low, high) = usual_range(map).unwrap_or((0.0, 1.0));
     let small = DepthMap::new(across, down, nearest);
     let image = small.map(|small| coloured(&small, low, high));
     let image = image.unwrap_or_default();

@@ -148,6 +148,12 @@ fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
     bar.with_style(style)
 }
 
+/// A number of things: `1 point`, `2 points`.
+pub(super) fn counted(count: usize, thing: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{count} {thing}{plural}")
+}
+
 /// A duration in milliseconds.
 pub(super) fn millis(duration: Duration) -> String {
     format!("{:.0} ms", duration.as_secs_f64() * 1e3)

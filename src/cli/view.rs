@@ -5,7 +5,7 @@ use super::serve::{bind, failed, serve};
 use super::{Exit, ui};
 use crate::data::DepthMap;
 use crate::error::{Error, Result};
-use crate::report::coloured;
+use crate::report::{coloured, usual_range};
 use image::RgbImage;
 use lsdc_serve::{Access, Asset, Config, Demo, Page, Start};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -71,8 +71,8 @@ fn page(args: &View) -> Page {
     }
 }
 
-/// From the nearest to the farthest depth.
+/// In the colours of `lsdc complete`.
 fn paint(depth: &DepthMap) -> RgbImage {
-    let (near, far) = depth.range().unwrap_or((0.0, 1.0));
+    let (near, far) = usual_range(depth).unwrap_or((0.0, 1.0));
     coloured(depth, near, far)
 }

@@ -3,7 +3,7 @@
 use crate::error::{Cause, Error, Result};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use image::{ImageFormat, RgbImage};
+use image::{ImageFormat, Rgb, RgbImage};
 use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree};
 use std::io::Cursor;
@@ -58,9 +58,29 @@ impl Drawing {
     /// # Errors
     /// A drawing without extent.
     pub fn png(&self) -> Result<Vec<u8>> {
-        let broken = |e: Box<dyn std::error::Error + Send + Sync>| {
-            Error::new(Cause::Write, format!("cannot draw `{}`", self.title)).because(e)
+        let pixmap = self.pixmap(FINENESS)?;
+        pixmap.encode_png().map_err(|e| self.broken(e))
+    }
+
+    /// As an image of so many pixels to a unit.
+    ///
+    /// # Errors
+    /// A drawing without extent.
+    pub(super) fn image(&self, fineness: f32) -> Result<RgbImage> {
+        let pixmap = self.pixmap(fineness)?;
+        let pixel = |x: u32, y: u32| {
+            // The background is opaque.
+            let found = pixmap.pixel(x, y).map(|p| [p.red(), p.green(), p.blue()]);
+            Rgb(found.unwrap_or_default())
         };
+        Ok(RgbImage::from_fn(pixmap.width(), pixmap.height(), pixel))
+    }
+
+    fn broken(&self, cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Error {
+        Error::new(Cause::Write, format!("cannot draw `{}`", self.title)).because(cause)
+    }
+
+    fn pixmap(&self, fineness: f32) -> Result<Pixmap> {
         let mut options = Options {
             font_family: "DejaVu Sans".to_owned(),
             ..Options::default()
@@ -68,14 +88,14 @@ impl Drawing {
         let fonts = options.fontdb_mut();
         fonts.load_font_data(dejavu::sans::regular().to_vec());
         fonts.set_sans_serif_family("DejaVu Sans");
-        let tree = Tree::from_str(&self.document(), &options).map_err(|e| broken(e.into()))?;
+        let tree = Tree::from_str(&self.document(), &options).map_err(|e| self.broken(e))?;
         let size = tree.size();
-        let pixels = |length: f32| (length * FINENESS).ceil() as u32;
+        let pixels = |length: f32| (length * fineness).ceil() as u32;
         let mut pixmap = Pixmap::new(pixels(size.width()), pixels(size.height()))
-            .ok_or_else(|| broken("it has no extent".into()))?;
-        let scale = Transform::from_scale(FINENESS, FINENESS);
+            .ok_or_else(|| self.broken("it has no extent"))?;
+        let scale = Transform::from_scale(fineness, fineness);
         resvg::render(&tree, scale, &mut pixmap.as_mut());
-        pixmap.encode_png().map_err(|e| broken(e.into()))
+        Ok(pixmap)
     }
 }
 

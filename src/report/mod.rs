@@ -3,6 +3,7 @@
 mod bars;
 mod chart;
 mod colour;
+mod colour_map;
 mod csv;
 mod curve;
 mod drawing;
@@ -17,6 +18,7 @@ mod training;
 pub use bars::Bars;
 pub use chart::{Chart, Line, Scales};
 pub use colour::{coloured, signed};
+pub use colour_map::{colour_map, usual_range};
 pub use curve::Curve;
 pub use drawing::Drawing;
 pub use html::{Exhibit, Role};

@@ -145,7 +145,8 @@ impl Panels {
 }
 
 impl Scale {
-    fn draw(&self, body: &mut String, left: f64, top: f64) {
+    /// Adds a bar of the colours, and its meaning.
+    pub(super) fn draw(&self, body: &mut String, left: f64, top: f64) {
         const STEPS: u32 = 16;
         let Self {
             name,
@@ -162,10 +163,12 @@ impl Scale {
             let colour = map.eval_continuous(share);
             let _ = write!(body, "<stop offset='{share}' stop-color='#{colour:x}'/>");
         }
+        // Three digits of small values.
+        let digits = (2.0 - high.abs().log10().floor()).clamp(2.0, 6.0) as usize;
         let _ = write!(
             body,
             "</linearGradient><rect x='{left}' y='{top}' width='120' height='12' \
-             fill='url(#{id})'/><text x='{}' y='{}'>{} {low:.2} to {high:.2} {unit}</text>",
+             fill='url(#{id})'/><text x='{}' y='{}'>{} {low:.digits$} to {high:.digits$} {unit}</text>",
             left + 128.0,
             top + 11.0,
             escaped(name)

@@ -13,8 +13,9 @@ fn complete_writes_depth_as_npy_and_two_pictures() {
     for word in [
         "points    500",
         "depth",
-        "residual",
-        "left out",
+        "to expect between the points (leave-one-out)",
+        "at the points",
+        "written   rgb_depth.npy, rgb_depth.png, rgb_depth_color.png",
         "network",
         "fit",
         "dense",
@@ -248,7 +249,7 @@ fn points_can_be_kept_judged_and_weighted() {
     );
     let list = std::fs::read_to_string(folder.path().join("robust/rgb_outliers.csv")).unwrap();
     assert!(
-        list.starts_with("x,y,depth,depth_by_the_others,score,probability,weight\n"),
+        list.starts_with("u,v,depth,depth_by_the_others,score,probability,weight\n"),
         "{list}"
     );
     let line = format!("{},{},", wrong.x, wrong.y);
@@ -341,21 +342,12 @@ fn depth_is_made_of_base_functions_a_field_or_both() {
                 "-o",
                 fit,
                 "--uncertainty",
+                "--json",
             ])
             .assert()
             .success();
-        let line = text(&run)
-            .lines()
-            .find(|l| l.starts_with("residual"))
-            .unwrap()
-            .to_owned();
-        residuals.push(
-            line.split_whitespace()
-                .nth(1)
-                .unwrap()
-                .parse::<f64>()
-                .unwrap(),
-        );
+        let report: serde_json::Value = serde_json::from_str(&text(&run)).unwrap();
+        residuals.push(report["fit"]["residual"].as_f64().unwrap());
         let sigma = read_npy(&at.join(fit).join("rgb_sigma.npy"), 1.0).unwrap();
         assert_eq!(
             sigma.count(),
@@ -510,7 +502,7 @@ fn values_that_are_no_depth_are_counted_and_ignored() {
             .assert();
         let text = String::from_utf8(run.success().get_output().stdout.clone()).unwrap();
         assert_eq!(
-            text.contains("3 NaN, infinite or negative values ignored"),
+            text.contains("(3 without a usable depth or standard deviation)"),
             out == "b"
         );
     }

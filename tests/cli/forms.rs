@@ -74,7 +74,8 @@ fn clouds_are_seen_by_the_camera() {
             folder.path(),
             &["rgb.png", &scan, "--camera", "camera.toml"],
         );
-        assert!(told.contains("metres (a guess"), "{told}");
+        // Clouds are documented to be in metres.
+        assert!(told.contains("unit      metres\n"), "{told}");
         refused(
             folder.path(),
             &["complete", "rgb.png", &scan],
@@ -167,7 +168,8 @@ fn what_files_leave_out_is_counted() {
     let count = |name: &str| report["cloud"][name].as_u64().unwrap();
     assert_eq!(count("points") + count("uncertain"), pixels);
     assert!(count("uncertain") > 0 && count("unseen") == 0);
-    let words = format!("{} pixels above --max-sigma left out", count("uncertain"));
+    assert_eq!(report["left_empty"]["pixels"], count("uncertain"));
+    let words = format!("{} pixels left empty: standard", count("uncertain"));
     assert!(told.contains(&words), "{told}");
     let seen = Camera::read(&at("camera.toml")).unwrap();
     let cloud = Sparse::read(&at("sure/rgb_cloud.ply"), None, Some(&seen), (304, 228)).unwrap();
@@ -278,7 +280,7 @@ fn reports_say_in_json_what_is_told_in_words() {
     assert_eq!(written["image"], "rgb.png");
     assert_eq!(written["points"]["used"], 500);
     assert_eq!(written["points"]["unit"], "metres");
-    assert_eq!(written["points"]["unit_guessed"], true);
+    assert_eq!(written["points"]["unit_guessed"], false);
     assert_eq!(written["fit"]["method"], "joint");
     let depth = &written["depth"];
     assert!(depth["lowest"].as_f64() < depth["highest"].as_f64());
@@ -368,7 +370,8 @@ fn colours_of_a_video_have_one_range() {
     complete(folder.path(), &[&args[..], &["--range", "0,20"]].concat());
     let depth = read_npy(&at("out/rgb_depth.npy"), 1.0).unwrap();
     let found = read_rgb(&at("out/rgb_depth_color.png")).unwrap();
-    assert_eq!(found, lsdc::report::coloured(&depth, 0.0, 20.0));
+    let expected = lsdc::report::colour_map(&depth, 0.0, 20.0, "m").unwrap();
+    assert_eq!(found, expected);
     let wrong = [&["complete"], &args[..], &["--range", "4,2"]].concat();
     let run = lsdc(folder.path()).args(wrong).assert().code(2);
     let said = String::from_utf8(run.get_output().stderr.clone()).unwrap();

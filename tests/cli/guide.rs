@@ -165,15 +165,20 @@ fn check_depths(folder: &Path) {
         let depth = read_npy(&path, 1.0).unwrap();
         let size = (depth.width(), depth.height());
         assert_eq!(size, (truth.width(), truth.height()), "{}", path.display());
-        assert_eq!(depth.count(), depth.values().len(), "{}", path.display());
+        let of = |name: &str| path.starts_with(folder.join("out").join(name));
+        // Pixels that are left empty are few here.
+        let least = if of("sparing") { 0.9 } else { 1.0 };
+        let share = depth.count() as f64 / depth.values().len() as f64;
+        assert!(share >= least, "{}: {share}", path.display());
         // The phone's map is 2 m everywhere.
-        let phone = path.starts_with(folder.join("out/arkit"));
+        let phone = of("arkit");
         let pairs = depth.values().iter().zip(truth.values());
+        let pairs = pairs.filter(|(a, _)| **a > 0.0);
         let off = pairs.map(|(a, b)| {
             let b = if phone { 2.0 } else { *b };
             (a - b).abs() / b
         });
-        let off = off.sum::<f32>() / depth.values().len() as f32;
+        let off = off.sum::<f32>() / depth.count() as f32;
         assert!(off < 0.1, "{}: mean relative error {off}", path.display());
     }
 }

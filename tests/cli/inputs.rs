@@ -185,7 +185,7 @@ fn two_files_of_points_of_one_image_are_ambiguous() {
 }
 
 /// A model of COLMAP with these lines of images, of whose points the first is at 5 and the second at 7.
-fn write_model(model: &Path, images: &str) {
+pub(super) fn write_model(model: &Path, images: &str) {
     std::fs::create_dir_all(model).unwrap();
     let camera = "1 SIMPLE_PINHOLE 32 24 40 16 12\n";
     std::fs::write(model.join("cameras.txt"), camera).unwrap();

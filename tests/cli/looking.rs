@@ -15,7 +15,7 @@ fn files_are_described() {
     for words in [
         format!("image     {width}x{height}, 8 bits, 3 channels"),
         format!("depths    {width}x{height}, 500 pixels"),
-        "metres (a guess)".to_owned(),
+        "unit      metres\n".to_owned(),
     ] {
         assert!(told.contains(&words), "{told}");
     }
@@ -75,7 +75,7 @@ fn a_dataset_with_one_split_is_described() {
     let run = lsdc(folder.path()).args(inspect).assert().success();
     let told = text(&run);
     assert!(told.contains("train     none: no `train` frame"), "{told}");
-    assert!(told.contains("val       1 frames"), "{told}");
+    assert!(told.contains("val       1 frame,"), "{told}");
 }
 
 #[test]
@@ -135,11 +135,23 @@ fn help_shows_few_flags_first_and_all_in_groups() {
         "--depth-unit",
         "--camera",
         "--robust",
+        "--size",
+        "--noise",
+        "--uncertainty",
+        "--outliers",
+        "--force",
     ] {
         assert!(short.contains(flag), "{short}");
     }
-    // These, --help and --version.
-    assert!(flags(&short) <= 7, "{short}");
+    // These, --guide, --help and --version, each on a few lines.
+    assert!(flags(&short) <= 13, "{short}");
+    assert!(short.lines().count() <= 60, "{short}");
+    for command in ["complete", "view", "serve"] {
+        let long = help(&[command, "--help"]);
+        let words = long.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words.contains("[default: `default`, the most"), "{words}");
+        assert_eq!(words.contains("--guide"), command == "complete", "{words}");
+    }
     assert!(short.contains("shows every option"));
     let long = help(&["complete", "--help"]);
     assert!(flags(&long) > 20, "{long}");

@@ -14,11 +14,14 @@ mod looking;
 #[path = "../loopback/mod.rs"]
 mod loopback;
 mod many;
+mod messages;
+mod noise;
 mod outputs;
 mod recordings;
 mod reuse;
 #[cfg(feature = "serve")]
 mod serve;
+mod summary;
 mod weights;
 
 use assert_cmd::Command;

@@ -178,7 +178,10 @@ fn a_video_goes_on_where_it_stopped() {
     let flicker = |video: &[DepthMap]| video.array_windows().map(apart).sum::<f32>();
     assert!(flicker(&chain) < 0.95 * flicker(&alone));
 
-    for name in ["1_depth.npy", "1_weights.json", "2_depth.npy"] {
+    // Results and nothing else; what a run resumes from is hidden.
+    let expected: Vec<_> = (0..6).map(|i| format!("{i}_depth.npy")).collect();
+    assert_eq!(names(&at("chain")), expected);
+    for name in ["1_depth.npy", ".lsdc/1.png.weights.json", "2_depth.npy"] {
         std::fs::remove_file(at("chain").join(name)).unwrap();
     }
     assert_eq!(run("chain", &["--temporal"]), chain);
@@ -193,6 +196,12 @@ fn a_video_goes_on_where_it_stopped() {
         "0/2",
     ];
     refused(folder.path(), &part, &["cannot be combined"]);
+    let one = ["complete", "rgb.png", "sparse.npy", "--temporal"];
+    refused(
+        folder.path(),
+        &one,
+        &["one image has none before it", "hint:"],
+    );
     let untrained = [
         "complete",
         "images",

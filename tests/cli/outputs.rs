@@ -83,7 +83,6 @@ fn a_pipe_takes_one_file_of_one_image() {
     for more in [
         &["--uncertainty"][..],
         &["--outliers"],
-        &["--temporal"],
         &["--json"],
         &["--formats", "npy,png"],
         &["--uncertainty", "--formats", "tiff"],
@@ -193,8 +192,8 @@ fn options_that_would_change_nothing_are_refused() {
             ["`--range`", "colour maps"],
         ),
         (
-            &["--max-sigma=0.1", "--formats=npy"],
-            ["`--max-sigma`", "clouds"],
+            &["--method=linear", "--max-sigma=0.1"],
+            ["`--max-sigma`", "need method `lsdc`"],
         ),
         (
             &["--method=linear", "--robust=huber"],

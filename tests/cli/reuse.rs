@@ -176,7 +176,7 @@ fn results_of_other_points_or_images_are_not_gone_on_with() {
     refused(
         folder.path(),
         &COMPLETE,
-        &["1 results", "b.npy` has changed"],
+        &["1 result of other", "b.npy` has changed"],
     );
     let forced = [&COMPLETE[..], &["--force"]].concat();
     lsdc(folder.path()).args(forced).assert().success();

@@ -13,7 +13,11 @@ pub(super) struct Neighbours {
 
 impl Neighbours {
     pub(super) fn new(sparse: &DepthMap) -> Self {
-        let points: Vec<Point> = sparse.points().collect();
+        Self::of(sparse.points().collect())
+    }
+
+    /// Some of the points of a map.
+    pub(super) fn of(points: Vec<Point>) -> Self {
         let places: Vec<[f64; 2]> = points.iter().map(|p| [p.x as f64, p.y as f64]).collect();
         Self {
             points,

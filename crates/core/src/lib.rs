@@ -72,6 +72,7 @@ mod map;
 pub mod nearest;
 #[doc(hidden)]
 pub mod network;
+mod noise_model;
 mod observations;
 mod resize;
 mod scene;
@@ -93,6 +94,7 @@ pub use error::{Error, FitError, ImageError, Result, SettingsError, WeightsError
 pub use fit::RANGE;
 pub use image::{Channels, Image, MAX_PIXELS};
 pub use map::{DepthMap, Point};
+pub use noise_model::DepthNoise;
 pub use observations::{Observation, Observations};
 pub use scene::Scene;
 #[doc(inline)]

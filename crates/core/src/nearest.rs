@@ -123,17 +123,27 @@ impl Cells {
         off[0] * off[0] + off[1] * off[1]
     }
 
+    /// Visits the places in the cells on the outline of a square: not the cells within, which are many more.
     fn ring(&self, [column, row]: [i64; 2], ring: i64, mut visit: impl FnMut(usize)) {
         let within = |middle: i64, count: usize| {
             (middle - ring).max(0)..(middle + ring + 1).min(count as i64)
         };
+        let columns = within(column, self.columns);
         for r in within(row, self.rows) {
-            for c in within(column, self.columns) {
-                if (r - row).abs().max((c - column).abs()) == ring {
-                    let cell = r as usize * self.columns + c as usize;
-                    for &i in &self.members[self.starts[cell]..self.starts[cell + 1]] {
-                        visit(i);
-                    }
+            // Top and bottom have all columns, the rows between two.
+            let step = if (r - row).abs() == ring { 1 } else { 2 * ring };
+            let first = if step == 1 {
+                columns.start
+            } else {
+                column - ring
+            };
+            for c in (first..columns.end).step_by(step as usize) {
+                if c < 0 {
+                    continue;
+                }
+                let cell = r as usize * self.columns + c as usize;
+                for &i in &self.members[self.starts[cell]..self.starts[cell + 1]] {
+                    visit(i);
                 }
             }
         }

@@ -37,8 +37,19 @@ pub(super) fn meaning(
     const NEARLY_ALL: f64 = 0.95;
     /// A cloud in metres takes so few pixels: a room one or two hundredths of an image.
     const CROWDED: f64 = 0.1;
-    if table.columns != Columns::Unnamed {
-        return Ok(table.columns);
+    match table.columns {
+        Columns::Unnamed => {}
+        Columns::Outliers => {
+            return Err(Error::format(
+                path,
+                "is a list of outliers: points that disagree with the others",
+            )
+            .hint(
+                "give the points that it was made from, with --robust auto; to use the list all the same, leave all \
+                 columns out but u, v and depth",
+            ));
+        }
+        named => return Ok(named),
     }
     let found = Evidence::of(table, camera, size, metres);
     let mostly_pixels = found.as_pixels >= 0.5;
@@ -212,6 +223,17 @@ mod tests {
         }
         // Without a depth nothing can be told.
         assert!(decide(&table([[1.0, 1.0, 0.0]].into_iter())).is_err());
+    }
+
+    #[test]
+    fn outliers_are_no_points_to_fit() {
+        let outliers = Table {
+            columns: Columns::Outliers,
+            ..spread([0.0, 0.0, 1.0], [639.0, 479.0, 8.0])
+        };
+        let error = meaning(Path::new("a.csv"), &outliers, None, SIZE, 1.0).unwrap_err();
+        assert!(error.to_string().contains("list of outliers"), "{error}");
+        assert!(error.advice().unwrap().contains("--robust auto"));
     }
 
     #[test]

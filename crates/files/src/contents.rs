@@ -112,7 +112,7 @@ impl Contents {
             deviations: table.rows.iter().any(|row| row.fourth.is_some()),
             points: found,
             unit: known.unit,
-            named: table.columns == Columns::Pixels,
+            named: matches!(table.columns, Columns::Pixels | Columns::Outliers),
         }
     }
 

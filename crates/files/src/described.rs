@@ -1,7 +1,7 @@
 //! A completion in numbers, by the names that `lsdc complete --json` and the service share: metres, and counts of pixels.
 
 use crate::Cloud;
-use lsdc_core::{Completion, DepthMap};
+use lsdc_core::{Completion, DepthMap, Outlier};
 use serde::Serialize;
 
 /// A depth map.
@@ -65,6 +65,9 @@ pub struct DescribedFit {
     /// Root mean square of the leave-one-out errors (PRESS), if points were judged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leave_one_out: Option<f64>,
+    /// The same without outliers, if points were judged: the error to expect between the points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub leave_one_out_inliers: Option<f64>,
     /// Points that were found to be outliers, if points were judged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outliers: Option<usize>,
@@ -85,22 +88,36 @@ impl DescribedFit {
     pub fn new(
         completion: &Completion,
         leave_one_out: Option<f64>,
-        outliers: Option<usize>,
+        outliers: Option<&[Outlier]>,
         deviations: bool,
     ) -> Self {
         let report = completion.report();
+        let of_inliers = leave_one_out.and(outliers);
+        let of_inliers = of_inliers.and_then(|outliers| error_of_inliers(completion, outliers));
         let deviations_of_95 = deviations.then(|| completion.interval(0.95).ok());
         Self {
             method: report.method.name(),
             residual: report.residual,
             leave_one_out,
-            outliers,
+            leave_one_out_inliers: of_inliers,
+            outliers: outliers.map(<[Outlier]>::len),
             deviations_of_95: deviations_of_95.flatten(),
             rank: report.rank,
             functions: report.functions,
             guide_trust: report.guide_trust,
         }
     }
+}
+
+/// Root mean square of the leave-one-out errors of the points that are no outliers; nothing if none of them has one.
+fn error_of_inliers(completion: &Completion, outliers: &[Outlier]) -> Option<f64> {
+    let mut errors = completion.leave_one_out();
+    for outlier in outliers {
+        errors[outlier.index] = f64::NAN;
+    }
+    errors.retain(|error| !error.is_nan());
+    let sum: f64 = errors.iter().map(|error| error * error).sum();
+    (!errors.is_empty()).then(|| (sum / errors.len() as f64).sqrt())
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref)]

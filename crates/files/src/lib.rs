@@ -15,6 +15,7 @@
 //! ```
 
 mod camera;
+mod certain;
 mod cloud;
 mod colmap;
 mod columns;
@@ -30,6 +31,7 @@ mod stored;
 mod unit;
 
 pub use camera::{Camera, CameraInfo};
+pub use certain::without_uncertain;
 pub use cloud::Cloud;
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
@@ -39,8 +41,8 @@ pub use files::{
     encode_npz, encode_ply, from_planes, has_ending, image_size, images_below, is_image, png_unit,
     raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_pair, read_rgb,
     read_upright, reading_at_most, remove_leftovers, stored_unit, write_atomically,
-    write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz, write_pfm,
-    write_ply, write_rgb, write_tiff,
+    write_colour_map, write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz,
+    write_pfm, write_ply, write_rgb, write_tiff,
 };
 pub use guide::{GUIDE_ENDINGS, GuideSource};
 pub use lsdc_core::{DepthMap, Point};

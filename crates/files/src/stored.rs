@@ -50,8 +50,11 @@ impl KnownUnit {
         }
     }
 
+    /// Whether the unit is a guess. Metres of floats are none, as every form of them is documented to be in metres; they
+    /// become one if there is a [doubt](Self::doubt).
     pub(super) fn is_guessed(self) -> bool {
-        self.guessed_from.is_some()
+        self.guessed_from
+            .is_some_and(|numbers| numbers != Numbers::Floats)
     }
 
     /// Why the guess may be wrong, by the depths in metres that it leads to.
@@ -144,13 +147,13 @@ pub(super) fn read_stored(
         check_sizes(path, &depth, sigma)?;
     }
     let known = known(numbers);
-    let depths = depth.points().map(|point| point.depth).collect();
+    let doubt = known.doubt(depth.points().map(|point| point.depth).collect());
     Ok(Stored::Map(StoredMap {
-        remarks: known.doubt(depths).into_iter().collect(),
         depth,
         sigma,
         unit: known.unit,
-        guessed: known.is_guessed(),
+        guessed: known.is_guessed() || doubt.is_some(),
+        remarks: doubt.into_iter().collect(),
     }))
 }
 

@@ -32,6 +32,11 @@ impl Unit {
         (count > 0.0 && count.is_finite()).then_some(Self(Some(count)))
     }
 
+    /// The unit of depths that were read in this unit: metres, or that of the model.
+    pub fn of_depths(self) -> &'static str {
+        self.0.map_or("units", |_| "m")
+    }
+
     /// What stored numbers are multiplied by: metres to one unit, or 1 where that is not known.
     pub fn metres(self) -> f64 {
         self.0.map_or(1.0, |count| 1.0 / count)

@@ -168,7 +168,7 @@ pub(crate) async fn again(
     let work = move |task: &Task| {
         let Kept { frame, scene } = &*kept;
         let read = || match &sent {
-            Sent::List(points) => Ok(frame.listed(points.clone(), &options)),
+            Sent::List(points) => frame.listed(points.clone(), &options),
             Sent::Form(upload) => frame
                 .points(upload, &options, &own.config.limits)
                 .map_err(|fault| upload.named(fault)),

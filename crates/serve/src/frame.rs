@@ -79,7 +79,7 @@ impl Frame {
         let path = upload.need("points")?;
         if is_list(path) {
             let json = std::fs::read(path).map_err(|_| Fault::failed())?;
-            return Ok(self.listed(Points::parse(&json, limits.points)?, options));
+            return self.listed(Points::parse(&json, limits.points)?, options);
         }
         if is_cloud(path) && self.camera.is_none() {
             let what = "points in space need the part `camera`, to be projected into the image";
@@ -98,14 +98,24 @@ impl Frame {
         if points.points.len() > limits.points {
             return Err(too_many(points.points.len(), limits.points));
         }
-        points.points = with_sigma(points.points.iter(), options.sigma);
+        if options.noise()?.is_some() && (points.guessed || points.unit == Unit::MODEL) {
+            let what = format!(
+                "`noise` is in metres, but the unit of the depths is a guess: {}",
+                points.unit
+            );
+            return Err(Fault::unusable(what).hint("send the option `depth_unit`, as in \"mm\""));
+        }
+        points.points = with_sigma(points.points.iter(), options)?;
         Ok(points)
     }
 
     /// Points of a list, which are taken as they are.
-    pub(crate) fn listed(&self, points: Points, options: &Options) -> Sparse {
-        Sparse {
-            points: with_sigma(points.0.iter(), options.sigma),
+    ///
+    /// # Errors
+    /// Options that were not checked.
+    pub(crate) fn listed(&self, points: Points, options: &Options) -> Result<Sparse, Fault> {
+        Ok(Sparse {
+            points: with_sigma(points.0.iter(), options)?,
             size: self.size(),
             unit: Unit::METRE,
             guessed: false,
@@ -113,7 +123,7 @@ impl Frame {
             outside: 0,
             hidden: 0,
             remarks: Vec::new(),
-        }
+        })
     }
 }
 
@@ -144,13 +154,17 @@ fn is_cloud(path: &Path) -> bool {
 
 fn with_sigma<'a>(
     points: impl Iterator<Item = &'a Observation>,
-    sigma: Option<f32>,
-) -> lsdc_core::Observations {
+    options: &Options,
+) -> Result<lsdc_core::Observations, Fault> {
     let points = points.map(|point| Observation {
-        sigma: point.sigma.or(sigma),
+        sigma: point.sigma.or(options.sigma),
         ..*point
     });
-    points.collect()
+    let points = points.collect();
+    Ok(match options.noise()? {
+        Some(noise) => noise.applied(&points).0,
+        None => points,
+    })
 }
 
 /// A camera from its file, or four numbers. (A name of another file would be read by `Camera::from_str`.)

@@ -1,6 +1,7 @@
 //! What a request asks of the fit and of the answer, by the names that `lsdc complete` uses.
 
 use crate::fault::Fault;
+use lsdc_core::DepthNoise;
 use lsdc_core::fit::Changes;
 use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust, Space};
 use lsdc_files::Unit;
@@ -28,6 +29,8 @@ pub(crate) struct Options {
     space: Option<Space>,
     /// Metres, for points without a standard deviation of their own.
     pub(crate) sigma: Option<f32>,
+    /// The noise of a depth camera, for points without a standard deviation of their own: a name, or A,B,C.
+    noise: Option<String>,
     depth_unit: Option<String>,
     /// Metres: pixels that are less sure are left out of clouds.
     pub(crate) max_sigma: Option<f32>,
@@ -66,8 +69,21 @@ impl Options {
                 return Err(Fault::unusable(what));
             }
         }
+        if self.sigma.is_some() && self.noise.is_some() {
+            let what = "the options `sigma` and `noise` are for the same points";
+            return Err(Fault::unusable(what).hint("give either of them"));
+        }
         self.unit()?;
+        self.noise()?;
         Ok(self)
+    }
+
+    /// The noise of a depth camera, if one is named.
+    pub(crate) fn noise(&self) -> Result<Option<DepthNoise>, Fault> {
+        let noise = self.noise.as_deref().map(str::parse::<DepthNoise>);
+        noise
+            .transpose()
+            .map_err(|error| lsdc_core::Error::from(error).into())
     }
 
     /// What takes the place of the settings of the weights.
@@ -128,6 +144,8 @@ mod tests {
             ("{\"sigma\": -1}", Kind::Unusable),
             ("{\"max_sigma\": 0}", Kind::Unusable),
             ("{\"depth_unit\": \"furlong\"}", Kind::Unusable),
+            ("{\"noise\": \"radar\"}", Kind::Unusable),
+            ("{\"noise\": \"tof\", \"sigma\": 0.1}", Kind::Unusable),
             ("{\"layers\": [\"normals\"]}", Kind::Malformed),
         ] {
             assert_eq!(

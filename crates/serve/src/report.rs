@@ -77,7 +77,7 @@ impl Report {
             fit: DescribedFit::new(
                 &found.completion,
                 found.leave_one_out,
-                found.outliers.as_ref().map(Vec::len),
+                found.outliers.as_deref(),
                 found.deviations.is_some(),
             ),
             seconds: Seconds {

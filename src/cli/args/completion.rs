@@ -1,11 +1,12 @@
 //! Arguments of `complete` and `bench`.
 
-use super::values::{Format, range, size, typed};
+use super::values::{Format, deviation, noise, range, size, typed};
 use super::{FitFlags, Model, Recorded, Settings};
 use crate::data::{Camera, GuideSource, Shard, Unit};
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
 use clap::Args as ClapArgs;
+use lsdc_core::DepthNoise;
 use std::path::PathBuf;
 
 #[derive(Clone, Debug, ClapArgs)]
@@ -16,12 +17,16 @@ use std::path::PathBuf;
     after_long_help = "See docs/guide.md for example commands for every kind of data."
 )]
 pub(in crate::cli) struct Complete {
-    /// Colour image (JPEG, PNG, WebP, TIFF, BMP, PNM), or several: image files, a folder, a pattern such as
-    /// 'left/*.png', or a list (txt) with one image per line, optionally followed by its points file (else
-    /// the points are taken from the folder of points); quote names with spaces. `-` is standard input. None with a
-    /// recording, which holds both.
+    /// Colour image, or several: files, a folder, a pattern or a list; none with a recording.
+    ///
+    /// JPEG, PNG, WebP, TIFF, BMP or PNM. A pattern is quoted, as in 'left/*.png'. A list (txt) has one image per line,
+    /// optionally followed by its points file (else the points are taken from the folder of points); quote names with
+    /// spaces. `-` is standard input.
     pub(in crate::cli) rgb: Vec<PathBuf>,
-    /// Sparse depths: a depth map of the image's shape (npy, npz, 16-bit PNG, PGM, TIFF, EXR, PFM, HDF5); a
+    /// Sparse depths: a depth map, a table of points, a point cloud, a COLMAP model, or for several images a folder of
+    /// such files; or a recording of ROS 2 without an image.
+    ///
+    /// A depth map of the image's shape (npy, npz, 16-bit PNG, PGM, TIFF, EXR, PFM, HDF5); a
     /// table of points (csv, txt, npy of shape (points, 3 or 4)) with columns u, v, depth[, sigma], where u
     /// and v are pixels counted from 0 at the centre of the first, or with --camera x, y, z, as named by a
     /// header line `u,v,depth` or `x,y,z` (without a header, a table holds x, y, z if --camera is given and
@@ -32,47 +37,48 @@ pub(in crate::cli) struct Complete {
     /// folder of a bag, of which --image and --points name topics.
     #[arg(required = true)]
     pub(in crate::cli) sparse: PathBuf,
-    /// Folder for the results; for a single image also a file, whose extension selects the format, or `-`
-    /// for standard output; for a recording also an mcap file [default: the folder of the image].
+    /// Folder for the results, or for a single image a file [default: the folder of the image].
+    ///
+    /// The extension of a file selects the format; `-` is standard output. For a recording, also an mcap file.
     #[arg(short, long, value_name = "PATH", help_heading = "Output")]
     pub(in crate::cli) output: Option<PathBuf>,
-    /// Unit of the sparse depths: m, cm, mm, kitti (1/256 m), tum (1/5000 m), vkitti (1/100 m), or the
-    /// number of units per metre [default: mm for integers, m for other numbers, the model's unit for
-    /// COLMAP].
+    /// Unit of the sparse depths: m, cm, mm, kitti, tum, vkitti or a number [default: mm for integers, else m].
+    ///
+    /// kitti is 1/256 m, tum 1/5000 m, vkitti 1/100 m; a number counts the units per metre. Without this option, depths
+    /// from COLMAP stay in the unit of the model.
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT", help_heading = "Input")]
     pub(in crate::cli) depth_unit: Option<Unit>,
-    /// Camera intrinsics and pose, to project point clouds and back-project pixels: a file (TOML or JSON with
-    /// fx, fy, cx, cy, distortion, pose, or a ROS calibration in YAML), or FX,FY,CX,CY in pixels. If EXIF
-    /// rotates the image, they refer to the pixels as stored, unless their size matches only the upright
-    /// image.
+    /// Camera for point clouds: a file, or FX,FY,CX,CY in pixels.
+    ///
+    /// It projects point clouds and back-projects pixels. A file is TOML or JSON with fx, fy, cx, cy, distortion and
+    /// pose, or a ROS calibration in YAML. If EXIF rotates the image, intrinsics refer to the pixels as stored, unless
+    /// their size matches only the upright image.
     #[arg(long, value_parser = typed::<Camera>, value_name = "CAMERA", help_heading = "Input")]
     pub(in crate::cli) camera: Option<Camera>,
-    /// Output formats: npy (float32, metres), png (16 bits, millimetres or, if the depths do not fit, a
-    /// unit recorded in the file), color (a colour map), tiff, exr, pfm (metres), npz (metres; exr and npz
-    /// include the standard deviations of --uncertainty), ply (a coloured point cloud; needs a camera),
-    /// json (a report) [default: npy,png,color].
+    /// Output formats: npy, npz, png, color, tiff, exr, pfm, ply, json [default: npy,png,color].
+    ///
+    /// npy (float32, metres), png (16 bits, millimetres or, if the depths do not fit, a unit recorded in the file), color
+    /// (a colour map with its scale), tiff, exr, pfm (metres), npz (metres; exr and npz include the standard deviations
+    /// of --uncertainty), ply (a coloured point cloud; needs a camera), json (a report).
     #[arg(
         long,
         value_enum,
+        hide_possible_values = true,
         value_delimiter = ',',
         value_name = "FORMAT,...",
         help_heading = "Output"
     )]
     pub(in crate::cli) formats: Option<Vec<Format>>,
-    /// Depths in metres of the first and the last colour of the colour map [default: the nearest and the
-    /// farthest depth].
+    /// Depths in metres of the first and the last colour of the colour map [default: the range of the middle 98 % of
+    /// the pixels].
     #[arg(long, value_parser = range, value_name = "LOW,HIGH", help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) range: Option<(f32, f32)>,
-    /// Leave out of point clouds the pixels whose standard deviation is larger, in metres.
-    #[arg(
-        long,
-        value_name = "METRES",
-        help_heading = "Output",
-        hide_short_help = true
-    )]
+    /// Leave pixels empty whose standard deviation is larger, in metres: 0 in depth maps, no point in clouds. The summary
+    /// and the report count them.
+    #[arg(long, value_parser = deviation, value_name = "METRES", help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) max_sigma: Option<f32>,
     /// Size of the result, as WIDTHxHEIGHT [default: the size of the image].
-    #[arg(long, value_parser = size, help_heading = "Output", hide_short_help = true)]
+    #[arg(long, value_parser = size, help_heading = "Output")]
     pub(in crate::cli) size: Option<Size>,
     /// Completion method: lsdc, nearest, linear, idw, tps, wls, levin, steering, ip-basic; with weights of their own, given
     /// by --weights, s2d, cspn, lsk (`lsdc eval --help` says which publication each is from).
@@ -94,7 +100,7 @@ pub(in crate::cli) struct Complete {
     /// The standard deviation of each sparse depth, as a map in the unit of the depths [default: the sigma
     /// column of a table]. It is absolute: how far the measurement may be off the true depth there. The less
     /// precise points are, compared with how depth varies between them, the smoother the result, and the larger
-    /// its own standard deviations. Points without one are taken to be exact.
+    /// its own standard deviations. For points without one, the noise of the fit is assumed.
     #[arg(
         long,
         value_name = "FILE",
@@ -102,32 +108,45 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) sigma: Option<PathBuf>,
-    /// A dense prediction of depth by another network or program, which need not be of the image's size: a file (npy,
-    /// npz, PNG, TIFF, EXR, PFM or HDF5), and what it holds: depth (as if nothing is said), disparity (inverse depth)
-    /// or log, as in `map.npy:disparity`. The fit finds its scale and shift, and from the points how far to trust it.
-    /// For several images: a folder of such files with matching names. It shows the upright image.
+    /// Noise of a depth camera: kinect, realsense, tof, or A,B,C [default: none].
+    ///
+    /// The standard deviation of a depth of z metres is A + B z + C z^2 metres; it is used for all points that have none.
+    /// kinect: Kinect v1 and PrimeSense, 0.0015 - 0.0015 z + 0.0019 z^2 (Nguyen et al. 2012). realsense: D435,
+    /// 0.0036 z^2 (Intel). tof: Kinect v2 and other time-of-flight cameras, 0.0015 - 0.0005 z + 0.0003 z^2
+    /// (Fankhauser et al. 2015). Needs --depth-unit for depths in integers, whose unit would be a guess.
+    #[arg(long, value_parser = noise, value_name = "MODEL", help_heading = "Input", allow_hyphen_values = true)]
+    pub(in crate::cli) noise: Option<DepthNoise>,
+    /// Dense depth prediction to use as a guide. KIND: depth, disparity or log [default: depth].
+    ///
+    /// A prediction by another network or program, which need not be of the image's size: npy, npz, PNG, TIFF, EXR, PFM or
+    /// HDF5. Disparity is inverse depth, as in `map.npy:disparity`. The fit finds its scale and shift, and from the
+    /// points how far to trust it. For several images: a folder of such files with matching names. It shows the upright
+    /// image. With --weights none, depth is completed from the guide without a network.
     #[arg(long, value_parser = typed::<GuideSource>, value_name = "FILE[:KIND]", help_heading = "Input")]
     pub(in crate::cli) guide: Option<GuideSource>,
-    /// Also write the standard deviation of every pixel of the result, in metres: half the width of the
-    /// interval that holds 68.3 % of errors. The summary says how many of them hold 95 %.
-    #[arg(long, help_heading = "Output", hide_short_help = true)]
+    /// Also write the standard deviation of every pixel of the result, in metres.
+    ///
+    /// It is half the width of the interval that holds 68.3 % of errors. The summary has the number of standard deviations
+    /// that hold 95 %.
+    #[arg(long, help_heading = "Output")]
     pub(in crate::cli) uncertainty: bool,
     /// Also write a list of the points that disagree with the others.
-    #[arg(long, help_heading = "Output", hide_short_help = true)]
+    #[arg(long, help_heading = "Output")]
     pub(in crate::cli) outliers: bool,
     /// Run the network on the image at full resolution, instead of resizing it to the number of pixels of
     /// the training images. Rarely more accurate, and slower by far.
     #[arg(long, help_heading = "Network", hide_short_help = true)]
     pub(in crate::cli) full: bool,
     /// Treat the images as a video: the weights of the basis functions are pulled towards those of the
-    /// previous frame, which reduces flicker with few points. Also writes the weights of each frame.
+    /// previous frame, which reduces flicker with few points. The weights of each frame are kept in the folder .lsdc of
+    /// the results, for a run that resumes.
     #[arg(long, help_heading = "Several frames", hide_short_help = true)]
     pub(in crate::cli) temporal: bool,
     /// Complete only part I of N of the images (I starts at 0).
     #[arg(long, value_parser = typed::<Shard>, default_value = "0/1", value_name = "I/N", help_heading = "Several frames", hide_short_help = true)]
     pub(in crate::cli) shard: Shard,
     /// Replace existing results.
-    #[arg(long, help_heading = "Output", hide_short_help = true)]
+    #[arg(long, help_heading = "Output")]
     pub(in crate::cli) force: bool,
     /// Print one JSON object per frame.
     #[arg(long, help_heading = "Output", hide_short_help = true)]

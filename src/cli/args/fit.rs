@@ -11,9 +11,17 @@ pub(in crate::cli) struct FitFlags {
     /// the image), joint (both) [default: as stored with the weights].
     #[arg(long = "fit", value_parser = typed::<NamedFit>, value_name = "METHOD", help_heading = "Fit", hide_short_help = true)]
     fit_method: Option<NamedFit>,
-    /// Robust loss, which limits the influence of outliers; auto costs next to nothing where there are none
-    /// [default: as stored with the weights].
-    #[arg(long, value_enum, value_name = "LOSS", help_heading = "Fit")]
+    /// Robust loss, which limits the influence of outliers: none, irls, huber, cauchy, gm, tukey or auto [default: as
+    /// stored with the weights].
+    ///
+    /// Use auto: it changes next to nothing where there are no outliers.
+    #[arg(
+        long,
+        value_enum,
+        hide_possible_values = true,
+        value_name = "LOSS",
+        help_heading = "Fit"
+    )]
     robust: Option<Robustness>,
     /// Prior over the weights of the basis functions: none (the paper's fit), flat, learned [default: as
     /// stored with the weights].

@@ -106,8 +106,8 @@ impl Command {
 
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct Model {
-    /// Weights file, a name listed by `lsdc weights list`, or `none` for no network, to complete a --guide alone
-    /// [default: the most accurate of these].
+    /// Weights file, or a name listed by `lsdc weights list` [default: `default`, the most accurate weights that need
+    /// nothing installed].
     #[arg(
         long,
         value_name = "FILE",

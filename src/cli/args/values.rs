@@ -8,16 +8,21 @@ use crate::predict::{Method, Preserve};
 use crate::sample::{Interpolation, Size};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use lsdc_core::DepthNoise;
 use lsdc_core::fit::{FitMethod, Loss, PriorKind, Robust, Space};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Parses a value; the error includes the hint.
 pub(super) fn typed<T: FromStr<Err = Error>>(text: &str) -> std::result::Result<T, String> {
-    text.parse().map_err(|error: Error| match error.advice() {
+    text.parse().map_err(with_hint)
+}
+
+fn with_hint(error: Error) -> String {
+    match error.advice() {
         Some(hint) => format!("{error}; {hint}"),
         None => error.to_string(),
-    })
+    }
 }
 
 /// A method that can be trained.
@@ -55,8 +60,16 @@ pub(super) fn named_folder(text: &str) -> Result<(String, PathBuf)> {
     Ok((name, folder))
 }
 
-pub(super) fn size(text: &str) -> Result<Size> {
-    let wrong = || Error::config(format!("`{text}` is not a size")).hint("as in 640x480");
+/// `WIDTHxHEIGHT`; the error includes the hint.
+pub(super) fn size(text: &str) -> std::result::Result<Size, String> {
+    read_size(text).map_err(with_hint)
+}
+
+fn read_size(text: &str) -> Result<Size> {
+    let wrong = || {
+        Error::config(format!("`{text}` is not a size"))
+            .hint("a size is WIDTHxHEIGHT, as in 640x480")
+    };
     let (width, height) = text.split_once('x').ok_or_else(wrong)?;
     let length = |t: &str| {
         t.parse()
@@ -72,8 +85,27 @@ pub(super) fn size(text: &str) -> Result<Size> {
     Ok(Size { height, width })
 }
 
-/// `LOW,HIGH` in metres, neither below 0.
-pub(super) fn range(text: &str) -> Result<(f32, f32)> {
+/// The noise of a depth camera; the error includes the hint.
+pub(super) fn noise(text: &str) -> std::result::Result<DepthNoise, String> {
+    let found = text.parse::<DepthNoise>();
+    found.map_err(|error| with_hint(error.into()))
+}
+
+/// A standard deviation in metres, above 0.
+pub(super) fn deviation(text: &str) -> std::result::Result<f32, String> {
+    let found = text
+        .parse()
+        .ok()
+        .filter(|v: &f32| *v > 0.0 && v.is_finite());
+    found.ok_or_else(|| format!("`{text}` is no standard deviation; metres above 0, as in 0.2"))
+}
+
+/// `LOW,HIGH` in metres, neither below 0; the error includes the hint.
+pub(super) fn range(text: &str) -> std::result::Result<(f32, f32), String> {
+    read_range(text).map_err(with_hint)
+}
+
+fn read_range(text: &str) -> Result<(f32, f32)> {
     let numbers = text.split_once(',').and_then(|(low, high)| {
         let numbers = (
             low.trim().parse::<f32>().ok()?,
@@ -82,8 +114,10 @@ pub(super) fn range(text: &str) -> Result<(f32, f32)> {
         let sound = 0.0 <= numbers.0 && numbers.0 < numbers.1 && numbers.1.is_finite();
         sound.then_some(numbers)
     });
-    numbers
-        .ok_or_else(|| Error::config(format!("`{text}` is no range of depths")).hint("as in 0.5,8"))
+    numbers.ok_or_else(|| {
+        Error::config(format!("`{text}` is no range of depths"))
+            .hint("LOW,HIGH in metres, as in 0.5,8")
+    })
 }
 
 /// An experiment, or all of them.

@@ -70,7 +70,10 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
             &engine,
             (&failures, &stop),
             |(name, _)| name,
-            |(_, frame)| recorded.load(frame),
+            |(_, frame)| {
+                let (header, loaded) = recorded.load(frame)?;
+                Ok((header, loaded.with_options(args)?))
+            },
             |_, loaded, prepared| prepared.fit(&loaded.points, None),
             |(name, frame), header, loaded, completed| {
                 let (forms, messages, beyond) = messages(args, &header, loaded, completed)?;
@@ -137,9 +140,6 @@ fn check(args: &Complete, output: &Path) -> Result<()> {
         let what = format!("{option} is not for results in a recording");
         return Err(Error::config(what).hint("leave it out, or give -o DIR"));
     }
-    if args.max_sigma.is_some() && !args.recorded.cloud {
-        return Err(Error::config("`--max-sigma` is for clouds").hint("give --cloud"));
-    }
     let real = |path: &Path| path.canonicalize().ok();
     if output.exists() && real(output) == real(&args.sparse) {
         let what = format!("`{}` is the recording", output.display());
@@ -190,10 +190,7 @@ fn messages(
     if let Some(sigma) = deviations.filter(|_| args.uncertainty) {
         messages.push((SIGMA, Kind::Image, write_depth(header, sigma, false).0));
     }
-    let mut forms = Forms {
-        png: None,
-        cloud: None,
-    };
+    let mut forms = Forms::default();
     if args.recorded.cloud {
         let camera = loaded.camera.as_ref().ok_or_else(|| {
             Error::config("`--cloud` needs the camera of the images")

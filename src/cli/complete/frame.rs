@@ -3,7 +3,7 @@
 use super::inputs::Loaded as Frame;
 use crate::cli::args::{Complete, Format};
 use crate::cli::systems::open_system;
-use crate::data::{DepthMap, Sparse};
+use crate::data::{self, DepthMap, Sparse, Unit};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::predict::{self, Classic, Method, complete_classic, open_completer};
@@ -11,6 +11,7 @@ use crate::systems::Predictor;
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Scene};
+use serde::Serialize;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
@@ -63,7 +64,18 @@ pub(super) struct Completed {
     pub(super) depth: DepthMap,
     /// How many of its pixels are clamped to ten times the range of the points.
     pub(super) clamped: usize,
+    /// With `--max-sigma`.
+    pub(super) left_empty: Option<LeftEmpty>,
     pub(super) diagnostics: Option<Diagnostics>,
+}
+
+/// Pixels without a depth, as their standard deviation is too large.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(super) struct LeftEmpty {
+    /// How many.
+    pub(super) pixels: usize,
+    /// The largest standard deviation of a depth.
+    pub(super) max_sigma: f32,
 }
 
 /// What a fit says of itself.
@@ -74,6 +86,8 @@ pub(super) struct Diagnostics {
     /// The points that do not agree with the others, the worst first.
     pub(super) outliers: Option<Vec<Outlier>>,
     pub(super) deviations: Option<DepthMap>,
+    /// Whether the fit limits the influence of outliers.
+    pub(super) robust: bool,
     /// The time of reading out the dense depth.
     pub(super) dense: Duration,
 }
@@ -164,14 +178,34 @@ impl<'a> Engine<'a> {
             Fitted::Whole(method) => (method.complete(rgb, &points.map()?)?, 0, None),
         };
         let size = (rgb.width() as usize, rgb.height() as usize);
+        let preserve = self.args.preserve_input;
+        let mut depth = preserve.apply(depth, &points.points, size)?;
+        let mut left_empty = None;
+        let deviations = diagnostics
+            .as_ref()
+            .and_then(|found| found.deviations.as_ref());
+        if let (Some(max_sigma), Some(deviations)) = (self.args.max_sigma, deviations) {
+            let pixels;
+            (depth, pixels) = data::without_uncertain(depth, deviations, max_sigma)?;
+            if depth.count() == 0 {
+                return Err(none_left(deviations, max_sigma, points.unit));
+            }
+            left_empty = Some(LeftEmpty { pixels, max_sigma });
+        }
         Ok(Completed {
-            depth: self
-                .args
-                .preserve_input
-                .apply(depth, &points.points, size)?,
+            depth,
             clamped,
+            left_empty,
             diagnostics,
         })
+    }
+
+    /// Whether the fit limits the influence of outliers.
+    fn is_robust(&self) -> bool {
+        match &self.method {
+            Loaded::Trained(completer) => completer.fit_config().robust.is_some(),
+            Loaded::Whole(_) => false,
+        }
     }
 
     fn read_out(&self, completion: Completion) -> Result<(DepthMap, usize, Option<Diagnostics>)> {
@@ -187,7 +221,10 @@ impl<'a> Engine<'a> {
             .iter()
             .filter(|&&d| d <= low || d >= high)
             .count();
+        let robust = self.is_robust();
+        // The error to expect is that of the inliers.
         let judges = self.args.outliers
+            || self.explains && robust
             || self.counts_outliers && completion.report().used <= JUDGED_UNASKED;
         let wanted = self.args.uncertainty || self.args.max_sigma.is_some();
         let (width, height) = (depth.width(), depth.height());
@@ -196,11 +233,22 @@ impl<'a> Engine<'a> {
             leave_one_out: (self.explains.then(|| completion.leave_one_out_error())).flatten(),
             outliers: judges.then(|| completion.outliers()).transpose()?,
             deviations: deviations.transpose()?,
+            robust,
             completion,
             dense,
         };
         Ok((depth, clamped, Some(diagnostics)))
     }
+}
+
+/// That all depths are too uncertain.
+fn none_left(deviations: &DepthMap, max_sigma: f32, unit: Unit) -> Error {
+    let (least, _) = deviations.range().unwrap_or_default();
+    let m = unit.of_depths();
+    Error::config(format!(
+        "every pixel has a standard deviation above {max_sigma} {m}: the least is {least} {m}"
+    ))
+    .hint("give a larger --max-sigma, or leave it out")
 }
 
 /// More points than this are judged only for `--outliers`: it takes several fits.
@@ -249,6 +297,7 @@ impl Complete {
         let options = [
             ("`--size`", self.size.is_some()),
             ("`--sigma`", self.sigma.is_some()),
+            ("`--noise`", self.noise.is_some()),
             ("`--guide`", self.guide.is_some()),
             ("`--uncertainty`", self.uncertainty),
             ("`--max-sigma`", self.max_sigma.is_some()),
@@ -267,7 +316,7 @@ impl Complete {
 impl Diagnostics {
     /// The outliers as CSV, the worst first.
     pub(super) fn outliers_csv(&self, points: &Sparse) -> String {
-        let mut text = "x,y,depth,depth_by_the_others,score,probability,weight\n".to_owned();
+        let mut text = "u,v,depth,depth_by_the_others,score,probability,weight\n".to_owned();
         for outlier in self.outliers.iter().flatten() {
             let Some(point) = points.points.as_slice().get(outlier.index) else {
                 continue;

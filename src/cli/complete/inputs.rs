@@ -5,10 +5,10 @@ use super::failures::Failures;
 use super::recorded::Recorded;
 use crate::cli::args::Format;
 use crate::cli::ui;
-use crate::data::{self, Camera, Colmap, Sparse, View};
+use crate::data::{self, Camera, Colmap, Sparse, Unit, View};
 use crate::error::{Error, Result};
 use image::RgbImage;
-use lsdc_core::DepthGuide;
+use lsdc_core::{DepthGuide, DepthNoise};
 use lsdc_recordings::Frame;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
@@ -59,7 +59,65 @@ pub(super) struct Loaded {
     pub(super) skewed: bool,
     pub(super) camera: Option<Camera>,
     pub(super) guide: Option<DepthGuide>,
+    pub(super) noise: Option<Noise>,
     pub(super) reading: Duration,
+}
+
+/// The noise of a depth camera, and how many points have their standard deviations from it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Noise {
+    pub(super) model: DepthNoise,
+    pub(super) points: usize,
+}
+
+impl Loaded {
+    /// The same with the noise that is asked for, and doubts about the size of the result.
+    ///
+    /// # Errors
+    /// Noise in metres for depths in an unknown unit.
+    pub(super) fn with_options(mut self, args: &Complete) -> Result<Self> {
+        if let Some(model) = args.noise {
+            let Sparse { unit, guessed, .. } = self.points;
+            if guessed || unit == Unit::MODEL {
+                let what = if guessed {
+                    format!("but the unit of the depths is a guess: {unit}")
+                } else {
+                    "but the depths are in the unit of the model".to_owned()
+                };
+                return Err(Error::config(format!("`--noise` is in metres, {what}"))
+                    .hint("give --depth-unit, as in --depth-unit mm"));
+            }
+            let points;
+            (self.points.points, points) = model.applied(&self.points.points);
+            if points == 0 {
+                let what = "--noise is not used: all points have standard deviations of their own";
+                self.points.remarks.push(what.to_owned());
+            }
+            self.noise = Some(Noise { model, points });
+        }
+        let size = (self.rgb.width() as usize, self.rgb.height() as usize);
+        let wanted = args.size.map(|size| (size.width, size.height));
+        self.points
+            .remarks
+            .extend(wanted.and_then(|wanted| stretched(size, wanted)));
+        Ok(self)
+    }
+}
+
+/// That a result has another shape than the image.
+fn stretched(image: (usize, usize), wanted: (usize, usize)) -> Option<String> {
+    // A side that is rounded to a pixel is no other shape.
+    let fits = |(a, b): (usize, usize), (c, d): (usize, usize)| {
+        (b as f64 * c as f64 / a as f64 - d as f64).abs() <= 1.0
+    };
+    let turned = |(a, b)| (b, a);
+    let same = fits(image, wanted) || fits(turned(image), turned(wanted));
+    (!same).then(|| {
+        format!(
+            "--size {}x{} stretches the image of {}x{}, which has another shape",
+            wanted.0, wanted.1, image.0, image.1
+        )
+    })
 }
 
 impl Job {
@@ -93,7 +151,7 @@ impl Job {
             loaded.guide = Some(guide);
         }
         loaded.reading = started.elapsed();
-        Ok(loaded)
+        loaded.with_options(args)
     }
 
     fn load_files(&self, args: &Complete) -> Result<Loaded> {
@@ -124,6 +182,7 @@ impl Job {
             skewed: false,
             camera,
             guide: None,
+            noise: None,
             reading: Duration::ZERO,
         })
     }
@@ -218,8 +277,10 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
             return Ok(jobs.found);
         }
     } else if !args.sparse.is_dir() {
-        let what = "is no folder of points and no model of COLMAP";
-        return Err(Error::format(&args.sparse, what));
+        let what = "is no folder of points and no model of COLMAP, but the images are several";
+        return Err(Error::format(&args.sparse, what).hint(
+            "give a folder of points files that are called as the images are, a model, or one image and its points",
+        ));
     }
     let mut jobs = Jobs::new(args, failures);
     let found = images(args, output)?;
@@ -329,8 +390,13 @@ fn same_name(folder: &Path, name: &Path, image: &Path) -> Result<PathBuf> {
         }
     }
     let folder = folder.display();
+    let stem = name.with_extension("");
     Err(Error::config(format!(
         "there are no points of that name in `{folder}`"
+    ))
+    .hint(format!(
+        "points of an image are in a file of the same name, as in `{folder}/{}.npy`; a list names others",
+        stem.display()
     )))
 }
 
@@ -380,8 +446,9 @@ fn images(args: &Complete, output: &Path) -> Result<Vec<Found>> {
             let (images, results) = without_results(data::images_below(path)?, path, output);
             if results > 0 {
                 ui::say(&format!(
-                    "{results} images in `{}` are results of `lsdc complete` and left out",
-                    path.display()
+                    "left out of `{}`: {} that `lsdc complete` wrote",
+                    path.display(),
+                    ui::counted(results, "image")
                 ));
             }
             for image in images {

@@ -171,9 +171,9 @@ impl<'a> Plan<'a> {
             return Ok(plan);
         };
         Err(Error::config(format!(
-            "`{}` holds {} results of other settings or inputs: `{}`: {difference}",
+            "`{}` holds {} of other settings or inputs: `{}`: {difference}",
             output.display(),
-            others.len(),
+            ui::counted(others.len(), "result"),
             name.display()
         ))
         .hint("give --force to make them anew, or -o DIR to write elsewhere"))

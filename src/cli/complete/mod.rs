@@ -5,6 +5,7 @@ mod failures;
 mod flow;
 mod frame;
 mod inputs;
+mod lines;
 mod many;
 mod outputs;
 mod pipes;
@@ -16,7 +17,7 @@ mod video;
 
 use super::args::Complete;
 use super::{Exit, ui};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::process;
 use frame::Engine;
 use inputs::Job;
@@ -48,6 +49,10 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
 }
 
 fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
+    if args.temporal {
+        let what = "`--temporal` would change nothing: one image has none before it";
+        return Err(Error::config(what).hint("give the images of the video, or leave it out"));
+    }
     let outputs = Outputs::beside(args, job)?;
     outputs.check_writable()?;
     outputs.check_apart(job)?;
@@ -60,14 +65,16 @@ fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
     }
     outputs.write(&frame, &found, &forms, &summary)?;
     if pipes.to_stdout() {
-        summary.lines().iter().for_each(|line| ui::say(line));
+        let lines = summary.lines(None);
+        lines.iter().for_each(|line| ui::say(line));
         return ui::pass_on(outputs.first()).map(|()| Exit::Done);
     }
     if args.json {
         ui::print(&summary.value().to_string());
         return Ok(Exit::Done);
     }
-    summary.lines().iter().for_each(|line| ui::tell(line));
-    ui::tell(&format!("written   {}", outputs.first().display()));
+    let lines = summary.lines(outputs.outliers());
+    lines.iter().for_each(|line| ui::tell(line));
+    ui::tell(&format!("written   {}", outputs.listed()));
     Ok(Exit::Done)
 }

@@ -2,19 +2,16 @@
 
 use super::frame::{Completed, Diagnostics};
 use super::inputs::{Job, Loaded};
+use super::record;
 use super::summary::Summary;
 use crate::cli::args::{Complete, Format};
 use crate::data::{self, Cloud, DepthMap, Unit};
 use crate::error::{Error, Result};
-use crate::report::coloured;
-use image::RgbImage;
+use crate::report::{colour_map, usual_range};
 use std::path::{Path, PathBuf};
 
 /// What is written without `--formats`.
 const USUAL: [Format; 3] = [Format::Npy, Format::Png, Format::Color];
-
-/// How names of files of weights end.
-const WEIGHTS: &str = "weights.json";
 
 /// The formats that are asked for.
 pub(super) fn formats(args: &Complete) -> &[Format] {
@@ -26,6 +23,8 @@ pub(super) struct Outputs<'a> {
     args: &'a Complete,
     folder: PathBuf,
     files: Vec<(Kind, PathBuf)>,
+    /// Of a video, where the weights are kept that the next frame starts from.
+    state: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,8 +32,6 @@ enum Kind {
     Depth(Format),
     Sigma,
     Outliers,
-    /// Weights, which the next frame of a video starts from.
-    Weights,
 }
 
 impl<'a> Outputs<'a> {
@@ -59,6 +56,7 @@ impl<'a> Outputs<'a> {
                     .into_iter()
                     .chain(files)
                     .collect(),
+                state: None,
             }
             .checked();
         }
@@ -75,7 +73,11 @@ impl<'a> Outputs<'a> {
             Some(below) if !below.as_os_str().is_empty() => &output.join(below),
             _ => output,
         };
-        Self::of(args, folder, job)
+        let outputs = Self::of(args, folder, job)?;
+        Ok(Self {
+            state: args.temporal.then(|| record::state(output, job)),
+            ..outputs
+        })
     }
 
     fn of(args: &'a Complete, folder: &Path, job: &Job) -> Result<Self> {
@@ -95,20 +97,15 @@ impl<'a> Outputs<'a> {
         if args.outliers {
             files.push((Kind::Outliers, path("outliers.csv")));
         }
-        if args.temporal {
-            files.push((Kind::Weights, path(WEIGHTS)));
-        }
         Self {
             args,
             folder: folder.to_owned(),
             files,
+            state: None,
         }
     }
 
     fn checked(self) -> Result<Self> {
-        if self.args.max_sigma.is_some() && !self.has(Format::Ply) {
-            return Err(Error::config("`--max-sigma` is for clouds").hint("add ply to --formats"));
-        }
         if self.args.range.is_some() && !self.has(Format::Color) {
             let error = Error::config("`--range` is for colour maps");
             return Err(error.hint("add color to --formats"));
@@ -121,11 +118,32 @@ impl<'a> Outputs<'a> {
         kinds.any(|kind| kind == Kind::Depth(format))
     }
 
-    /// The file of weights, if there is one.
+    /// Of a video, where the weights are kept that the next frame starts from.
     pub(super) fn weights(&self) -> Option<&Path> {
+        self.state.as_deref()
+    }
+
+    /// The list of outliers, if there is one.
+    pub(super) fn outliers(&self) -> Option<&Path> {
         let mut files = self.files.iter();
-        let found = files.find(|(kind, _)| *kind == Kind::Weights);
+        let found = files.find(|(kind, _)| *kind == Kind::Outliers);
         found.map(|(_, path)| path.as_path())
+    }
+
+    /// All files by their names, for people.
+    pub(super) fn listed(&self) -> String {
+        if let [(_, path)] = &self.files[..] {
+            return path.display().to_string();
+        }
+        let names = self.files.iter().map(|(_, path)| {
+            let name = path.file_name().unwrap_or_default();
+            name.to_string_lossy().into_owned()
+        });
+        let names = names.collect::<Vec<_>>().join(", ");
+        if self.folder.as_os_str().is_empty() {
+            return names;
+        }
+        format!("{names} in {}", self.folder.display())
     }
 
     /// Where the files are.
@@ -169,9 +187,17 @@ impl<'a> Outputs<'a> {
             let diagnostics = found.diagnostics.as_ref();
             let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
             let (depth, most) = (&found.depth, self.args.max_sigma);
-            Ok(Cloud::new(depth, deviations, &frame.rgb, camera, most))
+            let mut cloud = Cloud::new(depth, deviations, &frame.rgb, camera, most);
+            // They have no depth any more.
+            cloud.uncertain += found.left_empty.map_or(0, |left| left.pixels);
+            Ok(cloud)
+        };
+        let range = || {
+            let range = self.args.range.or(usual_range(&found.depth));
+            range.unwrap_or((0.0, 1.0))
         };
         Ok(Forms {
+            range: self.has(Format::Color).then(range),
             png: self.has(Format::Png).then(png).transpose()?,
             cloud: self.has(Format::Ply).then(cloud).transpose()?,
         })
@@ -184,7 +210,8 @@ impl<'a> Outputs<'a> {
 
     /// Whether all files are there.
     pub(super) fn exist(&self) -> bool {
-        self.files.iter().all(|(_, path)| path.exists())
+        let mut files = self.files.iter().map(|(_, path)| path);
+        files.all(|path| path.exists()) && self.state.as_ref().is_none_or(|path| path.exists())
     }
 
     /// Writes what was asked for. An existing file is replaced only by an equal one, or with
@@ -208,12 +235,19 @@ impl<'a> Outputs<'a> {
         }
         self.files
             .iter()
-            .try_for_each(|(kind, path)| result.write(*kind, path))
+            .try_for_each(|(kind, path)| result.write(*kind, path))?;
+        match (&self.state, &found.diagnostics) {
+            (Some(path), Some(found)) => write_weights(path, found.completion.weights()),
+            _ => Ok(()),
+        }
     }
 }
 
 /// What the formats make of a result, and what is lost with it.
+#[derive(Default)]
 pub(super) struct Forms {
+    /// Depths of the first and the last colour of a colour map.
+    pub(super) range: Option<(f32, f32)>,
     pub(super) png: Option<Png>,
     pub(super) cloud: Option<Cloud>,
 }
@@ -230,11 +264,10 @@ pub(super) struct Png {
 struct Contents<'a> {
     depth: &'a DepthMap,
     deviations: Option<&'a DepthMap>,
-    /// Metres of the first and the last colour.
-    range: (f32, f32),
+    /// Of the depths.
+    unit: &'static str,
     forms: &'a Forms,
     outliers: Option<String>,
-    weights: Option<&'a [f64]>,
     summary: &'a Summary,
     wanted: bool,
 }
@@ -253,10 +286,9 @@ impl<'a> Contents<'a> {
         Self {
             depth,
             deviations: found.and_then(|found| found.deviations.as_ref()),
-            range: args.range.or(depth.range()).unwrap_or((0.0, 1.0)),
+            unit: summary.metres(),
             forms,
             outliers: found.filter(|_| args.outliers).map(list),
-            weights: found.map(|found| found.completion.weights()),
             summary,
             wanted: args.uncertainty,
         }
@@ -285,7 +317,11 @@ impl<'a> Contents<'a> {
             Kind::Depth(Format::Tiff) => data::write_tiff(path, depth),
             Kind::Depth(Format::Exr) => data::write_exr(path, depth, self.sigma()),
             Kind::Depth(Format::Pfm) => data::write_pfm(path, depth),
-            Kind::Depth(Format::Color) => data::write_rgb(path, &self.colours()),
+            Kind::Depth(Format::Color) => {
+                let (low, high) = self.forms.range.unwrap_or((0.0, 1.0));
+                let colours = colour_map(depth, low, high, self.unit)?;
+                data::write_colour_map(path, &colours, (low, high))
+            }
             Kind::Depth(Format::Ply) => {
                 let cloud = self.forms.cloud.as_ref();
                 data::write_ply(path, cloud.map_or(&[], |cloud| &cloud.points))
@@ -296,10 +332,6 @@ impl<'a> Contents<'a> {
             Kind::Sigma => self
                 .deviations
                 .map_or(Ok(()), |map| data::write_npy(path, map)),
-            Kind::Weights => data::write_atomically(path, |out| {
-                let text = serde_json::to_string(&self.weights)?;
-                writeln!(out, "{text}")
-            }),
             Kind::Outliers => data::write_atomically(path, |out| {
                 out.write_all(self.outliers.as_deref().unwrap_or_default().as_bytes())
             }),
@@ -320,10 +352,6 @@ impl<'a> Contents<'a> {
         let bytes = |path: &Path| std::fs::read(path).ok();
         self.write(kind, &again).is_ok() && bytes(path) == bytes(&again)
     }
-
-    fn colours(&self) -> RgbImage {
-        coloured(self.depth, self.range.0, self.range.1)
-    }
 }
 
 /// Checks that a path means a folder of results: an ending that is not one of the formats would
@@ -343,6 +371,16 @@ pub(super) fn check_folder(path: &Path) -> Result<()> {
 fn no_camera() -> Error {
     Error::config("a cloud needs a camera")
         .hint("give --camera FILE, --camera FX,FY,CX,CY, or points of a model of COLMAP")
+}
+
+fn write_weights(path: &Path, weights: &[f64]) -> Result<()> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    }
+    data::write_atomically(path, |out| {
+        let text = serde_json::to_string(weights)?;
+        writeln!(out, "{text}")
+    })
 }
 
 /// Weights that were written.

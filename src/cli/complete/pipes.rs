@@ -85,8 +85,8 @@ fn check_one_file(args: &Complete) -> Result<()> {
         let hint = "give --formats npz or exr, which hold both, or -o DIR";
         return refused("`--uncertainty` writes another", hint);
     }
-    if args.outliers || args.temporal {
-        return refused("`--outliers` and `--temporal` write another", "give -o DIR");
+    if args.outliers {
+        return refused("`--outliers` writes another", "give -o DIR");
     }
     if args.json {
         return refused(

@@ -10,6 +10,7 @@ use crate::data::write_atomically;
 use crate::error::{Error, Result};
 use crate::predict::{Method, weights_fit, weights_hash};
 use crate::provenance::{self, differences};
+use lsdc_core::DepthNoise;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -19,6 +20,13 @@ use std::sync::Mutex;
 
 /// The folder of the records, in that of the results.
 const FOLDER: &str = ".lsdc";
+
+/// Where the weights of a frame of a video are kept, below the folder of results: the next frame starts from them.
+pub(super) fn state(output: &Path, job: &Job) -> PathBuf {
+    let mut path = output.join(FOLDER).join(&job.name).into_os_string();
+    path.push(".weights.json");
+    path.into()
+}
 
 /// The record of one frame.
 #[derive(Debug, Serialize, Deserialize)]
@@ -228,6 +236,7 @@ fn settings(args: &Complete) -> Result<Value> {
         "preserve_input": args.preserve_input.name(),
         "range": args.range.filter(|_| writes(&[Format::Color])),
         "max_sigma": args.max_sigma,
+        "noise": args.noise.map(DepthNoise::coefficients),
         "sigma_in_files": args.uncertainty && writes(&[Format::Npz, Format::Exr, Format::Ply]),
     }))
 }

@@ -136,6 +136,7 @@ impl Recorded {
             skewed: found.skewed,
             camera: found.camera,
             guide: None,
+            noise: None,
             reading: started.elapsed(),
         };
         Ok((found.header, loaded))

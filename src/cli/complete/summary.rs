@@ -1,9 +1,9 @@
-//! What is said of a completed frame, as text and as JSON.
+//! A completed frame in numbers, as reports have it; `lines` puts it into words.
 
-use super::frame::Completed;
-use super::inputs::Loaded;
+use super::frame::{Completed, LeftEmpty};
+use super::inputs::{Loaded, Noise};
 use super::outputs::Forms;
-use crate::cli::ui;
+use crate::cli::ui::counted;
 use crate::data::Unit;
 use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};
 use serde::Serialize;
@@ -16,8 +16,15 @@ use std::time::Duration;
 pub(super) struct Summary {
     image: String,
     status: &'static str,
-    points: Points,
-    depth: Option<DescribedDepth>,
+    pub(super) points: Points,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) noise: Option<DescribedNoise>,
+    pub(super) depth: Option<DescribedDepth>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) left_empty: Option<LeftEmpty>,
+    /// Depths of the first and the last colour of the colour map.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) color_range: Option<(f32, f32)>,
     /// How many stored units of the PNG make a metre, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     png_units_per_metre: Option<f64>,
@@ -25,17 +32,48 @@ pub(super) struct Summary {
     #[serde(skip_serializing_if = "is_zero")]
     png_raised: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
-    cloud: Option<DescribedCloud>,
-    fit: Option<DescribedFit>,
-    seconds: Seconds,
+    pub(super) cloud: Option<DescribedCloud>,
+    pub(super) fit: Option<DescribedFit>,
+    /// The unit of depths.
+    #[serde(skip)]
+    metres: &'static str,
+    /// Whether the fit limits the influence of outliers.
+    #[serde(skip)]
+    pub(super) robust: bool,
+    pub(super) seconds: Seconds,
     /// What was assumed or left out and should be checked.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     remarks: Vec<String>,
 }
 
+/// The noise of a depth camera.
 #[derive(Debug, Serialize)]
-struct Points {
-    used: usize,
+pub(super) struct DescribedNoise {
+    /// The name, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) name: Option<&'static str>,
+    /// A, B and C of the standard deviation A + B z + C z^2 in metres.
+    coefficients: [f64; 3],
+    /// How many points have their standard deviations from it.
+    pub(super) points: usize,
+    #[serde(skip)]
+    pub(super) formula: String,
+}
+
+impl From<Noise> for DescribedNoise {
+    fn from(Noise { model, points }: Noise) -> Self {
+        Self {
+            name: model.name(),
+            coefficients: model.coefficients(),
+            points,
+            formula: model.to_string(),
+        }
+    }
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct Points {
+    pub(super) used: usize,
     /// NaN, infinite or not positive.
     ignored: usize,
     outside: usize,
@@ -46,12 +84,12 @@ struct Points {
     /// Whether all count at the stamp of their cloud, though those of other frames do not.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     skewed: bool,
-    unit: String,
-    unit_guessed: bool,
+    pub(super) unit: String,
+    pub(super) unit_guessed: bool,
     /// Whether the method looks at the deviations that came with the points; without that they only
     /// weigh points of one pixel, of which it sees the mean.
     #[serde(skip_serializing_if = "Option::is_none")]
-    deviations_used: Option<bool>,
+    pub(super) deviations_used: Option<bool>,
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref)]
@@ -60,17 +98,17 @@ fn is_zero(count: &usize) -> bool {
 }
 
 #[derive(Debug, Serialize)]
-struct Seconds {
-    reading: f64,
+pub(super) struct Seconds {
+    pub(super) reading: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
-    network: Option<f64>,
+    pub(super) network: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    fit: Option<f64>,
+    pub(super) fit: Option<f64>,
     /// Part of the fit: the field of the image before any point.
     #[serde(skip_serializing_if = "Option::is_none")]
     field: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    dense: Option<f64>,
+    pub(super) dense: Option<f64>,
 }
 
 impl Summary {
@@ -83,8 +121,9 @@ impl Summary {
         let mut remarks = points.remarks.clone();
         let without = report.map_or(0, |report| report.without_deviation);
         if without > 0 {
+            let count = counted(without, "point");
             remarks.push(format!(
-                "{without} points have no standard deviation; they were taken to be exact"
+                "{count} without a standard deviation: the fit's own noise is assumed for them"
             ));
         }
         Self {
@@ -105,7 +144,10 @@ impl Summary {
                     .any(|point| point.sigma.is_some())
                     .then_some(fit.is_some()),
             },
+            noise: frame.noise.map(DescribedNoise::from),
             depth: DescribedDepth::new(&found.depth, found.clamped),
+            left_empty: found.left_empty,
+            color_range: forms.range,
             png_units_per_metre: forms.png.map(|png| 1.0 / png.unit.metres()),
             png_raised: forms.png.map_or(0, |png| png.raised),
             cloud: forms.cloud.as_ref().map(DescribedCloud::from),
@@ -113,10 +155,12 @@ impl Summary {
                 DescribedFit::new(
                     &fit.completion,
                     fit.leave_one_out,
-                    fit.outliers.as_ref().map(Vec::len),
+                    fit.outliers.as_deref(),
                     fit.deviations.is_some(),
                 )
             }),
+            metres: points.unit.of_depths(),
+            robust: fit.is_some_and(|fit| fit.robust),
             seconds: Seconds {
                 reading: seconds(frame.reading),
                 network: report.map(|report| seconds(report.network)),
@@ -149,10 +193,19 @@ impl Summary {
         self.png_raised
     }
 
-    /// Pixels that the cloud leaves out: too uncertain ones, and those where the lens does not look.
-    pub(super) fn left_out_of_cloud(&self) -> [usize; 2] {
-        let cloud = self.cloud.as_ref();
-        cloud.map_or([0; 2], |cloud| [cloud.uncertain, cloud.unseen])
+    /// Pixels without a depth, as their standard deviation is too large.
+    pub(super) fn left_empty(&self) -> usize {
+        self.left_empty.map_or(0, |left| left.pixels)
+    }
+
+    /// Pixels that the cloud leaves out, as the lens does not look there.
+    pub(super) fn unseen(&self) -> usize {
+        self.cloud.as_ref().map_or(0, |cloud| cloud.unseen)
+    }
+
+    /// The unit of depths.
+    pub(super) fn metres(&self) -> &'static str {
+        self.metres
     }
 
     /// Points that were not fitted: without a usable depth, outside the image, behind others, and without a known place.
@@ -180,125 +233,4 @@ impl Summary {
         };
         parsed(text).is_some_and(|old| Some(old) == parsed(&self.value().to_string()))
     }
-
-    pub(super) fn lines(&self) -> Vec<String> {
-        let points = &self.points;
-        let mut notes: Vec<String> = left_out_of_points(self.left_out_of_points())
-            .into_iter()
-            .collect();
-        if points.deviations_used == Some(false) {
-            notes.push("their deviations only weigh points of one pixel in this method".to_owned());
-        }
-        let note = if notes.is_empty() {
-            String::new()
-        } else {
-            format!(" ({})", notes.join(", "))
-        };
-        let guess = if points.unit_guessed {
-            " (a guess; --depth-unit says otherwise)"
-        } else {
-            ""
-        };
-        let mut lines = vec![
-            format!("points    {}{note}", points.used),
-            format!("unit      {}{guess}", points.unit),
-        ];
-        let m = if points.unit == Unit::MODEL.to_string() {
-            "units"
-        } else {
-            "m"
-        };
-        if let Some(depth) = &self.depth {
-            let clamped = match depth.clamped {
-                0 => String::new(),
-                count => format!(", {count} pixels limited to ten times the range of the points"),
-            };
-            lines.push(format!(
-                "depth     {:.3} to {:.3} {m}, {}x{}{clamped}",
-                depth.lowest, depth.highest, depth.width, depth.height
-            ));
-        }
-        if let Some(unit) = self.unusual_png_unit() {
-            lines.push(format!(
-                "png       {unit} to a value: these depths do not fit in millimetres"
-            ));
-        }
-        lines.extend(raised(self.png_raised));
-        if let Some(cloud) = &self.cloud {
-            let lost = left_out_of_clouds(self.left_out_of_cloud());
-            let lost = lost.map_or(String::new(), |lost| format!(", {lost}"));
-            lines.push(format!("cloud     {} points{lost}", cloud.points));
-        }
-        if let Some(fit) = &self.fit {
-            let left_out = fit.leave_one_out.map_or(String::new(), |left_out| {
-                format!(", {left_out:.4} {m} at points left out")
-            });
-            lines.push(format!(
-                "residual  {:.4} {m} rms at the points{left_out}, rank {} of {}",
-                fit.residual, fit.rank, fit.functions
-            ));
-            if let Some(trust) = fit.guide_trust {
-                lines.push(if trust > 0.0 {
-                    format!("guide     used, with weights of about {trust}")
-                } else {
-                    "guide     not used: the points do not support it".to_owned()
-                });
-            }
-            if let Some(deviations) = fit.deviations_of_95 {
-                lines.push(format!(
-                    "sigma     68.3 % of errors are expected within 1 standard deviation, 95 % within {deviations:.1}"
-                ));
-            }
-        }
-        let stages = [
-            ("reading", Some(self.seconds.reading)),
-            ("network", self.seconds.network),
-            ("fit", self.seconds.fit),
-            ("dense", self.seconds.dense),
-        ];
-        let stages = stages.into_iter().filter_map(|(name, time)| {
-            Some(format!(
-                "{name} {}",
-                ui::millis(Duration::from_secs_f64(time?))
-            ))
-        });
-        lines.push(format!(
-            "time      {}",
-            stages.collect::<Vec<_>>().join(", ")
-        ));
-        lines
-    }
-}
-
-/// That pixels are nearer than half a unit of the PNG, if any are.
-pub(super) fn raised(pixels: usize) -> Option<String> {
-    (pixels > 0).then(|| format!("png       {pixels} pixels nearer than half a unit hold one"))
-}
-
-/// Points that were not fitted, in words.
-pub(super) fn left_out_of_points(counts: [usize; 4]) -> Option<String> {
-    let reasons = [
-        "NaN, infinite or negative values ignored",
-        "outside the image",
-        "behind others",
-        "without a time, or transforms at it",
-    ];
-    in_words(counts.into_iter().zip(reasons))
-}
-
-/// What clouds leave out, if anything: too uncertain pixels, and those where the lens does not look.
-pub(super) fn left_out_of_clouds([uncertain, unseen]: [usize; 2]) -> Option<String> {
-    in_words([
-        (uncertain, "pixels above --max-sigma left out"),
-        (unseen, "pixels left out where the lens does not look"),
-    ])
-}
-
-/// Counts above 0, each with its reason.
-fn in_words(counts: impl IntoIterator<Item = (usize, &'static str)>) -> Option<String> {
-    let counts = counts.into_iter().filter(|(count, _)| *count > 0);
-    let texts: Vec<String> = counts
-        .map(|(count, reason)| format!("{count} {reason}"))
-        .collect();
-    (!texts.is_empty()).then(|| texts.join(", "))
 }

@@ -1,7 +1,8 @@
 //! What is said of many completed frames.
 
-use super::summary::{Summary, left_out_of_clouds, left_out_of_points, raised};
-use crate::cli::ui;
+use super::lines::{left_out_of_points, raised, unseen};
+use super::summary::Summary;
+use crate::cli::ui::{self, counted};
 use indicatif::ProgressBar;
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
@@ -16,7 +17,8 @@ pub(super) struct Tally<'a> {
     unusual_png_units: BTreeMap<String, usize>,
     png_raised: usize,
     left_out_of_points: [usize; 4],
-    left_out_of_clouds: [usize; 2],
+    left_empty: usize,
+    unseen: usize,
     skewed: usize,
 }
 
@@ -31,7 +33,8 @@ impl<'a> Tally<'a> {
             unusual_png_units: BTreeMap::new(),
             png_raised: 0,
             left_out_of_points: [0; 4],
-            left_out_of_clouds: [0; 2],
+            left_empty: 0,
+            unseen: 0,
             skewed: 0,
         }
     }
@@ -53,9 +56,8 @@ impl<'a> Tally<'a> {
         let pairs = self.left_out_of_points.iter_mut();
         let pairs = pairs.zip(summary.left_out_of_points());
         pairs.for_each(|(sum, count)| *sum += count);
-        let pairs = self.left_out_of_clouds.iter_mut();
-        let pairs = pairs.zip(summary.left_out_of_cloud());
-        pairs.for_each(|(sum, count)| *sum += count);
+        self.left_empty += summary.left_empty();
+        self.unseen += summary.unseen();
         self.skewed += usize::from(summary.is_skewed());
         self.bar.inc(1);
         if self.json {
@@ -86,12 +88,19 @@ impl<'a> Tally<'a> {
             ));
         }
         for (unit, count) in &self.unusual_png_units {
+            let verb = if *count == 1 { "holds" } else { "hold" };
             tell(&format!(
-                "png       {count} hold {unit} to a value: their depths do not fit in millimetres"
+                "png       {} {verb} {unit} to a value: the depths do not fit in millimetres",
+                counted(*count, "file")
             ));
         }
-        let lost = left_out_of_clouds(self.left_out_of_clouds);
-        let lost = lost.map(|lost| format!("clouds    {lost}"));
+        if self.left_empty > 0 {
+            let pixels = counted(self.left_empty, "pixel");
+            tell(&format!(
+                "empty     {pixels} left empty: standard deviation above --max-sigma"
+            ));
+        }
+        let lost = unseen(self.unseen).map(|lost| format!("clouds    {lost}"));
         for line in raised(self.png_raised).into_iter().chain(lost) {
             tell(&line);
         }

@@ -38,6 +38,13 @@ impl FromStr for Camera {
     fn from_str(text: &str) -> Result<Self> {
         let numbers: Vec<Option<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
         let [fx @ Some(_), fy @ Some(_), cx @ Some(_), cy @ Some(_)] = numbers[..] else {
+            let count = numbers.iter().flatten().count();
+            if count > 1 && count == numbers.len() && !Path::new(text).exists() {
+                let what = format!("`{text}` has {count} numbers, but a camera four");
+                return Err(Error::config(what).hint(
+                    "FX,FY,CX,CY in pixels: the focal lengths and the principal point; with distortion, give a file",
+                ));
+            }
             return Self::read(Path::new(text));
         };
         let stored = Stored {

@@ -1,5 +1,6 @@
 //! Single files: one reader or writer per format.
 
+mod colour_map;
 mod depth_png;
 mod exr;
 mod hdf5;
@@ -17,6 +18,7 @@ mod table;
 mod tiff;
 mod velodyne;
 
+pub use colour_map::write_colour_map;
 pub use depth_png::{encode_depth_png, png_unit, raised_in_png, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
 pub use exr::{encode_exr, write_exr};

@@ -11,6 +11,8 @@ pub(crate) enum Columns {
     Pixels,
     /// x, y and z of a cloud.
     Space,
+    /// u, v and depth of points that disagree with the others.
+    Outliers,
     /// Nobody says.
     Unnamed,
 }
@@ -39,6 +41,9 @@ const U: &[&str] = &["u", "col", "column"];
 const V: &[&str] = &["v", "row"];
 const DEPTH: &[&str] = &["d", "depth"];
 const SIGMA: &[&str] = &["sigma", "std", "deviation"];
+
+/// The column that only lists of outliers have.
+const BY_THE_OTHERS: &str = "depth_by_the_others";
 
 const HINT: &str = "a line is `u,v,depth` or `u,v,depth,sigma`, in pixels and units of depth, or `x,y,z` of a \
      cloud under a first line that says so; separators are commas, semicolons, tabs or blanks";
@@ -215,6 +220,9 @@ fn named(names: &[Cow<'_, str>]) -> Parsed<(Columns, [usize; 3], Option<usize>)>
         }
         (Some(_), Some(_), Some(_)) if u.is_none() && z.is_some() => {
             Err("columns of both x, y, z and depth; call pixels u and v".to_owned())
+        }
+        (Some(a), Some(b), Some(c)) if find(&[BY_THE_OTHERS]).is_some() => {
+            Ok((Columns::Outliers, [a, b, c], None))
         }
         (Some(a), Some(b), Some(c)) => Ok((Columns::Pixels, [a, b, c], sigma)),
         _ => Err("no columns u, v, depth or x, y, z".to_owned()),

@@ -333,7 +333,7 @@ impl Sparse {
             return Err(error.hint("columns are u, v, depth: u to the right, v down, in pixels"));
         }
         let mut found = points.sparse(known.unit, known.is_guessed(), table.row);
-        found.remarks.extend(known.doubt(found.depths()));
+        found.check_unit(known);
         found.remarks.extend(found.doubtful_places());
         if !image.is_upright() {
             found.remarks.push(upright_as_shown("u and v are", image));
@@ -384,8 +384,11 @@ impl Sparse {
         Ok(found)
     }
 
-    fn depths(&self) -> Vec<f32> {
-        self.points.iter().map(|point| point.depth).collect()
+    /// Doubts a unit that leads to implausible depths: it is then a guess.
+    fn check_unit(&mut self, known: KnownUnit) {
+        let doubt = known.doubt(self.points.iter().map(|point| point.depth).collect());
+        self.guessed |= doubt.is_some();
+        self.remarks.extend(doubt);
     }
 }
 
@@ -398,7 +401,7 @@ fn cloud(path: &Path, points: Points, known: KnownUnit) -> Result<Sparse> {
         ));
     }
     let mut found = points.sparse(known.unit, known.is_guessed(), "point");
-    found.remarks.extend(known.doubt(found.depths()));
+    found.check_unit(known);
     Ok(found)
 }
 

@@ -1,0 +1,194 @@
+//! A completed frame in words.
+
+use super::summary::Summary;
+use crate::cli::ui::{self, counted};
+use lsdc_files::DescribedFit;
+use std::path::Path;
+use std::time::Duration;
+
+impl Summary {
+    /// What a user wants to know, the error to expect first. `list` is the file of the outliers, if there is one.
+    pub(super) fn lines(&self, list: Option<&Path>) -> Vec<String> {
+        let m = self.metres();
+        let mut lines = Vec::new();
+        if let Some(fit) = &self.fit {
+            lines.push(error(fit, m));
+            lines.extend(self.outliers(fit, list));
+        }
+        if let Some(depth) = &self.depth {
+            let clamped = match depth.clamped {
+                0 => String::new(),
+                count => format!(
+                    ", {} limited to ten times the range of the points",
+                    counted(count, "pixel")
+                ),
+            };
+            lines.push(format!(
+                "depth     {:.3} to {:.3} {m}, {}x{}{clamped}",
+                depth.lowest, depth.highest, depth.width, depth.height
+            ));
+        }
+        if let Some(left) = self.left_empty {
+            let pixels = counted(left.pixels, "pixel");
+            let most = left.max_sigma;
+            lines.push(format!(
+                "empty     {pixels} left empty: standard deviation above {most} {m}"
+            ));
+        }
+        if let Some((low, high)) = self.color_range {
+            lines.push(format!("colours   {low} {m} (blue) to {high} {m} (red)"));
+        }
+        if let Some(unit) = self.unusual_png_unit() {
+            lines.push(format!(
+                "png       {unit} to a value: these depths do not fit in millimetres"
+            ));
+        }
+        lines.extend(raised(self.png_raised()));
+        if let Some(cloud) = &self.cloud {
+            let lost = unseen(cloud.unseen);
+            let lost = lost.map_or(String::new(), |lost| format!(", {lost}"));
+            lines.push(format!(
+                "cloud     {}{lost}",
+                counted(cloud.points, "point")
+            ));
+        }
+        lines.extend(self.input());
+        if let Some(fit) = &self.fit {
+            lines.extend(of_fit(fit));
+        }
+        lines.push(self.times());
+        lines
+    }
+
+    /// That points disagree with the others, where their list is, and what to do.
+    fn outliers(&self, fit: &DescribedFit, list: Option<&Path>) -> Option<String> {
+        let count = fit.outliers.filter(|count| *count > 0)?;
+        let place = match list {
+            Some(path) => format!("listed in {}", path.display()),
+            None => "--outliers lists them".to_owned(),
+        };
+        // A few of many are to be expected, and matter little.
+        let many = count >= 3 && 100 * count > self.points.used;
+        let remedy = if many && !self.robust {
+            "; --robust auto limits their influence"
+        } else {
+            ""
+        };
+        let verb = if count == 1 { "disagrees" } else { "disagree" };
+        Some(format!(
+            "outliers  {} {verb} with the others; {place}{remedy}",
+            counted(count, "point")
+        ))
+    }
+
+    /// What was completed.
+    fn input(&self) -> Vec<String> {
+        let points = &self.points;
+        let mut notes: Vec<String> = left_out_of_points(self.left_out_of_points())
+            .into_iter()
+            .collect();
+        if points.deviations_used == Some(false) {
+            notes.push("their deviations only weigh points of one pixel in this method".to_owned());
+        }
+        let note = if notes.is_empty() {
+            String::new()
+        } else {
+            format!(" ({})", notes.join(", "))
+        };
+        let guess = if points.unit_guessed {
+            " (a guess; --depth-unit sets it)"
+        } else {
+            ""
+        };
+        let mut lines = vec![
+            format!("points    {}{note}", points.used),
+            format!("unit      {}{guess}", points.unit),
+        ];
+        if let Some(noise) = &self.noise {
+            let name = noise.name.map_or(String::new(), |name| format!("{name}: "));
+            let points = counted(noise.points, "point");
+            lines.push(format!("noise     {name}{} m at {points}", noise.formula));
+        }
+        lines
+    }
+
+    fn times(&self) -> String {
+        let stages = [
+            ("reading", Some(self.seconds.reading)),
+            ("network", self.seconds.network),
+            ("fit", self.seconds.fit),
+            ("dense", self.seconds.dense),
+        ];
+        let stages = stages.into_iter().filter_map(|(name, time)| {
+            Some(format!(
+                "{name} {}",
+                ui::millis(Duration::from_secs_f64(time?))
+            ))
+        });
+        format!("time      {}", stages.collect::<Vec<_>>().join(", "))
+    }
+}
+
+/// The error to expect, and what is left at the points.
+fn error(fit: &DescribedFit, m: &str) -> String {
+    let at_points = format!("{:.4} {m} at the points", fit.residual);
+    let Some(all) = fit.leave_one_out else {
+        return format!("error     unknown between the points, {at_points}");
+    };
+    let left_out = match (fit.leave_one_out_inliers, fit.outliers) {
+        (Some(inliers), Some(outliers)) if outliers > 0 => format!(
+            "{inliers:.4} {m} to expect between the points (leave-one-out without {}; {all:.4} {m} with)",
+            counted(outliers, "outlier")
+        ),
+        _ => format!("{all:.4} {m} to expect between the points (leave-one-out)"),
+    };
+    format!("error     {left_out}, {at_points}")
+}
+
+/// What the fit says of guide and deviations.
+fn of_fit(fit: &DescribedFit) -> Vec<String> {
+    let guide = fit.guide_trust.map(|trust| {
+        if trust > 0.0 {
+            format!("guide     used, with weights of about {trust}")
+        } else {
+            "guide     not used: the points do not support it".to_owned()
+        }
+    });
+    let sigma = fit.deviations_of_95.map(|deviations| {
+        format!(
+            "sigma     68.3 % of errors are expected within 1 standard deviation, 95 % within {deviations:.1}"
+        )
+    });
+    guide.into_iter().chain(sigma).collect()
+}
+
+/// That pixels are nearer than half a unit of the PNG, if any are.
+pub(super) fn raised(count: usize) -> Option<String> {
+    let verb = if count == 1 { "holds" } else { "hold" };
+    (count > 0).then(|| {
+        let pixels = counted(count, "pixel");
+        format!("png       {pixels} nearer than half a unit {verb} one")
+    })
+}
+
+/// That a cloud leaves out what the lens does not see, if it does.
+pub(super) fn unseen(count: usize) -> Option<String> {
+    let pixels = counted(count, "pixel");
+    (count > 0).then(|| format!("{pixels} left out where the lens does not look"))
+}
+
+/// Points that were not fitted, in words.
+pub(super) fn left_out_of_points(counts: [usize; 4]) -> Option<String> {
+    let reasons = [
+        "without a usable depth or standard deviation",
+        "outside the image",
+        "behind others",
+        "without a time, or transforms at it",
+    ];
+    let left_out = counts.into_iter().zip(reasons);
+    let left_out = left_out.filter(|(count, _)| *count > 0);
+    let texts: Vec<String> = left_out
+        .map(|(count, reason)| format!("{count} {reason}"))
+        .collect();
+    (!texts.is_empty()).then(|| texts.join(", "))
+}
