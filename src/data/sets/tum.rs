@@ -35,6 +35,7 @@ pub(in crate::data) fn tum(root: &Path) -> Result<Folder> {
                 .unwrap_or_default()
                 .to_string_lossy()
                 .into_owned(),
+            scene: None,
             rgb: root.join(rgb),
             depth: root.join(depth),
             sparse: None,
