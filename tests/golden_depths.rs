@@ -29,8 +29,12 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
-/// Results may differ by this share of the range of depths.
+/// Results may differ by this share of the range of true depths.
 const TOLERANCE: f32 = 1e-5;
+/// The same without fused multiply-add, where every product is rounded before it is added, in all layers of the network:
+/// all but two of 131 results then differ by less than 1e-5, and these by up to 1.2e-5 (the fit without a prior, which is
+/// ill-conditioned, and the plain fit to outliers).
+const TOLERANCE_PORTABLE: f32 = 3e-5;
 /// Columns and rows of the grids.
 const GRID: (usize, usize) = (24, 18);
 /// Leave-one-out errors that are kept of a result.
@@ -358,17 +362,26 @@ fn write(golden: &BTreeMap<String, Vec<f32>>) {
     std::fs::write(file(), safetensors::serialize(views, None).unwrap()).unwrap();
 }
 
+/// How the tolerance of this level compares with that of the levels that the file is made at.
+fn allowance() -> f32 {
+    match Level::here() {
+        Level::Portable => TOLERANCE_PORTABLE / TOLERANCE,
+        Level::Avx2 | Level::Avx512 => 1.0,
+    }
+}
+
 /// The largest difference in multiples of the tolerance; infinite for another number of values or one that is none.
 fn difference(golden: Option<&Vec<f32>>, found: &Result) -> f32 {
     let Some(golden) = golden.filter(|golden| golden.len() == found.values.len()) else {
         return f32::INFINITY;
     };
     let pairs = golden.iter().zip(&found.values);
+    let tolerance = allowance() * found.tolerance;
     pairs.fold(0.0, |most: f32, (a, b)| {
         let apart = if a == b || (a.is_nan() && b.is_nan()) {
             0.0
         } else {
-            (a - b).abs() / found.tolerance
+            (a - b).abs() / tolerance
         };
         most.max(if apart.is_nan() { f32::INFINITY } else { apart })
     })
