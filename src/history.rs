@@ -18,7 +18,7 @@ const NOTE: &str = "history";
 pub struct Made {
     /// The command.
     pub by: String,
-    /// The program, as far as numbers depend on it.
+    /// The program and its numerics.
     pub program: Value,
     /// The weights that it began with or asked.
     #[serde(default)]

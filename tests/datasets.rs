@@ -434,14 +434,22 @@ fn tum_pairs_images_and_depths() {
     let frames = open(DatasetKind::Tum, folder.path(), Split::Val).unwrap();
     assert_eq!(frames.len(), 2);
     same(&frames.load(1).unwrap(), 1);
-    let one = "1.01 rgb/1.01.png 1.01 depth/1.01.png\n";
-    std::fs::write(folder.path().join("associations.txt"), one).unwrap();
-    assert_eq!(
-        open(DatasetKind::Tum, folder.path(), Split::Val)
-            .unwrap()
-            .len(),
-        1
-    );
+    // Depth first, as of ICL-NUIM.
+    for one in [
+        "1.05 rgb/1.05.png 1.05 depth/1.05.png\n",
+        "1.05 depth/1.05.png 1.05 rgb/1.05.png\n",
+    ] {
+        std::fs::write(folder.path().join("associations.txt"), one).unwrap();
+        let frames = open(DatasetKind::Tum, folder.path(), Split::Val).unwrap();
+        assert_eq!((frames.len(), &*frames.id(0)), (1, "1.05"));
+        same(&frames.load(0).unwrap(), 1);
+    }
+    let colours = "1.05 rgb/1.05.png 1.05 rgb/1.01.png\n";
+    std::fs::write(folder.path().join("associations.txt"), colours).unwrap();
+    let error = open(DatasetKind::Tum, folder.path(), Split::Val)
+        .err()
+        .unwrap();
+    assert!(error.to_string().contains("both hold colours"), "{error}");
 }
 
 #[test]

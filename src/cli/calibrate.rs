@@ -2,23 +2,21 @@
 
 use super::args::Calibrate;
 use super::{Exit, settings, ui};
-use crate::data::{DataConfig, Split, write_atomically};
+use crate::data::{DataConfig, Split, check_output, write_atomically};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::history::{self, Made};
 use crate::model::{Precision, to_bytes};
 use crate::predict::open_weights;
 use crate::provenance;
-use crate::train::{self, TRAINING_NOTE, TrainConfig};
+use crate::train::{self, Division, Scenes, TRAINING_NOTE, TrainConfig};
+use lsdc_core::Weights;
 use lsdc_core::fit::Lambda;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::time::Instant;
 
 pub(super) fn run(args: &Calibrate) -> Result<Exit> {
-    if args.output.exists() && !args.force {
-        return Err(Error::config(format!("`{}` exists", args.output.display()))
-            .hint("give --force to replace it"));
-    }
+    check_output(&args.output, args.force)?;
     let mut weights = open_weights(args.model.weights.as_deref())?;
     if !args.only_errors {
         let mut fit = weights.fit()?.unwrap_or_default();
@@ -30,12 +28,8 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         fit.check()?;
         weights.record_fit(&fit);
     }
-    let config: TrainConfig = match weights.notes.get(TRAINING_NOTE) {
-        None => TrainConfig::default(),
-        Some(json) => serde_json::from_str(json).map_err(|e| {
-            Error::weights("the `training` record of the weights cannot be read").because(e)
-        })?,
-    };
+    let mut config = trained_by(&weights)?;
+    config.scenes = args.scenes.clone().or(config.scenes);
     let mut data = DataConfig::default();
     args.source.apply(&mut data);
     let frames = settings::open(&data, Split::Train)?;
@@ -46,10 +40,20 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         bar.set_length(total as u64);
         bar.set_position(done as u64);
     };
+    let scenes = Scenes::of(frames.as_ref(), config.scenes.as_deref())?;
     let held = if args.only_errors {
         let all: Vec<usize> = (0..frames.len()).collect();
         let frames = frames.as_ref();
-        train::learn_errors(&mut weights, frames, &all, &config, &device, progress)?.held
+        train::learn_errors(
+            &mut weights,
+            frames,
+            &all,
+            &scenes,
+            &config,
+            &device,
+            progress,
+        )?
+        .held
     } else {
         train::calibrate(&mut weights, frames.as_ref(), &config, &device, progress)?
     };
@@ -67,6 +71,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     // What calibrating takes from the settings of a training.
     made.settings["seed"] = json!(config.seed);
     made.settings["held_out"] = json!(config.held_out);
+    made.settings["scenes"] = json!(config.scenes);
     made.settings["protocol"] = json!(config.protocol);
     history::add(&mut weights.notes, [made])?;
     let bytes = to_bytes(&weights, Precision::Half)?;
@@ -74,13 +79,58 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     if let Some(held) = held {
         for (number, (one, two)) in train::NUMBERS.iter().zip(held) {
             ui::print(&format!(
-                "{number:>5} points: intervals of 68.3 % hold {:.1} % of errors in scenes left out, those of \
+                "{number:>5} points: intervals of 68.3 % hold {:.1} % of errors in {} left out, those of \
                  95.4 % {:.1} %",
                 100.0 * one,
+                scenes.unit(),
                 100.0 * two
             ));
+        }
+        if scenes.unit() == "frames" {
+            ui::say(
+                "hint: neighbouring frames of a video may be on both sides; name scenes by --scenes",
+            );
         }
     }
     ui::print(&format!("written   {}", args.output.display()));
     Ok(Exit::Done)
+}
+
+/// The settings of the training of weights, which tell its frames from those that were held out.
+fn trained_by(weights: &Weights) -> Result<TrainConfig> {
+    let Some(json) = weights.notes.get(TRAINING_NOTE) else {
+        return Ok(TrainConfig::default());
+    };
+    let read = |json: &str| {
+        let mut note: Value = serde_json::from_str(json)?;
+        if let Some(note) = note.as_object_mut() {
+            // Before there was a choice, frames were held out.
+            let frames = json!(Division::Frames);
+            note.entry("held_out_by").or_insert(frames);
+        }
+        serde_json::from_value(note)
+    };
+    read(json).map_err(|e| {
+        Error::weights("the `training` record of the weights cannot be read").because(e)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_calibrated_on_what_their_training_held_out() {
+        let mut weights = Weights::builtin_small();
+        let by = |weights: &Weights| trained_by(weights).unwrap().held_out_by;
+        weights.notes.remove(TRAINING_NOTE);
+        assert_eq!(by(&weights), Division::Scenes);
+        for (json, expected) in [
+            (r#"{"held_out":24}"#, Division::Frames),
+            (r#"{"held_out_by":"scenes"}"#, Division::Scenes),
+        ] {
+            weights.notes.insert(TRAINING_NOTE.into(), json.into());
+            assert_eq!(by(&weights), expected);
+        }
+    }
 }

@@ -4,7 +4,7 @@ use super::args::Eval;
 use super::names::Names;
 use super::systems::{open_system, systems};
 use super::{Exit, settings, ui};
-use crate::data::{DataConfig, GuideSource, write_atomically, write_npy};
+use crate::data::{DataConfig, GuideSource, check_output, write_atomically, write_npy};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::eval::{Candidate, Evaluation, Journal};
@@ -267,9 +267,15 @@ impl Outputs {
     /// The files that are asked for; those named one by one must not exist yet. In a folder, the
     /// journal guards them.
     fn of(args: &Eval, folder: Option<&Path>) -> Result<Self> {
-        let named = [&args.json, &args.csv, &args.html, &args.save];
-        let existing = named.into_iter().flatten().find(|path| path.exists());
-        if let Some(path) = existing.filter(|_| !args.force) {
+        let named = [&args.json, &args.csv, &args.html];
+        for path in named.into_iter().flatten() {
+            check_output(path, args.force)?;
+        }
+        if let Some(path) = args
+            .save
+            .as_ref()
+            .filter(|path| !args.force && path.exists())
+        {
             return Err(Error::config(format!("`{}` exists", path.display()))
                 .hint("give --force to replace it, or another name"));
         }

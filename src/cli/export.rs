@@ -3,7 +3,7 @@
 use super::args::Export;
 use super::names::Names;
 use super::{Exit, settings, ui};
-use crate::data::{DepthMap, Frame, write_npy, write_rgb};
+use crate::data::{DepthMap, Frame, would_replace, write_npy, write_rgb};
 use crate::error::{Error, Result};
 use crate::eval::Evaluation;
 use crate::metrics::Rules;
@@ -84,7 +84,11 @@ impl Files {
     }
 
     fn check(&self, force: bool) -> Result<()> {
-        match self.all().into_iter().find(|path| !force && path.exists()) {
+        match self
+            .all()
+            .into_iter()
+            .find(|path| !force && would_replace(path))
+        {
             None => Ok(()),
             Some(path) => Err(Error::config(format!("`{}` exists", path.display()))
                 .hint("give --force to replace it, or another folder")),

@@ -1,8 +1,8 @@
 //! `lsdc inspect`: what is in files, folders and datasets.
 
 use super::args::Inspect;
-use super::{Exit, recordings, report, settings, ui, weights};
-use crate::data::{Contents, DepthMap, Split, View, read_rgb, write_atomically};
+use super::{Exit, recordings, settings, ui, weights};
+use crate::data::{Contents, DepthMap, Split, View, check_output, read_rgb, write_atomically};
 use crate::device::device;
 use crate::error::{Error, Result};
 use crate::experiment::contact_sheet;
@@ -69,7 +69,7 @@ fn bases(args: &Inspect, sheet: &Path) -> Result<Exit> {
             )));
         }
     };
-    report::unless_exists(sheet, args.force)?;
+    check_output(sheet, args.force)?;
     let completer = open_completer(args.weights.as_deref(), &device("cpu")?)?;
     let drawing = contact_sheet(&completer, &read_rgb(image)?)?;
     let bytes = if vector {

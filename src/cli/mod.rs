@@ -25,6 +25,7 @@ mod ui;
 mod view;
 mod weights;
 
+use crate::data::hide_caught_panics;
 use crate::error::{Cause, Error, Result};
 use args::{Args, Command, ReportCommand};
 use clap::Parser as _;
@@ -57,6 +58,7 @@ impl From<&Error> for Exit {
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
     let args = Args::parse();
+    hide_caught_panics();
     ui::start_log(args.verbose);
     ui::be_quiet(args.quiet);
     let failed = |error: Error| {

@@ -3,9 +3,9 @@
 use super::args::{Curves, Merge, Runs};
 use super::eval::Outputs;
 use super::{Exit, ui};
+use crate::data::check_output;
 use crate::error::{Error, Result};
 use crate::report::{Curve, Report, Training};
-use std::path::Path;
 
 pub(super) fn merge(args: &Merge) -> Result<Exit> {
     let mut whole: Option<Report> = None;
@@ -20,10 +20,7 @@ pub(super) fn merge(args: &Merge) -> Result<Exit> {
     let whole = whole.complete()?;
     if let Some(folder) = &args.output {
         let existing = folder.join("report.json");
-        if existing.exists() && !args.force {
-            return Err(Error::config(format!("`{}` exists", existing.display()))
-                .hint("give --force to replace it, or another folder"));
-        }
+        check_output(&existing, args.force)?;
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
         Outputs::folder(folder).write(&whole, &[])?;
     }
@@ -35,7 +32,7 @@ pub(super) fn curve(args: &Curves) -> Result<Exit> {
     let reports = args.files.iter().map(|path| Report::read_json(path));
     let curve = Curve::of(&reports.collect::<Result<Vec<_>>>()?)?;
     if let Some(path) = &args.html {
-        unless_exists(path, args.force)?;
+        check_output(path, args.force)?;
         curve.write_html(path)?;
     }
     ui::print(&curve.to_string());
@@ -45,17 +42,9 @@ pub(super) fn curve(args: &Curves) -> Result<Exit> {
 pub(super) fn training(args: &Runs) -> Result<Exit> {
     let training = Training::read(&args.folders)?;
     if let Some(path) = &args.html {
-        unless_exists(path, args.force)?;
+        check_output(path, args.force)?;
         training.write_html(path)?;
     }
     ui::print(&training.to_string());
     Ok(Exit::Done)
-}
-
-pub(super) fn unless_exists(path: &Path, force: bool) -> Result<()> {
-    if path.exists() && !force {
-        return Err(Error::config(format!("`{}` exists", path.display()))
-            .hint("give --force to replace it, or another name"));
-    }
-    Ok(())
 }

@@ -11,7 +11,7 @@ use crate::fit_settings::FitSettings;
 use crate::predict::Method;
 use crate::provenance::{self, differences};
 use crate::systems::SystemConfig;
-use crate::train::{Outcome, Trainer};
+use crate::train::{Division, Outcome, Trainer};
 use lsdc_core::fit::FitConfig;
 use serde_json::{Value, json};
 use std::io::ErrorKind;
@@ -23,10 +23,7 @@ const DATA: &str = "data.json";
 pub(super) fn run(args: &Train) -> Result<Exit> {
     let devices = devices(&args.device)?;
     let (folder, config) = match &args.resume {
-        Some(folder) => (
-            folder.clone(),
-            Config::load(Some(&folder.join(SETTINGS)), &[])?,
-        ),
+        Some(folder) => (folder.clone(), resumed(&folder.join(SETTINGS))?),
         None => start(args)?,
     };
     let frames = settings::open_all(&config.data)?;
@@ -82,6 +79,17 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
             Ok(Exit::Interrupted)
         }
     }
+}
+
+/// The settings of a run that was begun before.
+fn resumed(path: &Path) -> Result<Config> {
+    let mut config = Config::load(Some(path), &[])?;
+    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+    if !text.contains("held_out_by") {
+        // Before there was a choice, frames were held out.
+        config.train.held_out_by = Division::Frames;
+    }
+    Ok(config)
 }
 
 /// Computes what the run keeps in files.

@@ -2,7 +2,7 @@
 
 use super::args::{Convert, WeightsCommand};
 use super::{Exit, install, ui};
-use crate::data::write_atomically;
+use crate::data::{check_output, write_atomically};
 use crate::error::{Error, Result};
 use crate::history::{self, Made};
 use crate::metrics::{Metric, Scores};
@@ -206,10 +206,7 @@ fn pretty(value: &Value) -> Result<String> {
 }
 
 fn convert(args: &Convert) -> Result<()> {
-    if args.output.exists() && !args.force {
-        return Err(Error::config(format!("`{}` exists", args.output.display()))
-            .hint("give --force to replace it"));
-    }
+    check_output(&args.output, args.force)?;
     let mut weights = open_weights(Some(&args.input))?;
     let by = format!("weights convert --precision {}", args.precision.name());
     let made = history::changed(&by, Some(&args.input), &weights)?;

@@ -9,11 +9,7 @@ mod source;
 pub use frame::{Frame, FrameId, Place, Target, check_name};
 pub use lsdc_files::{
     Camera, Cloud, Colmap, Colored, Contents, DepthMap, GUIDE_ENDINGS, GuideSource, Orientation,
-    Point, Sparse, StoredMap, Unit, View, check_writable, images_below, is_image, png_unit,
-    raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_rgb, read_upright,
-    remove_leftovers, stored_unit, without_uncertain, write_atomically, write_colour_map,
-    write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz, write_pfm,
-    write_ply, write_rgb, write_tiff,
+    Point, Sparse, StoredMap, Unit, View, check_output, check_writable, hide_caught_panics, images_below, is_depth_image, is_image, png_unit, raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_rgb, read_upright, remove_leftovers, stored_unit, without_uncertain, would_replace, write_atomically, write_colour_map, write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
 };
 pub use mixture::Mixture;
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};
@@ -78,6 +74,11 @@ pub trait Dataset: Send + Sync {
 
     /// The name of frame `index`, which must be below `len`.
     fn id(&self, index: usize) -> FrameId;
+
+    /// The scene or recording that frame `index` shows, if the dataset knows it by other means than the folders in names.
+    fn scene(&self, _index: usize) -> Option<String> {
+        None
+    }
 
     /// The files that frame `index` is read from, as far as it has any: results are used again only
     /// if these are as they were.

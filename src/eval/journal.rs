@@ -6,7 +6,7 @@ use crate::report::{Heading, Record};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
+use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Records by frame and seed.
@@ -110,6 +110,10 @@ fn open_alone(path: &Path) -> Result<(File, Vec<u8>)> {
         .truncate(false)
         .open(path)
         .map_err(|e| Error::write(path, e))?;
+    if !file.metadata().is_ok_and(|found| found.is_file()) {
+        return Err(Error::write(path, ErrorKind::InvalidInput.into())
+            .hint("a journal is a regular file: choose another folder"));
+    }
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
             return Err(Error::config(format!(

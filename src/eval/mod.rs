@@ -48,8 +48,8 @@ pub struct Evaluation<'a> {
 }
 
 impl Evaluation<'_> {
-    /// The heading of the report. `dataset`, `protocol` and `weights` are words for people. What the
-    /// numbers depend on goes into [`Heading::made_from`]: the program, protocol, points, frames,
+    /// The heading of the report. `dataset`, `described` (the protocol) and `weights` are words for people. What the
+    /// numbers depend on goes into [`Heading::made_from`]: the numerics, protocol, points, frames,
     /// methods with the complete settings of the fit, predictions by their contents, and `inputs`,
     /// which has what only the caller knows: the settings of the dataset and the weights by their
     /// contents.
@@ -60,54 +60,64 @@ impl Evaluation<'_> {
     pub fn heading(
         &self,
         dataset: &str,
-        protocol: &str,
+        described: &str,
         weights: Option<String>,
         inputs: Value,
     ) -> Result<Heading> {
+        // Every field is named, so that none is forgotten among what results are made from.
+        let Self {
+            frames,
+            candidates,
+            completer,
+            guides,
+            protocol,
+            points,
+            noise,
+            seeds,
+            rules,
+            uncertainty,
+            limit: _,
+        } = self;
         let mut methods = Map::new();
-        for (name, candidate) in &self.candidates {
-            candidate.check_draws(name, &self.seeds)?;
+        for (name, candidate) in candidates {
+            candidate.check_draws(name, seeds)?;
             methods.insert(name.clone(), candidate.made_from()?);
         }
-        let point_files = match &self.points {
+        let point_files = match points {
             Pattern::Files(folder) => Some(provenance::folder(folder, &["npy", "png"])?),
             _ => None,
         };
-        let guides = self.guides.map(|source| {
+        let guides = guides.map(|source| {
             let contents = provenance::folder(&source.path, &GUIDE_ENDINGS)?;
             Ok::<_, Error>(json!([format!("{:?}", source.kind), contents]))
         });
-        let ids: Vec<_> = (0..self.total()).map(|i| self.frames.id(i)).collect();
+        let ids: Vec<_> = (0..self.total()).map(|i| frames.id(i)).collect();
         let made_from = json!({
-            "program": provenance::program(),
+            "numerics": provenance::numerics(),
             "inputs": inputs,
             "frames": format!("{:016x}", lsdc_rng::hash(&ids)),
-            "protocol": self.protocol,
-            "points": self.points,
+            "protocol": protocol,
+            "points": points,
             "point_files": point_files,
-            "noise": self.noise,
+            "noise": noise,
             "guides": guides.transpose()?,
             "methods": methods,
-            "fit": self.completer.map(Completer::fit_config),
-            "uncertainty": self.uncertainty,
+            "fit": completer.map(Completer::fit_config),
+            "uncertainty": uncertainty,
         });
         Ok(Heading {
             made_from,
             dataset: dataset.to_owned(),
-            found: self.frames.about(),
-            protocol: protocol.to_owned(),
-            steps: self.protocol.to_string(),
-            points: self.points.to_string(),
-            noise: self.noise.map(|noise| noise.to_string()),
-            seeds: self.seeds.clone(),
-            methods: self
-                .candidates
-                .iter()
-                .map(|(name, _)| name.clone())
-                .collect(),
+            found: frames.about(),
+            protocol: described.to_owned(),
+            steps: protocol.to_string(),
+            points: points.to_string(),
+            noise: noise.map(|noise| noise.to_string()),
+            seeds: seeds.clone(),
+            methods: candidates.iter().map(|(name, _)| name.clone()).collect(),
             weights,
             limits: format!("predictions of lsdc within {RANGE} x the range of the points"),
-            rules: self.rules,
+            rules: *rules,
             frames: self.total(),
         })
     }

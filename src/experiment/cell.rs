@@ -334,7 +334,7 @@ impl<'a> Trained<'a> {
         let start = start.map(|path| weights_hash(Some(path))).transpose()?;
         let fit = &self.lab.recipe.fit;
         let recipe = json!({
-            "program": provenance::program(),
+            "numerics": provenance::numerics(),
             "network": self.network,
             "fit": fit,
             // Weights to start from count by their contents, wherever they lie.

@@ -151,7 +151,7 @@ pub(super) enum Subject {
 /// The times that a cell keeps.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct KeptTimes {
-    /// Program, weights, device and machine.
+    /// Numerics, weights, device and machine.
     of: Value,
     times: Times,
     /// Trained parameters, and multiply-adds at this size.
@@ -166,7 +166,7 @@ impl Timed<'_> {
 
     fn of(&self) -> Value {
         json!({
-            "program": provenance::program(),
+            "numerics": provenance::numerics(),
             "weights": self.lab.weights,
             "device": self.lab.device.1,
             "fit": self.lab.completer.fit_config(),

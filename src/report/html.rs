@@ -47,7 +47,7 @@ impl Report {
         let mut page = begin(&format!("Depth completion on {}", self.heading.dataset));
         page.push_str("<table class='preface'>");
         for (name, text) in self.preface() {
-            let _ = write!(page, "<tr><td>{name}</td><td>{}</td></tr>", escaped(&text));
+            let _ = write!(page, "<tr><td>{name}</td><td>{}</td></tr>", marked(&text));
         }
         page.push_str("</table>\n<h2>Errors</h2>");
         page.push_str(&tables(&self.means(None)));
@@ -62,7 +62,7 @@ impl Report {
             }
         }
         for line in self.comparisons().into_iter().chain(self.foretold()) {
-            let _ = write!(page, "<p>{}.</p>", escaped(&line));
+            let _ = write!(page, "<p>{}.</p>", marked(&line));
         }
         page.push_str("\n<h2>Where the errors are</h2>");
         page.push_str(&self.charts());
@@ -158,7 +158,7 @@ impl Report {
         }
         let charts = [
             Chart {
-                title: "Errors that intervals hold (dashed: as many as they should)",
+                title: "Errors that intervals hold (dashed: ideal)",
                 across: "level of the interval, %",
                 up: "errors within, %",
                 scales: Scales::Linear,
@@ -205,11 +205,47 @@ impl Report {
     }
 }
 
+/// Text with the marks of plain text as elements: `names`, powers (`1.25^2`) and the window of a measure (`SEE_3`).
+pub(super) fn marked(text: &str) -> String {
+    let text = escaped(text);
+    let mut html = String::new();
+    let mut rest = text.as_str();
+    loop {
+        let plain = rest.find('`').unwrap_or(rest.len());
+        let code = rest[plain..]
+            .get(1..)
+            .and_then(|behind| behind.split_once('`'));
+        let Some((code, behind)) = code else {
+            return html + &raised(&raised(rest, "^", "sup"), "SEE_", "sub");
+        };
+        html.push_str(&raised(&raised(&rest[..plain], "^", "sup"), "SEE_", "sub"));
+        let _ = write!(html, "<code>{code}</code>");
+        rest = behind;
+    }
+}
+
+/// Puts the digits that follow a mark into an element; a mark of letters stays, without what joins it to them.
+fn raised(text: &str, mark: &str, element: &str) -> String {
+    let mut parts = text.split(mark);
+    let mut html = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let digits = part.len() - part.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+        let (number, rest) = part.split_at(digits);
+        if number.is_empty() {
+            let _ = write!(html, "{mark}{rest}");
+        } else {
+            let kept = mark.trim_end_matches(['_', '^']);
+            let _ = write!(html, "{kept}<{element}>{number}</{element}>{rest}");
+        }
+    }
+    html
+}
+
 /// The page up to its title.
 pub(super) fn begin(title: &str) -> String {
     format!(
         "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>\
-         <meta name='viewport' content='width=device-width'>\
+         <meta name='viewport' content='width=device-width, initial-scale=1'>\
          <title>{title}</title><style>{style}{drawing}</style></head><body><h1>{title}</h1>\n",
         title = escaped(title),
         style = include_str!("page.css"),
@@ -252,7 +288,7 @@ fn tables(means: &[Mean]) -> String {
 fn table(means: &[Mean], metrics: &[Metric]) -> String {
     let mut html = String::from("<div class='scroll'><table><thead><tr><th>method</th>");
     for metric in metrics {
-        let (label, unit) = (metric.label(), metric.unit());
+        let (label, unit) = (marked(metric.label()), metric.unit());
         let _ = write!(html, "<th>{label} <span class='spread'>{unit}</span></th>");
     }
     html.push_str("</tr></thead><tbody>");
@@ -300,15 +336,13 @@ fn exhibited(exhibit: &Exhibit) -> String {
     html.push_str(&figure("image", &exhibit.rgb));
     html.push_str(&figure(&points, &dotted(exhibit, low, high)));
     html.push_str(&figure("truth", &coloured(&exhibit.truth, low, high)));
-    html.push_str("</div><div class='figures pairs'>");
+    html.push_str("</div><div class='figures methods'>");
     for (method, rmse, depth) in &exhibit.predictions {
         let method = escaped(method);
         let shown = coloured(depth, low, high);
         let wrong = errors(depth, &exhibit.truth, worst);
-        html.push_str("<div class='pair'>");
         html.push_str(&figure(&format!("{method}, RMSE {rmse:.3} m"), &shown));
         html.push_str(&figure(&format!("{method}, error"), &wrong));
-        html.push_str("</div>");
     }
     html.push_str("</div>");
     html

@@ -1,7 +1,7 @@
 //! What an experiment found: words, tables and pictures, in files and on a page.
 
 use super::drawing::{Drawing, escaped};
-use super::html::{begin, failed};
+use super::html::{begin, failed, marked};
 use super::{Failure, Table};
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
@@ -110,7 +110,7 @@ impl Section {
     fn html(&self) -> String {
         let mut html = format!("\n<h2 id='{}'>{}</h2>", self.name, escaped(self.title));
         let paragraph = |html: &mut String, text: &str, class: &str| {
-            let _ = write!(html, "<p{class}>{}</p>", escaped(text));
+            let _ = write!(html, "<p{class}>{}</p>", marked(text));
         };
         self.about
             .iter()

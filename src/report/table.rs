@@ -1,6 +1,7 @@
 //! Tables of numbers: for people, as CSV, and on a page.
 
 use super::drawing::escaped;
+use super::html::marked;
 use crate::metrics::{Metric, Scores};
 use serde::Serialize;
 use std::fmt::{Display, Formatter, Write as _};
@@ -247,7 +248,7 @@ impl Table {
         );
         for column in &self.columns {
             let unit = column.unit;
-            let label = escaped(&column.label);
+            let label = marked(&column.label);
             let _ = write!(html, "<th>{label} <span class='spread'>{unit}</span></th>");
         }
         html.push_str("</tr></thead><tbody>");

@@ -146,7 +146,8 @@ fn means_are_over_frames_then_over_seeds() {
 
 #[test]
 fn the_page_shows_everything_and_loads_nothing() {
-    let report = report(0..9);
+    let mut report = report(0..9);
+    report.heading.weights = Some("`default` of the program".into());
     let depth = DepthMap::new(3, 2, vec![1.0, 2.0, 0.0, 3.0, 1.0, 2.0]).unwrap();
     let exhibit = Exhibit {
         role: "worst",
@@ -168,6 +169,10 @@ fn the_page_shows_everything_and_loads_nothing() {
         "a, RMSE 0.250 m",
         "b, error",
         "nearest point",
+        "SEE<sub>3</sub> where",
+        "d1.25<sup>2</sup>",
+        "<code>default</code> of the program",
+        "prefers-color-scheme: dark",
         "</html>",
     ] {
         assert!(page.contains(word), "{word}");
@@ -178,4 +183,23 @@ fn the_page_shows_everything_and_loads_nothing() {
     );
     assert!(!page.contains("https://") && !page.contains("<script"));
     assert!(!page.contains("NaN"));
+    assert!(!page.contains('`') && !page.contains("SEE_") && !page.contains("25^"));
+    // Depth and error of a method follow each other, so that columns or rows compare methods.
+    let captions: Vec<&str> = page
+        .split("<figcaption>")
+        .skip(4)
+        .filter_map(|text| text.split("</").next())
+        .collect();
+    let expected = ["a, RMSE 0.250 m", "a, error", "b, RMSE 0.500 m", "b, error"];
+    assert_eq!(captions, expected);
+}
+
+#[test]
+fn marks_of_plain_text_become_elements() {
+    let marked = html::marked;
+    assert_eq!(
+        marked("SEE_5 of `a_1` & d1.25^3"),
+        "SEE<sub>5</sub> of <code>a_1</code> &amp; d1.25<sup>3</sup>"
+    );
+    assert_eq!(marked("room_0001 and x^ `open"), "room_0001 and x^ `open");
 }

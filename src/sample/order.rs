@@ -2,13 +2,23 @@
 
 use crate::error::{Error, Result};
 use lsdc_rng::Rng;
-use std::sync::Arc;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// An endless sequence of epochs. In each, the frames of every part come in a random order among those of the others,
 /// as many of each part as its share demands: every frame of a part comes once before any of it comes again.
 #[derive(Clone, Debug)]
 pub struct Order {
     parts: Arc<[Part]>,
+    kept: Arc<Mutex<VecDeque<Epoch>>>,
+}
+
+/// The frames of an epoch in their order, and how often each came before.
+#[derive(Clone, Debug)]
+struct Epoch {
+    number: usize,
+    seed: u64,
+    frames: Arc<[(usize, usize)]>,
 }
 
 #[derive(Debug)]
@@ -22,9 +32,7 @@ impl From<Vec<usize>> for Order {
     /// Every frame once in an epoch.
     fn from(frames: Vec<usize>) -> Self {
         let count = frames.len();
-        Self {
-            parts: [Part { frames, count }].into(),
-        }
+        Self::of([Part { frames, count }].into())
     }
 }
 
@@ -48,9 +56,14 @@ impl Order {
             count: share.map_or(frames.len(), |s| ((s * epoch).round() as usize).max(1)),
             frames,
         });
-        Ok(Self {
-            parts: parts.collect(),
-        })
+        Ok(Self::of(parts.collect()))
+    }
+
+    fn of(parts: Arc<[Part]>) -> Self {
+        Self {
+            parts,
+            kept: Arc::default(),
+        }
     }
 
     /// The number of frames in an epoch.
@@ -67,14 +80,35 @@ impl Order {
 
     /// The frame at a position of the sequence, and how often it came before.
     pub fn at(&self, position: usize, seed: u64) -> (usize, usize) {
-        let epoch = position / self.epoch();
-        let mut all = Vec::with_capacity(self.epoch());
-        for (number, part) in self.parts.iter().enumerate() {
-            all.extend(part.of_epoch(epoch, number, seed));
+        let length = self.epoch();
+        self.of_epoch(position / length, seed)[position % length]
+    }
+
+    /// The frames of an epoch, shuffled once for all that ask: at the end of an epoch, some threads are in the next.
+    fn of_epoch(&self, number: usize, seed: u64) -> Arc<[(usize, usize)]> {
+        const KEPT: usize = 2;
+        let same = |epoch: &&Epoch| (epoch.number, epoch.seed) == (number, seed);
+        if let Some(epoch) = self.kept().iter().find(same) {
+            return epoch.frames.clone();
         }
+        let parts = self.parts.iter().enumerate();
+        let all = parts.flat_map(|(part, own)| own.of_epoch(number, part, seed));
+        let mut all: Vec<(usize, usize)> = all.collect();
         let count = all.len();
-        Rng::stream(seed, &["order", &epoch.to_string()]).choose(&mut all, count);
-        all[position % count]
+        Rng::stream(seed, &["order", &number.to_string()]).choose(&mut all, count);
+        let frames: Arc<[(usize, usize)]> = all.into();
+        let mut kept = self.kept();
+        kept.push_front(Epoch {
+            number,
+            seed,
+            frames: frames.clone(),
+        });
+        kept.truncate(KEPT);
+        frames
+    }
+
+    fn kept(&self) -> MutexGuard<'_, VecDeque<Epoch>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -151,6 +185,16 @@ mod tests {
         let all = |seed| (0..9).map(|at| order.at(at, seed)).collect::<Vec<_>>();
         assert_eq!(all(1), all(1));
         assert_ne!(all(1), all(2));
+        // Epochs are kept, whatever the order in which they are asked for, and not more than a few of them.
+        let jumps = |seed| [40, 3, 22, 4, 41].map(|at| order.at(at, seed));
+        let fresh = |seed| {
+            let order = || Order::from((0..9).collect::<Vec<_>>());
+            [40, 3, 22, 4, 41].map(|at| order().at(at, seed))
+        };
+        assert_eq!((jumps(1), jumps(2)), (fresh(1), fresh(2)));
+        assert_eq!(order.kept().len(), 2);
+        let of = |number| order.of_epoch(number, 2);
+        assert!(Arc::ptr_eq(&of(4), &of(4)));
         for share in [0.0, -0.5, 1.0, f64::NAN] {
             let parts = vec![(vec![0], None), (vec![1], Some(share))];
             assert!(Order::new(parts).is_err(), "{share}");

@@ -1,8 +1,8 @@
 //! What is learned about basis functions once they are trained: which weights are likely, and how
 //! far predictions are off.
 
-use super::TrainConfig;
 use super::foresight::{Foresight, foresight};
+use super::{Scenes, TrainConfig};
 use crate::data::{Dataset, DepthMap, Frame};
 use crate::error::{Error, Result};
 use crate::metrics::{Metric, Rules, Scores};
@@ -15,7 +15,7 @@ use lsdc_core::fit::{
     COUNTS, FitConfig, FitMethod, ImageMoments, KNOTS, Lambda, NoisePrior, Prior, PriorKind,
 };
 use lsdc_core::{Completer, Observations, Point, Weights};
-use lsdc_rng as rng;
+use lsdc_rng::{self as rng, Rng};
 use rayon::prelude::*;
 
 /// Training images that a prior is learned from at most, each with its mirror image.
@@ -27,30 +27,19 @@ const TRUST: f64 = 5.0;
 /// The share of normal errors within one standard deviation.
 const ONE_DEVIATION: f64 = 0.6827;
 
-/// Frames to train on and `count` frames to measure on: the latter are those whose names have the
-/// smallest hashes, so that adding frames moves few.
-pub fn divide(frames: &dyn Dataset, count: usize) -> (Vec<usize>, Vec<usize>) {
-    let mut order: Vec<usize> = (0..frames.len()).collect();
-    order.sort_by_key(|&i| rng::hash(&["held out", &frames.id(i)]));
-    let count = count.min(order.len() / 2);
-    let mut training = order.split_off(count);
-    training.sort_unstable();
-    (training, order)
-}
-
 /// Shares of the variance that training images suggest, among which lambda is chosen for basis
 /// functions beside a field: the fewer the points, the smaller it is.
 const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 /// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.
 const NUMBERS: [(usize, u64); COUNTS] = [(5, 8), (50, 2), (500, 1)];
 
-/// The shares of errors within intervals of 68.27 and 95.45 %, on scenes left out, for each of
+/// The shares of errors within intervals of 68.27 and 95.45 %, on scenes or frames left out ([`Scenes::unit`]), for each of
 /// [`NUMBERS`](super::foresight::NUMBERS).
 pub type Held = [(f64, f64); KNOTS];
 
 /// Learns the prior over weights from the frames that `config` trained on (1,000 of them at most) and their
 /// mirror images, the strength of the noise and the scale of standard deviations from those that it held out (from all, if it held out
-/// none), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
+/// none; 1,000 at most), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
 /// frames best takes the place of the strength of the noise, for few and for many points, and the
 /// distribution of errors is learned from them too. Returns how well that holds. Calls `progress` with the
 /// number of frames seen and of all.
@@ -64,9 +53,17 @@ pub fn calibrate(
     device: &Device,
     progress: impl Fn(usize, usize) + Sync,
 ) -> Result<Option<Held>> {
-    let (mut training, mut held_out) = divide(frames, config.held_out);
+    let (mut training, mut held_out) = config.divide(frames)?;
     if held_out.is_empty() {
         held_out.clone_from(&training);
+        if held_out.len() > IMAGES {
+            held_out.sort_by_key(|&i| rng::hash(&["held out", &frames.id(i)]));
+        }
+    }
+    if held_out.len() > IMAGES {
+        let count = held_out.len();
+        tracing::info!("errors are measured on {IMAGES} of {count} held-out frames");
+        held_out.truncate(IMAGES);
     }
     training.sort_by_key(|&i| rng::hash(&["prior", &frames.id(i)]));
     if training.len() > IMAGES {
@@ -139,7 +136,7 @@ pub fn calibrate(
     let plain = completer.with_fit(plain);
     let completer = completer.with_fit(measured);
     let mut lambdas = Vec::new();
-    let mut ratios: Vec<f64> = Vec::new();
+    let mut ratios = Ratios::new(config.seed);
     for (done, &index) in held_out.iter().enumerate() {
         let frame = load(index)?;
         let points = Observations::from_map(&Pattern::Exactly(500).draw(&frame, config.seed)?);
@@ -151,7 +148,7 @@ pub fn calibrate(
         let pixels = depth.values().iter().zip(deviations.values());
         for ((depth, deviation), truth) in pixels.zip(frame.depth.values()) {
             if *truth > 0.0 && *deviation > 0.0 {
-                ratios.push(f64::from((depth - truth).abs() / deviation));
+                ratios.add((depth - truth).abs() / deviation);
             }
         }
         progress(seen + done + 1, total);
@@ -161,14 +158,27 @@ pub fn calibrate(
         mean: mean(&lambdas),
         trust: TRUST,
     };
+    if ratios.seen > RATIOS as u64 {
+        let seen = ratios.seen;
+        tracing::info!("standard deviations are scaled by {RATIOS} of {seen} pixels");
+    }
     weights.record_prior(
         &prior.with_noise(noise),
-        quantile(ratios, ONE_DEVIATION),
+        ratios.quantile(ONE_DEVIATION),
         None,
     );
     weights.record_fit(&fit);
     if fit.method == FitMethod::Joint {
-        let foresight = learn_errors(weights, frames, &held_out, config, device, |_, _| {})?;
+        let scenes = Scenes::of(frames, config.scenes.as_deref())?;
+        let foresight = learn_errors(
+            weights,
+            frames,
+            &held_out,
+            &scenes,
+            config,
+            device,
+            |_, _| {},
+        )?;
         return Ok(foresight.held);
     }
     Ok(None)
@@ -204,6 +214,7 @@ pub fn learn_errors(
     weights: &mut Weights,
     frames: &dyn Dataset,
     which: &[usize],
+    scenes: &Scenes,
     config: &TrainConfig,
     device: &Device,
     progress: impl Fn(usize, usize) + Sync,
@@ -225,6 +236,7 @@ pub fn learn_errors(
         &completer,
         frames,
         which,
+        scenes,
         &config.protocol,
         config.seed,
         progress,
@@ -287,10 +299,46 @@ fn deviation(values: &[f64]) -> f64 {
     (squares / values.len().saturating_sub(1).max(1) as f64).sqrt()
 }
 
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let at = (values.len() as f64 * share) as usize;
-    values.get(at).copied().unwrap_or(1.0)
+/// Ratios of errors to their standard deviations: all, or of more than [`RATIOS`] a sample, each as likely to be in it
+/// (algorithm R of Vitter 1985).
+struct Ratios {
+    values: Vec<f32>,
+    seen: u64,
+    rng: Rng,
+}
+
+/// 16 MB, of which a quantile is known to 0.05 %.
+const RATIOS: usize = 1 << 22;
+
+impl Ratios {
+    fn new(seed: u64) -> Self {
+        Self {
+            values: Vec::new(),
+            seen: 0,
+            rng: Rng::stream(seed, &["ratios"]),
+        }
+    }
+
+    fn add(&mut self, ratio: f32) {
+        self.seen += 1;
+        if self.values.len() < RATIOS {
+            self.values.push(ratio);
+            return;
+        }
+        let share = f64::from(self.rng.below(u32::MAX)) / f64::from(u32::MAX);
+        if let Some(value) = self.values.get_mut((share * self.seen as f64) as usize) {
+            *value = ratio;
+        }
+    }
+
+    fn quantile(mut self, share: f64) -> f64 {
+        let at = (self.values.len() as f64 * share) as usize;
+        if at >= self.values.len() {
+            return 1.0;
+        }
+        let (_, found, _) = self.values.select_nth_unstable_by(at, f32::total_cmp);
+        f64::from(*found)
+    }
 }
 
 #[cfg(test)]
@@ -328,5 +376,26 @@ mod tests {
         for (a, b) in expected.0.iter().zip(&found.0) {
             assert!((a - b).abs() < 1e-4 * scale, "{a} {b}");
         }
+    }
+
+    #[test]
+    fn ratios_take_bounded_memory_and_keep_their_quantile() {
+        // Rayleigh: 68.27 % lie below sqrt(-2 ln 0.3173). The second half is three times as wide.
+        let within = |x: f64| 1.0 - 0.5 * ((-x * x / 2.0).exp() + (-x * x / 18.0).exp());
+        let mut ratios = Ratios::new(3);
+        let mut rng = Rng::stream(7, &["test"]);
+        let count = 2 * RATIOS;
+        for i in 0..count {
+            let wide = if i < count / 2 { 1.0 } else { 3.0 };
+            ratios.add(wide * rng.normal().hypot(rng.normal()));
+        }
+        assert_eq!((ratios.values.len(), ratios.seen), (RATIOS, count as u64));
+        let share = within(ratios.quantile(ONE_DEVIATION));
+        assert!((share - ONE_DEVIATION).abs() < 0.002, "{share}");
+        // Nothing is left out of few.
+        let mut ratios = Ratios::new(0);
+        [3.0, 1.0, 2.0, 4.0].map(|ratio| ratios.add(ratio));
+        assert_eq!(ratios.quantile(0.5), 3.0);
+        assert_eq!(Ratios::new(0).quantile(0.5), 1.0);
     }
 }

@@ -1,6 +1,7 @@
 //! Settings of a training run.
 
-use super::{Lesson, LossConfig, Schedule, TeacherConfig};
+use super::{Lesson, LossConfig, Scenes, Schedule, TeacherConfig};
+use crate::data::Dataset;
 use crate::error::{Error, Result};
 use crate::ops::Reweighting;
 use crate::sample::{AugmentConfig, Protocol, SupervisionConfig};
@@ -36,6 +37,17 @@ pub enum OptimiserKind {
     Muon,
 }
 
+/// What is held out of training as a whole.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Division {
+    /// Frames, though others of their scenes are learned from: as before scenes were known.
+    Frames,
+    /// Scenes, where they are known ([`Scenes`]).
+    #[default]
+    Scenes,
+}
+
 /// How to train; the defaults are the paper's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -69,6 +81,11 @@ pub struct TrainConfig {
     pub measure_every: usize,
     /// The number of frames kept out of training for that.
     pub held_out: usize,
+    /// What these are taken from: "scenes", none of whose frames are learned from, or "frames".
+    pub held_out_by: Division,
+    /// A list of the scenes of all frames, FRAME,SCENE in each line; absent: the first folder in which the names of frames
+    /// differ.
+    pub scenes: Option<PathBuf>,
     /// Whether, after the last step, the prior over weights is learned from training frames and its
     /// noise from held-out ones, and completion uses it (see `fit.prior`).
     pub calibrate: bool,
@@ -135,6 +152,8 @@ impl Default for TrainConfig {
             save_every: 1000,
             measure_every: 1000,
             held_out: 24,
+            held_out_by: Division::Scenes,
+            scenes: None,
             calibrate: true,
             part: Part::All,
             start: None,
@@ -156,6 +175,18 @@ impl TrainConfig {
     pub(super) fn completing(&self) -> Option<&TeacherConfig> {
         let teacher = self.teacher.as_ref();
         teacher.filter(|teacher| teacher.target != Lesson::Measured)
+    }
+
+    /// Frames to train on and frames to measure on, as [`Scenes::divide`].
+    ///
+    /// # Errors
+    /// A list of scenes that cannot be used.
+    pub fn divide(&self, frames: &dyn Dataset) -> Result<(Vec<usize>, Vec<usize>)> {
+        let scenes = match self.held_out_by {
+            Division::Frames => Scenes::unknown(frames),
+            Division::Scenes => Scenes::of(frames, self.scenes.as_deref())?,
+        };
+        Ok(scenes.divide(frames, self.held_out))
     }
 
     /// Checks every setting.

@@ -1,5 +1,6 @@
 //! The distribution of the errors of completed depth, learned from frames that the network has not seen.
 
+use super::Scenes;
 use crate::data::{Dataset, DepthMap, Frame};
 use crate::error::{Error, Result};
 use crate::predict::scene;
@@ -8,7 +9,6 @@ use lsdc_core::fit::{ErrorModel, KNOTS, Knot, Sample, student};
 use lsdc_core::{Completer, Observation, Observations};
 use lsdc_rng::{self as rng, Rng};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Numbers of points at which the distribution is learned.
 pub const NUMBERS: [usize; KNOTS] = [5, 50, 500, 5000];
@@ -25,7 +25,7 @@ pub struct Foresight {
     /// The distribution learned from all frames.
     pub model: ErrorModel,
     /// For each of [`NUMBERS`], the share of errors within intervals of 68.27 and 95.45 %, with exponents
-    /// learned from other scenes; `None` for a single scene.
+    /// learned from other [scenes](Scenes::unit); `None` for a single scene.
     pub held: Option<[(f64, f64); KNOTS]>,
 }
 
@@ -42,20 +42,22 @@ pub(super) fn foresight(
     completer: &Completer,
     frames: &dyn Dataset,
     which: &[usize],
+    scenes: &Scenes,
     protocol: &Protocol,
     seed: u64,
     progress: impl Fn(usize, usize) + Sync,
 ) -> Result<Foresight> {
-    let chosen = chosen(frames, which);
+    let mut chosen = scenes.spread(frames, which, "errors");
+    chosen.truncate(FRAMES);
     let done = std::sync::atomic::AtomicUsize::new(0);
-    let found: Vec<(String, Errors)> = chosen
+    let found: Vec<(&str, Errors)> = chosen
         .par_iter()
-        .map(|(scene, index)| {
-            let frame = protocol.apply(&frames.load(*index)?)?;
+        .map(|&index| {
+            let frame = protocol.apply(&frames.load(index)?)?;
             let errors = errors(completer, &frame, seed)?;
             let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
             progress(count + 1, chosen.len());
-            Ok((scene.clone(), errors))
+            Ok((scenes.name(index), errors))
         })
         .collect::<Result<_>>()?;
     let learned = |wanted: &dyn Fn(&str) -> bool| -> Option<ErrorModel> {
@@ -97,30 +99,6 @@ pub(super) fn foresight(
         model,
         held: measured.then(|| counts.map(share)),
     })
-}
-
-/// What a frame's name has before its last number: frames of one scene, or of one recording, share it.
-fn scene_of(id: &str) -> String {
-    let stem = id.trim_end_matches(|c: char| c.is_ascii_digit());
-    if stem.is_empty() { id } else { stem }.to_owned()
-}
-
-/// Frames with their scenes: of each scene as many as of others, as far as it has them.
-fn chosen(frames: &dyn Dataset, which: &[usize]) -> Vec<(String, usize)> {
-    let mut scenes: BTreeMap<String, Vec<usize>> = BTreeMap::new();
-    for &index in which {
-        let id = frames.id(index);
-        scenes.entry(scene_of(&id)).or_default().push(index);
-    }
-    let mut order = Vec::new();
-    for (scene, mut frames_of) in scenes {
-        frames_of.sort_by_key(|&i| rng::hash(&["errors", &frames.id(i)]));
-        let ranked = frames_of.into_iter().enumerate();
-        order.extend(ranked.map(|(rank, index)| (rank, scene.clone(), index)));
-    }
-    order.sort();
-    order.truncate(FRAMES);
-    order.into_iter().map(|(_, s, i)| (s, i)).collect()
 }
 
 /// The errors at some pixels of a frame, with points in every pattern.
@@ -207,19 +185,4 @@ fn measured(points: &Observations, id: &str, seed: u64) -> Observations {
         }
     });
     noisy.collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn frames_of_a_recording_share_a_scene() {
-        assert_eq!(
-            scene_of("kitchen/frame-00017"),
-            scene_of("kitchen/frame-00203")
-        );
-        assert_ne!(scene_of("kitchen-1"), scene_of("hall-1"));
-        assert_ne!(scene_of("00017"), scene_of("00018"));
-    }
 }

@@ -4,7 +4,7 @@ use super::checkpoint::Checkpoints;
 use super::learner::Objective;
 use super::log::Log;
 use super::setup::{check_network, imitated, input_size, sampler, start_adapters, with_backbone};
-use super::{BackboneTraining, Learner, Part, TrainConfig, divide};
+use super::{BackboneTraining, Learner, Part, TrainConfig};
 use crate::data::{Dataset, Mixture, Shard};
 use crate::error::{Error, Result};
 use crate::metrics::Scores;
@@ -124,7 +124,7 @@ impl Trainer {
             input: input_size(&config.protocol, frames.as_ref())?,
             ..Normalisation::default()
         };
-        let (_, held_out) = divide(frames.as_ref(), config.held_out);
+        let (_, held_out) = config.divide(frames.as_ref())?;
         let imitated = imitated(&config, &normalisation)?;
         let encoding = match (&encoder, &imitated) {
             (None, Some(weights)) => encoder_of(&weights.network)?,
@@ -190,7 +190,7 @@ impl Trainer {
         check(&config, &mixture, devices)?;
         let frames = mixture.first().clone();
         let input = input_size(&config.protocol, frames.as_ref())?;
-        let (_, held_out) = divide(frames.as_ref(), config.held_out);
+        let (_, held_out) = config.divide(frames.as_ref())?;
         Ok(Self {
             folder: folder.to_owned(),
             data: provenance::frames(&mixture),

@@ -2,7 +2,7 @@
 
 use super::loss::map_of_backbone;
 use super::teacher::Taught;
-use super::{BackboneTraining, Part, TrainConfig, divide};
+use super::{BackboneTraining, Part, TrainConfig};
 use crate::data::{Dataset, Mixture};
 use crate::error::{Error, Result};
 use crate::model::{AdapterConfig, BasisNet, NetworkConfig, Normalisation, fill};
@@ -95,7 +95,7 @@ pub(super) fn with_backbone(
 
 /// Samples of the frames that are learned from: all but those held out of the first dataset.
 pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler> {
-    let (training, _) = divide(mixture.first().as_ref(), config.held_out);
+    let (training, _) = config.divide(mixture.first().as_ref())?;
     let parts = mixture.parts().enumerate().map(|(number, (range, share))| {
         let frames = if number == 0 {
             training.clone()

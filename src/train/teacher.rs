@@ -75,7 +75,8 @@ impl TeacherConfig {
         Err(Error::config("`train.teacher.tolerance` must be above 0"))
     }
 
-    /// What its answers depend on beside the frames.
+    /// What its answers depend on beside the frames: the weights, the fit, and the numerics of the program. Answers are
+    /// rounded to half precision, so machines with other instruction sets share them.
     ///
     /// # Errors
     /// Weights that cannot be read, or a fit out of range.
@@ -84,7 +85,7 @@ impl TeacherConfig {
         let fit = self.fit.over(&weights.fit()?.unwrap_or_default())?;
         let encoder = weights.network.extractor.encoder > 0;
         Ok(json!({
-            "program": provenance::program(),
+            "numerics": provenance::golden(),
             "weights": weights_hash(Some(&self.weights))?,
             "encoder": encoder.then_some(ANYTHING.identity),
             "fit": fit,

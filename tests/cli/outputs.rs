@@ -285,3 +285,100 @@ fn a_hangup_does_not_end_what_was_started_with_nohup() {
         assert_eq!(run.wait().unwrap().code(), Some(code), "{command}");
     }
 }
+
+/// Links stay and what they lead to is written; a link that leads nowhere is there too.
+#[test]
+#[cfg(unix)]
+fn results_go_through_links() {
+    use std::os::unix::fs::symlink;
+    let folder = room();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("kept")).unwrap();
+    std::fs::write(at("kept/v3.safetensors"), b"old").unwrap();
+    symlink("kept/v3.safetensors", at("latest.safetensors")).unwrap();
+    symlink("kept/next.npy", at("depth.npy")).unwrap();
+    symlink("kept/report.json", at("report.json")).unwrap();
+    let convert = ["weights", "convert", "small", "latest.safetensors"];
+    let complete = [
+        "complete",
+        "rgb.png",
+        "sparse.npy",
+        "-o",
+        "depth.npy",
+        "--method",
+        "nearest",
+    ];
+    let eval = [
+        "eval",
+        "--dataset",
+        "rooms",
+        "--set",
+        "data.rooms.width=64",
+        "--set",
+        "data.rooms.height=48",
+        "--limit",
+        "1",
+        "--method",
+        "nearest",
+        "--json",
+        "report.json",
+    ];
+    for (command, link) in [
+        (&convert[..], "latest.safetensors"),
+        (&complete, "depth.npy"),
+        (&eval, "report.json"),
+    ] {
+        refused(folder.path(), command, &["exists", "--force"]);
+        lsdc(folder.path())
+            .args(command)
+            .arg("--force")
+            .assert()
+            .success();
+        assert!(at(link).is_symlink(), "{link}");
+    }
+    assert_eq!(
+        names(&at("kept")),
+        ["next.npy", "report.json", "v3.safetensors"]
+    );
+    assert!(std::fs::read(at("kept/v3.safetensors")).unwrap().len() > 1 << 20);
+    assert!(read_npy(&at("kept/next.npy"), 1.0).is_ok());
+}
+
+/// A pipe gets the result and stays a pipe.
+#[test]
+#[cfg(unix)]
+fn results_go_into_pipes() {
+    use std::os::unix::fs::FileTypeExt as _;
+    let folder = room();
+    let pipe = folder.path().join("depth.npy");
+    let made = std::process::Command::new("mkfifo")
+        .arg(&pipe)
+        .status()
+        .unwrap();
+    assert!(made.success());
+    let reader = std::thread::spawn({
+        let pipe = pipe.clone();
+        move || std::fs::read(pipe).unwrap()
+    });
+    let complete = [
+        "complete",
+        "rgb.png",
+        "sparse.npy",
+        "--method",
+        "nearest",
+        "-o",
+    ];
+    lsdc(folder.path())
+        .args(complete)
+        .arg("depth.npy")
+        .assert()
+        .success();
+    lsdc(folder.path())
+        .args(complete)
+        .arg("file.npy")
+        .assert()
+        .success();
+    let file = std::fs::read(folder.path().join("file.npy")).unwrap();
+    assert_eq!(reader.join().unwrap(), file);
+    assert!(pipe.metadata().unwrap().file_type().is_fifo());
+}

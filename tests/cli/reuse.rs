@@ -165,6 +165,48 @@ fn results_of_other_settings_are_not_gone_on_with() {
     assert!(at.join("out/b_depth.pfm").exists());
 }
 
+/// Replaces text in a file.
+fn replace(path: &Path, from: &str, to: &str) {
+    let text = std::fs::read_to_string(path).unwrap();
+    assert!(text.contains(from), "{text}");
+    std::fs::write(path, text.replace(from, to)).unwrap();
+}
+
+#[test]
+fn results_of_other_numerics_are_not_gone_on_with() {
+    let folder = completed();
+    let at = folder.path();
+    let again = lsdc(at).args(COMPLETE).assert().success();
+    assert!(text(&again).contains("2 there already"));
+    // As of a program that computes other depths, which its golden results tell.
+    let golden = lsdc::provenance::golden();
+    replace(&at.join("out/.lsdc/b.json"), golden, "of another program");
+    refused(
+        at,
+        &COMPLETE,
+        &["1 results", "numerics.golden", "another program"],
+    );
+    replace(&at.join("out/.lsdc/b.json"), "of another program", golden);
+    lsdc(at).args(COMPLETE).assert().success();
+
+    let eval = [&SMALL[..], &["-o", "run"]].concat();
+    lsdc(at).args(&eval).assert().success();
+    replace(&at.join("run/journal.jsonl"), golden, "of another program");
+    refused(at, &eval, &["another evaluation", "numerics.golden"]);
+
+    // Nor those of another instruction set, where this machine has one.
+    if lsdc_kernels::simd::Level::here().name() == "portable" {
+        return;
+    }
+    let mut portable = lsdc(at);
+    portable.env("LSDC_SIMD", "portable").args(COMPLETE);
+    failed(
+        &mut portable,
+        2,
+        &["2 results", "numerics.simd", "portable"],
+    );
+}
+
 #[test]
 fn results_of_other_points_or_images_are_not_gone_on_with() {
     let folder = completed();

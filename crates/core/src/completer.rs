@@ -366,10 +366,12 @@ impl Completer {
         }
     }
 
-    /// Gives back memory that is kept for further images, where none will follow.
-    #[doc(hidden)]
+    /// Frees the memory that is kept for further images: that of the network, and the working memory of fits, which
+    /// all completers of the process share (up to a gigabyte after large images). Call it after the last completion is
+    /// dropped; later completions allocate again.
     pub fn release(&self) {
         self.network.release();
+        crate::field::release();
     }
 
     pub(crate) fn network(&self) -> &dyn Network {

@@ -17,7 +17,7 @@ pub(super) use evaluation::{Eval, Export};
 pub(super) use experiment::Experiments;
 use fit::FitFlags;
 pub(super) use looking::{Completions, Inspect, Manual};
-use recorded::Recorded;
+pub(super) use recorded::Recorded;
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 #[cfg(feature = "serve")]
 pub(super) use serve::{Serve, View};

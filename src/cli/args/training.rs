@@ -81,6 +81,10 @@ pub(in crate::cli) struct Calibrate {
     /// weights].
     #[arg(long, alias = "waves", value_name = "F")]
     pub(in crate::cli) cosines: Option<f64>,
+    /// The scene of every frame, as a file of lines FRAME,SCENE: errors are measured on other scenes than they were
+    /// learned from [default: the first folder in which the names of frames differ; without one, other frames].
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) scenes: Option<PathBuf>,
     /// Weights file to write.
     #[arg(short, long, value_name = "FILE")]
     pub(in crate::cli) output: PathBuf,

@@ -145,16 +145,12 @@ fn check(args: &Complete, output: &Path) -> Result<()> {
         let what = format!("`{}` is the recording", output.display());
         return Err(Error::config(what).hint("give another file with -o"));
     }
-    if output.exists() && !args.force {
-        return Err(Error::config(format!("`{}` exists", output.display()))
-            .hint("give --force to replace it, or another file with -o"));
-    }
     let folder = output
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-    data::check_writable(folder)?;
+    data::check_output(output, args.force)?;
     data::remove_leftovers(folder);
     Ok(())
 }

@@ -205,13 +205,13 @@ impl<'a> Outputs<'a> {
 
     /// Whether any of the files is there.
     pub(super) fn any_exists(&self) -> bool {
-        self.files.iter().any(|(_, path)| path.exists())
+        self.files.iter().any(|(_, path)| data::would_replace(path))
     }
 
-    /// Whether all files are there.
+    /// Whether all files are there; a pipe or device keeps nothing.
     pub(super) fn exist(&self) -> bool {
         let mut files = self.files.iter().map(|(_, path)| path);
-        files.all(|path| path.exists()) && self.state.as_ref().is_none_or(|path| path.exists())
+        files.all(|path| path.is_file()) && self.state.as_ref().is_none_or(|path| path.is_file())
     }
 
     /// Writes what was asked for. An existing file is replaced only by an equal one, or with
@@ -225,7 +225,7 @@ impl<'a> Outputs<'a> {
     ) -> Result<()> {
         let result = Contents::new(self.args, frame, found, forms, summary);
         for (kind, path) in &self.files {
-            if !self.args.force && path.exists() && !result.is_in(*kind, path) {
+            if !self.args.force && data::would_replace(path) && !result.is_in(*kind, path) {
                 return Err(Error::config(format!("`{}` exists", path.display()))
                     .hint("give --force to replace it, or -o DIR to write elsewhere"));
             }

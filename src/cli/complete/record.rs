@@ -5,7 +5,7 @@ use super::inputs::{Input, Job};
 use super::outputs::formats;
 use super::recorded;
 use super::summary::Summary;
-use crate::cli::args::{Complete, Format};
+use crate::cli::args::{Complete, Format, Model};
 use crate::data::write_atomically;
 use crate::error::{Error, Result};
 use crate::predict::{Method, weights_fit, weights_hash};
@@ -220,23 +220,54 @@ fn settings(args: &Complete) -> Result<Value> {
         }
     };
     let writes = |some: &[Format]| formats(args).iter().any(|format| some.contains(format));
+    // Every argument is named, so that a new one is not forgotten here.
+    let Complete {
+        // Inputs of each frame, compared by their contents.
+        rgb: _,
+        sparse: _,
+        sigma: _,
+        guide,
+        // In the fit and the weights above, and in `recorded::settings`.
+        fit: _,
+        recorded: _,
+        model: Model { weights: _, device },
+        method,
+        depth_unit,
+        camera,
+        full,
+        size,
+        temporal,
+        preserve_input,
+        range,
+        max_sigma,
+        noise,
+        uncertainty,
+        // Whether there are more files, not what is in the others.
+        formats: _,
+        outliers: _,
+        // Where results go, which frames are completed, and what is printed.
+        output: _,
+        shard: _,
+        force: _,
+        json: _,
+    } = args;
     Ok(json!({
-        "program": provenance::program(),
-        "method": args.method,
+        "numerics": provenance::numerics(),
+        "method": method,
         "weights": weights,
         "fit": fit,
-        "device": weights.as_ref().map(|_| &args.model.device),
-        "full": args.full,
-        "guide": args.guide.as_ref().map(|guide| format!("{:?}", guide.kind)),
-        "temporal": args.temporal,
-        "depth_unit": args.depth_unit.map(|unit| unit.to_string()),
+        "device": weights.as_ref().map(|_| device),
+        "full": full,
+        "guide": guide.as_ref().map(|guide| format!("{:?}", guide.kind)),
+        "temporal": temporal,
+        "depth_unit": depth_unit.map(|unit| unit.to_string()),
         "recording": recorded::settings(args),
-        "camera": args.camera.as_ref().map(|camera| format!("{camera:?}")),
-        "size": args.size,
-        "preserve_input": args.preserve_input.name(),
-        "range": args.range.filter(|_| writes(&[Format::Color])),
-        "max_sigma": args.max_sigma,
-        "noise": args.noise.map(DepthNoise::coefficients),
-        "sigma_in_files": args.uncertainty && writes(&[Format::Npz, Format::Exr, Format::Ply]),
+        "camera": camera.as_ref().map(|camera| format!("{camera:?}")),
+        "size": size,
+        "preserve_input": preserve_input.name(),
+        "range": range.filter(|_| writes(&[Format::Color])),
+        "max_sigma": max_sigma,
+        "noise": noise.map(DepthNoise::coefficients),
+        "sigma_in_files": *uncertainty && writes(&[Format::Npz, Format::Exr, Format::Ply]),
     }))
 }

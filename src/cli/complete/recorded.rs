@@ -1,7 +1,7 @@
 //! Frames of a recording.
 
 use super::inputs::Loaded;
-use crate::cli::args::Complete;
+use crate::cli::args::{self, Complete};
 use crate::cli::ui;
 use crate::error::{Error, Result};
 use crate::provenance;
@@ -156,11 +156,24 @@ impl Recorded {
 
 /// What was asked for, as far as it decides what is in results.
 pub(super) fn settings(args: &Complete) -> Option<Value> {
-    let asked = &args.recorded;
+    // Every option is named, so that a new one is not forgotten here.
+    let args::Recorded {
+        image,
+        points,
+        camera_info,
+        tf,
+        fixed_frame,
+        tolerance,
+        no_deskew,
+        // For results in a recording, which are not kept for another run.
+        units: _,
+        cloud: _,
+        copy: _,
+    } = &args.recorded;
     args.rgb.is_empty().then(|| {
         json!({
-            "image": asked.image, "points": asked.points, "camera_info": asked.camera_info, "tf": asked.tf,
-            "fixed_frame": asked.fixed_frame, "tolerance": asked.tolerance, "deskew": !asked.no_deskew,
+            "image": image, "points": points, "camera_info": camera_info, "tf": tf,
+            "fixed_frame": fixed_frame, "tolerance": tolerance, "deskew": !no_deskew,
         })
     })
 }

@@ -77,6 +77,7 @@ fn by_walking(root: &Path, split: Split) -> Result<Vec<Files>> {
             let none = found.is_empty();
             frames.extend(found.into_iter().map(|files| Files {
                 id: format!("{name}/{}", last(&files.id)),
+                scene: scene_of(last(&files.id)),
                 ..files
             }));
             if !none {
@@ -90,6 +91,11 @@ fn by_walking(root: &Path, split: Split) -> Result<Vec<Files>> {
 /// The frame's own name, which holds those of scene, scan and place.
 fn last(id: &str) -> &str {
     id.rsplit('/').next().unwrap_or(id)
+}
+
+/// The first part of a frame's own name: `00019_00183_indoors_000_010`.
+fn scene_of(frame: &str) -> Option<String> {
+    frame.split_once('_').map(|(scene, _)| scene.to_owned())
 }
 
 fn by_list(root: &Path, list: &Path, split: Split) -> Result<Vec<Files>> {
@@ -111,6 +117,7 @@ fn by_list(root: &Path, list: &Path, split: Split) -> Result<Vec<Files>> {
                     let folder = root.join(split.name()).join(name).join(scene).join(scan);
                     frames.push(Files {
                         id: format!("{name}/{frame}"),
+                        scene: scene_of(frame),
                         rgb: folder.join(format!("{frame}.png")),
                         depth: folder.join(format!("{frame}_depth.npy")),
                         mask: Some(folder.join(format!("{frame}_depth_mask.npy"))),

@@ -59,6 +59,8 @@ impl FolderConfig {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Files {
     pub(super) id: FrameId,
+    /// Where it is not a folder in the name.
+    pub(super) scene: Option<String>,
     pub(super) rgb: PathBuf,
     /// Empty if there is none.
     pub(super) depth: PathBuf,
@@ -144,6 +146,7 @@ pub(super) fn find(root: &Path, split: Split, config: &FolderConfig) -> Result<V
         };
         frames.push(Files {
             id: id(&captures),
+            scene: None,
             rgb: root.join(&path),
             depth: other(&depth)?.unwrap_or_default(),
             sparse: other(&sparse)?,
@@ -189,6 +192,10 @@ impl Dataset for Folder {
 
     fn len(&self) -> usize {
         self.frames.len()
+    }
+
+    fn scene(&self, index: usize) -> Option<String> {
+        self.frames[index].scene.clone()
     }
 
     fn id(&self, index: usize) -> FrameId {

@@ -20,6 +20,7 @@ pub(in crate::data) fn marigold(root: &Path) -> Result<Folder> {
             let beside = |folder: &str| root.join(folder).join(format!("{stem}.npy"));
             ["png", "jpg", "jpeg"].contains(&ending).then(|| Files {
                 id: stem.to_owned(),
+                scene: None,
                 rgb: colours.join(&name),
                 depth: beside("gt"),
                 sparse: Some(beside("sparse")),

@@ -2,7 +2,7 @@
 //! are matched by time; 16-bit PNG, metres = value / 5000.
 
 use super::folder::{Files, Folder};
-use crate::data::Place;
+use crate::data::{Place, is_depth_image};
 use crate::error::{Error, Result};
 use std::path::Path;
 
@@ -17,10 +17,7 @@ const APART: f64 = 0.02;
 pub(in crate::data) fn tum(root: &Path) -> Result<Folder> {
     let list = root.join("associations.txt");
     let pairs = if list.is_file() {
-        let rows = lines(&list, 4)?;
-        rows.into_iter()
-            .map(|row| (row[1].clone(), row[3].clone()))
-            .collect()
+        associated(root, &list)?
     } else {
         associate(
             &times(&root.join("rgb.txt"))?,
@@ -35,6 +32,7 @@ pub(in crate::data) fn tum(root: &Path) -> Result<Folder> {
                 .unwrap_or_default()
                 .to_string_lossy()
                 .into_owned(),
+            scene: None,
             rgb: root.join(rgb),
             depth: root.join(depth),
             sparse: None,
@@ -49,6 +47,35 @@ pub(in crate::data) fn tum(root: &Path) -> Result<Folder> {
         )));
     }
     Ok(Folder::of("TUM RGB-D".into(), "full", 1.0 / 5000.0, frames))
+}
+
+/// The pairs of a list of times and files: image, then depth, whichever of them the list names first. Tools write
+/// either order (`associate.py rgb.txt depth.txt`; ICL-NUIM the other); files tell which is which.
+fn associated(root: &Path, list: &Path) -> Result<Vec<(String, String)>> {
+    let rows = lines(list, 4)?;
+    let Some([first, second]) = rows.first().map(|row| [&row[1], &row[3]]) else {
+        return Ok(Vec::new());
+    };
+    let is_depth = |name: &str| is_depth_image(&root.join(name));
+    let depth_first = match (is_depth(first)?, is_depth(second)?) {
+        (false, true) => false,
+        (true, false) => true,
+        (both, _) => {
+            let kind = if both { "depths" } else { "colours" };
+            let what = format!("pairs `{first}` with `{second}`, which both hold {kind}");
+            return Err(Error::format(list, what)
+                .hint("a line is: time, image, time, 16-bit depth map; or depth map first"));
+        }
+    };
+    let pairs = rows.into_iter().map(|row| {
+        let (first, second) = (row[1].clone(), row[3].clone());
+        if depth_first {
+            (second, first)
+        } else {
+            (first, second)
+        }
+    });
+    Ok(pairs.collect())
 }
 
 /// The fields of every line that is no comment; at least `fewest` each.

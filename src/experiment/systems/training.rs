@@ -84,7 +84,7 @@ impl<'a> TrainedSystem<'a> {
         keep_to(
             &self.folder(),
             &json!({
-                "program": provenance::program(),
+                "numerics": provenance::numerics(),
                 "system": self.recipe.system,
                 "training": self.recipe.train,
                 "frames": provenance::frames(&*self.frames),

@@ -38,6 +38,12 @@ pub(super) fn forget_rests() {
     RESTS.list().clear();
 }
 
+/// Gives all memory back that is kept for further factors.
+pub(super) fn forget_memory() {
+    FACTORS.list().clear();
+    forget_rests();
+}
+
 impl<T: Copy> Spare<T> {
     fn list(&self) -> MutexGuard<'_, Vec<Memory<T>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)

@@ -35,6 +35,13 @@ use plan::Plan;
 use std::sync::Arc;
 use stencil::{Neighbours, Stencil};
 
+/// Gives memory back that is kept for further fields of any size, of this process; what fields in use hold is kept when
+/// they are dropped.
+pub(crate) fn release() {
+    factor::forget_memory();
+    plan::forget_plans();
+}
+
 /// The affinities of neighbouring pixels, `[height * width]` each, none negative.
 #[derive(Clone, Copy, Debug)]
 pub struct Grid<'a> {

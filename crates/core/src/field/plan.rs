@@ -10,7 +10,7 @@ use super::tile::Program;
 use lsdc_kernels::cholesky::PAD;
 use std::collections::HashMap;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// About the length of a tile's side: of 7 to 23 the fastest, by a little.
 const SIDE: usize = 15;
@@ -149,21 +149,31 @@ struct Cutter {
     turn: u32,
 }
 
+/// The plans of the last few sizes.
+static PLANS: Mutex<Vec<Arc<Plan>>> = Mutex::new(Vec::new());
+
+fn plans() -> MutexGuard<'static, Vec<Arc<Plan>>> {
+    PLANS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Gives the memory of plans back that no field uses.
+pub(super) fn forget_plans() {
+    plans().clear();
+}
+
 impl Plan {
     /// The plan of a size, made once for the last few sizes.
     pub(super) fn of(height: usize, width: usize, neighbours: Neighbours) -> Arc<Self> {
         /// How many plans are kept.
         const KEPT: usize = 4;
-        static PLANS: Mutex<Vec<Arc<Plan>>> = Mutex::new(Vec::new());
         let key = (height, width, neighbours);
         let same = |plan: &Arc<Self>| (plan.height, plan.width, plan.neighbours) == key;
-        let lock = || PLANS.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = {
-            let mut plans = lock();
+            let mut plans = plans();
             plans.iter().position(same).map(|at| plans.remove(at))
         };
         let plan = kept.unwrap_or_else(|| Arc::new(Self::new(height, width, neighbours)));
-        let mut plans = lock();
+        let mut plans = plans();
         if !plans.iter().any(same) {
             plans.insert(0, plan.clone());
             plans.truncate(KEPT);

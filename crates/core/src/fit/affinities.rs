@@ -18,7 +18,7 @@ struct Inner {
     width: usize,
     right: Vec<f64>,
     down: Vec<f64>,
-    /// The field of these affinities before any observation, and its level.
+    /// The field of these affinities before any observation, and its level: the last that was asked for.
     prior: Mutex<Option<(f64, Option<FieldPrior>)>>,
     /// Those of blocks of pixels.
     blocks: OnceLock<Affinities>,
@@ -87,7 +87,8 @@ impl Affinities {
         }
     }
 
-    /// The field before any observation, factorised on first use; `None` without a level.
+    /// The field before any observation, factorised on first use and again for another level than the last; `None`
+    /// without a level.
     pub fn prior(&self, level: f64) -> Option<FieldPrior> {
         let kept = self.kept().clone();
         if let Some((_, prior)) = kept.filter(|(of, _)| *of == level) {
@@ -95,7 +96,7 @@ impl Affinities {
         }
         // Not under the lock: a thread that waits for others there may take up work that asks for the same.
         let found = FieldPrior::new(&self.grid(level));
-        self.kept().get_or_insert((level, found.clone()));
+        *self.kept() = Some((level, found.clone()));
         found
     }
 
@@ -222,5 +223,22 @@ impl Smooth {
                 *value += along(upper) * (1.0 - v) + along(lower) * v;
             }
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_field_of_the_last_level_is_kept() {
+        let affinities = Affinities::new((6, 8), &[1.0; 96]).unwrap();
+        let kept = || affinities.kept().as_ref().map(|(level, _)| *level);
+        for level in [1e-6, 1e-4, 1e-6] {
+            assert!(affinities.prior(level).is_some());
+            assert_eq!(kept(), Some(level));
+        }
+        affinities.forget_prior();
+        assert_eq!(kept(), None);
     }
 }

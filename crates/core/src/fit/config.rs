@@ -230,8 +230,9 @@ impl Display for FitConfig {
             }
             (prior, Lambda::ByCount(values)) => {
                 write!(f, " with the {} prior, lambda", prior.name())?;
-                for (count, lambda) in values {
-                    write!(f, " {lambda:.2e} at {count}")?;
+                for (i, (count, lambda)) in values.into_iter().enumerate() {
+                    let comma = if i > 0 { "," } else { "" };
+                    write!(f, "{comma} {lambda:.2e} at {count}")?;
                 }
                 write!(f, " points")?;
             }

@@ -8,7 +8,7 @@ use crate::bilinear::neighbours;
 use lsdc_kernels::simd::{Blend, Packed, Tail};
 use std::collections::VecDeque;
 use std::ops::Range;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Rows and columns of positions in an image, on its feature map.
 #[derive(Debug)]
@@ -156,19 +156,26 @@ impl Grids {
                 (&all(size.0), &all(size.1)),
             ))
         };
-        // A poisoned lock costs time, nothing else.
-        let Ok(mut kept) = self.0.lock() else {
-            return new();
+        let find = |kept: &VecDeque<Arc<Grid>>| {
+            let mut grids = kept.iter();
+            let same = |grid: &&Arc<Grid>| (grid.features, grid.size) == (features, size);
+            grids.find(same).cloned()
         };
-        let found = kept
-            .iter()
-            .find(|g| (g.features, g.size) == (features, size));
-        if let Some(grid) = found {
-            return grid.clone();
+        if let Some(grid) = find(&self.kept()) {
+            return grid;
         }
+        // Not under the lock, which images of other sizes want meanwhile.
         let grid = new();
-        kept.push_front(grid.clone());
-        kept.truncate(Self::KEPT);
-        grid
+        let mut kept = self.kept();
+        // Another thread may have been first.
+        find(&kept).unwrap_or_else(|| {
+            kept.push_front(grid.clone());
+            kept.truncate(Self::KEPT);
+            grid
+        })
+    }
+
+    fn kept(&self) -> MutexGuard<'_, VecDeque<Arc<Grid>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -33,10 +33,12 @@ pub use npz::{encode_npz, write_npz};
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
 pub(super) use picture::{image_kind, read_grey};
-pub use picture::{image_size, read_depth_png, read_rgb, read_upright, write_rgb};
+pub use picture::{image_size, is_depth_image, read_depth_png, read_rgb, read_upright, write_rgb};
 pub use ply::{Colored, encode_ply, write_ply};
+pub use quiet::hide_caught_panics;
 pub use save::{
-    Unfinished, check_writable, remove_leftovers, write_atomically, write_folder_atomically,
+    Unfinished, check_output, check_writable, remove_leftovers, would_replace, write_atomically,
+    write_folder_atomically,
 };
 pub(super) use table::{Columns, Row, Table, read_table};
 pub use tiff::write_tiff;

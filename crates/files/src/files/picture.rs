@@ -98,6 +98,14 @@ pub(crate) fn image_kind(path: &Path) -> Result<((usize, usize), ColorType)> {
     Ok(((width as usize, height as usize), decoder.color_type()))
 }
 
+/// Returns whether an image holds depths: one channel of 16 bits.
+///
+/// # Errors
+/// As for [`image_size`].
+pub fn is_depth_image(path: &Path) -> Result<bool> {
+    image_kind(path).map(|(_, kind)| kind == ColorType::L16)
+}
+
 /// An image turned upright, and how.
 fn open(path: &Path) -> Result<(DynamicImage, Orientation)> {
     let mut decoder = decoder(path)?;

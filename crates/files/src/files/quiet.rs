@@ -1,4 +1,4 @@
-//! Catching the panics of libraries that cannot be kept from them, without a message on the terminal.
+//! Catching the panics of libraries that cannot be kept from them.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
@@ -9,8 +9,20 @@ thread_local! {
     static CATCHING: Cell<bool> = const { Cell::new(false) };
 }
 
-/// What `work` returns, or nothing if it panics. Panics elsewhere are reported as before.
+/// Returns what `work` returns, or nothing if it panics.
 pub(super) fn catch<T>(work: impl FnOnce() -> T) -> Option<T> {
+    let outer = CATCHING.replace(true);
+    let result = catch_unwind(AssertUnwindSafe(work)).ok();
+    CATCHING.set(outer);
+    result
+}
+
+/// Keeps the messages of panics that readers catch, as of a damaged LAZ file, off standard error; all others are
+/// reported as before.
+///
+/// The hook belongs to the whole process, so only a program calls this, never a library: without it, readers return the
+/// same errors.
+pub fn hide_caught_panics() {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let before = take_hook();
@@ -20,20 +32,33 @@ pub(super) fn catch<T>(work: impl FnOnce() -> T) -> Option<T> {
             }
         }));
     });
-    let outer = CATCHING.replace(true);
-    let result = catch_unwind(AssertUnwindSafe(work)).ok();
-    CATCHING.set(outer);
-    result
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
-    fn panics_become_nothing() {
+    fn panics_become_nothing_and_only_a_program_hides_them() {
+        static TOLD: AtomicUsize = AtomicUsize::new(0);
+        let (before, own) = (take_hook(), std::thread::current().id());
+        set_hook(Box::new(move |panic| {
+            // Other tests panic at the same time.
+            if std::thread::current().id() == own {
+                TOLD.fetch_add(1, Ordering::Relaxed);
+            } else {
+                before(panic);
+            }
+        }));
+        let damaged = || catch(|| -> u8 { panic!("a damaged record") });
         assert_eq!(catch(|| 3), Some(3));
-        assert_eq!(catch(|| -> u8 { panic!("a damaged record") }), None);
+        assert_eq!((damaged(), TOLD.load(Ordering::Relaxed)), (None, 1));
+        hide_caught_panics();
+        assert_eq!((damaged(), TOLD.load(Ordering::Relaxed)), (None, 1));
         assert!(!CATCHING.get());
+        assert!(std::panic::catch_unwind(|| panic!("another")).is_err());
+        assert_eq!(TOLD.load(Ordering::Relaxed), 2);
+        let _ = take_hook();
     }
 }

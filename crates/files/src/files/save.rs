@@ -1,8 +1,8 @@
-//! Writing files and folders so that none is ever half written or lost.
+//! Writing files and folders so that none is ever half written or lost, and that only regular files are replaced.
 
 use crate::error::{Error, Result};
 use std::fs::File;
-use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::io::{BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -11,8 +11,8 @@ const UNFINISHED: (&str, &str) = (".lsdc-", ".tmp");
 /// No file takes so long to write.
 const LONG_AGO: Duration = Duration::from_mins(10);
 
-/// Writes `path` through a temporary file in the same folder, renamed when complete. On return the
-/// file outlives a power failure.
+/// Writes `path` through a temporary file, renamed when complete, as [`Unfinished`]. On return the file outlives a
+/// power failure.
 ///
 /// # Errors
 /// The folder cannot be written, or `fill` fails; `path` is then untouched.
@@ -29,38 +29,55 @@ pub fn write_atomically(
     file.finish()
 }
 
-/// A file on its way to its name: a temporary one in the same folder, which goes if it is not finished.
+/// A temporary file that becomes the file at a path, or is copied into the pipe or device there; it is removed if it
+/// is not finished.
 #[derive(Debug)]
 pub struct Unfinished {
     file: tempfile::NamedTempFile,
-    path: PathBuf,
+    target: Target,
 }
 
 impl Unfinished {
-    /// For a file that will be at `path`.
+    /// Creates the temporary file of `path`: in the folder of the file that `path` names, through any links.
     ///
     /// # Errors
-    /// The folder cannot be written.
+    /// The folder cannot be written, or `path` is a folder.
     pub fn create(path: &Path) -> Result<Self> {
-        let file = temporary(parent(path)).map_err(|e| Error::write(path, e))?;
-        Ok(Self {
-            file,
-            path: path.to_owned(),
-        })
+        let attempt = || {
+            let target = Target::of(path)?;
+            let file = match &target {
+                Target::File(path) => temporary(parent(path))?,
+                Target::Stream(_) => temporary(&std::env::temp_dir())?,
+            };
+            Ok(Self { file, target })
+        };
+        attempt().map_err(|e| Error::write(path, e))
     }
 
-    /// Puts it in its place, also of a file that is there. On return it outlives a power failure.
+    /// Renames the file to its path, which may name a file already, or copies it into the pipe or device there. On
+    /// return a file outlives a power failure.
     ///
     /// # Errors
     /// The file cannot be written; what was there is then untouched.
     pub fn finish(self) -> Result<()> {
-        let Self { file, path } = self;
-        let attempt = || {
-            file.as_file().sync_all()?;
-            file.persist(&path).map_err(|e| e.error)?;
-            sync_folder(parent(&path))
-        };
-        attempt().map_err(|e| Error::write(&path, e))
+        let Self { mut file, target } = self;
+        match &target {
+            Target::File(path) => {
+                let renamed = file.as_file().sync_all().and_then(|()| {
+                    file.persist(path).map_err(|e| e.error)?;
+                    sync_folder(parent(path))
+                });
+                renamed.map_err(|e| Error::write(path, e))
+            }
+            Target::Stream(path) => {
+                let mut copy = || {
+                    let mut stream = File::options().append(true).open(path)?;
+                    file.rewind()?;
+                    std::io::copy(&mut file, &mut stream).map(|_| ())
+                };
+                copy().map_err(|e| Error::write(path, e))
+            }
+        }
     }
 }
 
@@ -80,24 +97,107 @@ impl Seek for Unfinished {
     }
 }
 
-/// Writes the folder `path` through a temporary one beside it, renamed when complete. `fill` gets the
-/// temporary folder and writes its files by [`write_atomically`]. A folder that is there is replaced.
+/// What a path names, through any links.
+#[derive(Debug, PartialEq, Eq)]
+enum Target {
+    /// A regular file, which need not exist.
+    File(PathBuf),
+    /// A pipe, a device or the like, which is written to and never replaced.
+    Stream(PathBuf),
+}
+
+impl Target {
+    fn of(path: &Path) -> std::io::Result<Self> {
+        let end = followed(path)?;
+        match end.metadata() {
+            Ok(found) if found.is_dir() => Err(ErrorKind::IsADirectory.into()),
+            Ok(found) if !found.is_file() => Ok(Self::Stream(end)),
+            Ok(_) if end.is_symlink() => Err(std::io::Error::new(
+                ErrorKind::InvalidInput,
+                "it is an open file of a process: give its name instead",
+            )),
+            Ok(_) => Ok(Self::File(end)),
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(Self::File(end)),
+            Err(e) => Err(e),
+        }
+    }
+}
+
+/// Follows links to a path that is none, or to one whose text says nothing: /dev/stdout leads to an open file.
+fn followed(path: &Path) -> std::io::Result<PathBuf> {
+    /// More links than any system follows.
+    const MOST_LINKS: usize = 64;
+    let mut end = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        match end.read_link() {
+            Ok(link) if !of_a_process(parent(&end)) => end = parent(&end).join(link),
+            _ => return Ok(end),
+        }
+    }
+    Err(std::io::Error::other("the links lead in a circle"))
+}
+
+/// Whether the links of a folder are the open files of a process.
+fn of_a_process(folder: &Path) -> bool {
+    cfg!(target_os = "linux") && folder.canonicalize().is_ok_and(|p| p.starts_with("/proc"))
+}
+
+/// Returns whether writing to `path` replaces something: a file, or a link that leads nowhere. Pipes and devices are
+/// written to, not replaced.
+pub fn would_replace(path: &Path) -> bool {
+    !matches!(Target::of(path), Ok(Target::Stream(_))) && path.symlink_metadata().is_ok()
+}
+
+/// Checks, before anything is computed, that `path` can be written and that this replaces nothing, unless `force`
+/// allows it. Nothing is left behind.
 ///
 /// # Errors
-/// The folder cannot be written, or `fill` fails.
+/// A file or link is there and `force` is not set, or `path` cannot be written.
+pub fn check_output(path: &Path, force: bool) -> Result<()> {
+    if !force && would_replace(path) {
+        return Err(Error::config(format!("`{}` exists", path.display()))
+            .hint("give --force to replace it"));
+    }
+    match Target::of(path).map_err(|e| Error::write(path, e))? {
+        Target::File(file) => check_writable(parent(&file)),
+        Target::Stream(_) => Ok(()),
+    }
+}
+
+/// Writes the folder `path` through a temporary one beside it, renamed when complete. `fill` gets the temporary folder
+/// and writes its files by [`write_atomically`]. A folder at `path` is renamed before it is removed, so that one of the
+/// two is always whole.
+///
+/// # Errors
+/// The folder cannot be written, `path` is no folder, or `fill` fails; what was there is then untouched.
 pub fn write_folder_atomically(path: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let temporary = path.with_extension("tmp");
-    let remove = |folder: &Path| match std::fs::remove_dir_all(folder) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(folder, e)),
-        _ => Ok(()),
+    let failed = |e| Error::write(path, e);
+    let path = followed(path).map_err(failed)?;
+    if path.symlink_metadata().is_ok_and(|found| !found.is_dir()) {
+        return Err(failed(ErrorKind::NotADirectory.into()));
+    }
+    let folder = parent(&path);
+    std::fs::create_dir_all(folder).map_err(failed)?;
+    let filled = temporary_folder(folder).map_err(failed)?;
+    fill(filled.path())?;
+    let attempt = || {
+        let old = temporary_folder(folder)?;
+        let before = old.path().join("before");
+        let replaces = match std::fs::rename(&path, &before) {
+            Ok(()) => true,
+            Err(e) if e.kind() == ErrorKind::NotFound => false,
+            Err(e) => return Err(e),
+        };
+        if let Err(e) = std::fs::rename(filled.path(), &path) {
+            if replaces && std::fs::rename(&before, &path).is_err() {
+                // The only copy: it stays in the temporary folder.
+                let _ = old.keep();
+            }
+            return Err(e);
+        }
+        sync_folder(folder)
     };
-    remove(&temporary)?;
-    std::fs::create_dir_all(&temporary).map_err(|e| Error::write(&temporary, e))?;
-    fill(&temporary)?;
-    remove(path)?;
-    std::fs::rename(&temporary, path)
-        .and_then(|()| sync_folder(parent(path)))
-        .map_err(|e| Error::write(path, e))
+    attempt().map_err(failed)
 }
 
 /// Checks that files can be written into a folder, or into the nearest folder above it that exists.
@@ -106,8 +206,10 @@ pub fn write_folder_atomically(path: &Path, fill: impl FnOnce(&Path) -> Result<(
 /// # Errors
 /// They cannot.
 pub fn check_writable(folder: &Path) -> Result<()> {
-    let nearest = folder.ancestors().find(|path| path.exists());
-    let nearest = nearest.unwrap_or(Path::new("."));
+    let nearest = folder
+        .ancestors()
+        .find(|path| path.exists())
+        .unwrap_or(Path::new("."));
     temporary(nearest)
         .map(|_| ())
         .map_err(|e| Error::write(folder, e).hint("give another folder with -o"))
@@ -117,8 +219,16 @@ fn temporary(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     tempfile::Builder::new()
         .prefix(UNFINISHED.0)
         .suffix(UNFINISHED.1)
-        .permissions_like_a_new_file()
+        .permissions_like_a_new_file(0o666)
         .tempfile_in(folder)
+}
+
+fn temporary_folder(folder: &Path) -> std::io::Result<tempfile::TempDir> {
+    tempfile::Builder::new()
+        .prefix(UNFINISHED.0)
+        .suffix(UNFINISHED.1)
+        .permissions_like_a_new_file(0o777)
+        .tempdir_in(folder)
 }
 
 fn parent(path: &Path) -> &Path {
@@ -131,7 +241,7 @@ fn parent(path: &Path) -> &Path {
 /// Makes the names in a folder outlive a power failure, where the file system can.
 #[cfg(unix)]
 fn sync_folder(folder: &Path) -> std::io::Result<()> {
-    use std::io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
+    use ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
     match File::open(folder).and_then(|folder| folder.sync_all()) {
         // A folder that may be written but not listed cannot be opened.
         Err(e) if matches!(e.kind(), InvalidInput | PermissionDenied | Unsupported) => Ok(()),
@@ -164,18 +274,18 @@ pub fn remove_leftovers(folder: &Path) {
 
 /// A temporary file is private by default; an output should be as readable as any other file.
 trait LikeANewFile {
-    fn permissions_like_a_new_file(&mut self) -> &mut Self;
+    fn permissions_like_a_new_file(&mut self, mode: u32) -> &mut Self;
 }
 
 impl LikeANewFile for tempfile::Builder<'_, '_> {
     #[cfg(unix)]
-    fn permissions_like_a_new_file(&mut self) -> &mut Self {
+    fn permissions_like_a_new_file(&mut self, mode: u32) -> &mut Self {
         use std::os::unix::fs::PermissionsExt as _;
-        self.permissions(std::fs::Permissions::from_mode(0o666))
+        self.permissions(std::fs::Permissions::from_mode(mode))
     }
 
     #[cfg(not(unix))]
-    fn permissions_like_a_new_file(&mut self) -> &mut Self {
+    fn permissions_like_a_new_file(&mut self, _: u32) -> &mut Self {
         self
     }
 }
@@ -218,6 +328,23 @@ mod tests {
         write_folder_atomically(&path, fill(b"new")).unwrap();
         assert_eq!(std::fs::read(path.join("a")).unwrap(), b"new");
         assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 1);
+        // A file is not replaced by a folder.
+        assert!(write_folder_atomically(&path.join("a"), |_| Ok(())).is_err());
+        assert_eq!(std::fs::read(path.join("a")).unwrap(), b"new");
+    }
+
+    #[test]
+    fn folders_whose_names_differ_behind_a_point_do_not_share_a_temporary_one() {
+        let root = tempfile::tempdir().unwrap();
+        let fill = |folder: &Path| write_atomically(&folder.join("x"), |out| out.write_all(b"1"));
+        write_folder_atomically(&root.path().join("a.1"), |one| {
+            write_folder_atomically(&root.path().join("a.2"), fill)?;
+            fill(one)
+        })
+        .unwrap();
+        for name in ["a.1/x", "a.2/x"] {
+            assert_eq!(std::fs::read(root.path().join(name)).unwrap(), b"1");
+        }
     }
 
     #[test]
@@ -244,5 +371,129 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         write_atomically(&path, |w| w.write_all(b"new")).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_stay_and_what_they_lead_to_is_written() {
+        use std::os::unix::fs::symlink;
+        let root = tempfile::tempdir().unwrap();
+        let at = |name: &str| root.path().join(name);
+        for folder in ["links", "files"] {
+            std::fs::create_dir(at(folder)).unwrap();
+        }
+        std::fs::write(at("files/v3"), b"old").unwrap();
+        symlink("../files/v3", at("links/latest")).unwrap();
+        symlink(at("links/latest"), at("chain")).unwrap();
+        symlink("../files/v4", at("links/next")).unwrap();
+        symlink("circle", at("circle")).unwrap();
+
+        let failed = write_atomically(&at("chain"), |_| Err(std::io::Error::other("full")));
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read(at("files/v3")).unwrap(), b"old");
+        for (link, file) in [("chain", "files/v3"), ("links/next", "files/v4")] {
+            // Also a link to a file that is not there yet.
+            assert!(would_replace(&at(link)) && check_output(&at(link), false).is_err());
+            check_output(&at(link), true).unwrap();
+            write_atomically(&at(link), |out| out.write_all(link.as_bytes())).unwrap();
+            assert!(at(link).is_symlink());
+            assert!(!at(file).is_symlink());
+            assert_eq!(std::fs::read(at(file)).unwrap(), link.as_bytes());
+        }
+        assert!(at("links/latest").is_symlink());
+        assert_eq!(std::fs::read_dir(at("files")).unwrap().count(), 2);
+
+        assert!(would_replace(&at("circle")) && check_output(&at("circle"), true).is_err());
+        assert!(write_atomically(&at("circle"), |_| Ok(())).is_err());
+        assert!(at("circle").is_symlink());
+
+        symlink("files", at("folder")).unwrap();
+        assert!(check_output(&at("folder"), true).is_err());
+        assert!(write_atomically(&at("folder"), |_| Ok(())).is_err());
+        assert!(!would_replace(&at("new")) && check_output(&at("new"), false).is_ok());
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_folder_behind_a_link_is_replaced_and_the_link_stays() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |name: &str| root.path().join(name);
+        std::fs::create_dir(at("run")).unwrap();
+        std::fs::write(at("run/old"), b"old").unwrap();
+        std::os::unix::fs::symlink("run", at("latest")).unwrap();
+        let fill = |folder: &Path| write_atomically(&folder.join("x"), |out| out.write_all(b"1"));
+        write_folder_atomically(&at("latest"), fill).unwrap();
+        assert!(at("latest").is_symlink() && at("run/x").exists() && !at("run/old").exists());
+        assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 2);
+    }
+
+    /// Whether a command of the system succeeds.
+    #[cfg(unix)]
+    fn runs(command: &str, arguments: &[&str], path: &Path) -> bool {
+        let status = std::process::Command::new(command)
+            .arg(path)
+            .args(arguments)
+            .stderr(std::process::Stdio::null())
+            .status();
+        status.is_ok_and(|status| status.success())
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_pipe_is_written_to_and_stays_also_behind_a_link() {
+        use std::os::unix::fs::FileTypeExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let (pipe, link) = (folder.path().join("pipe"), folder.path().join("link"));
+        assert!(runs("mkfifo", &[], &pipe));
+        std::os::unix::fs::symlink("pipe", &link).unwrap();
+        for path in [&pipe, &link] {
+            assert!(!would_replace(path));
+            check_output(path, false).unwrap();
+            let reader = std::thread::spawn({
+                let pipe = pipe.clone();
+                move || std::fs::read(pipe).unwrap()
+            });
+            let mut file = Unfinished::create(path).unwrap();
+            file.write_all(b"?ello").unwrap();
+            file.rewind().unwrap();
+            file.write_all(b"h").unwrap();
+            file.finish().unwrap();
+            assert_eq!(reader.join().unwrap(), b"hello");
+        }
+        // Nothing is written if the contents fail.
+        assert!(write_atomically(&pipe, |_| Err(std::io::Error::other("full"))).is_err());
+        assert!(pipe.metadata().unwrap().file_type().is_fifo() && link.is_symlink());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_device_is_written_to_and_stays() {
+        use std::os::unix::fs::FileTypeExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        // A null device of our own, where the system allows that.
+        let null = folder.path().join("null");
+        if !runs("mknod", &["c", "1", "3"], &null)
+            || File::options().append(true).open(&null).is_err()
+        {
+            return;
+        }
+        check_output(&null, false).unwrap();
+        write_atomically(&null, |out| out.write_all(b"gone")).unwrap();
+        assert!(null.metadata().unwrap().file_type().is_char_device());
+        assert_eq!(std::fs::read(&null).unwrap(), b"");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn an_open_file_of_a_process_is_not_replaced() {
+        use std::os::fd::AsRawFd as _;
+        let folder = tempfile::tempdir().unwrap();
+        let file = File::create(folder.path().join("out")).unwrap();
+        let path = PathBuf::from(format!("/proc/self/fd/{}", file.as_raw_fd()));
+        assert!(check_output(&path, true).is_err());
+        assert!(write_atomically(&path, |out| out.write_all(b"x")).is_err());
+        assert_eq!(file.metadata().unwrap().len(), 0);
     }
 }

@@ -73,6 +73,10 @@ impl Dataset for Rooms {
         format!("procedural rooms, seed {}", self.config.seed)
     }
 
+    fn scene(&self, index: usize) -> Option<String> {
+        Some(self.id(index))
+    }
+
     fn len(&self) -> usize {
         match self.split {
             Split::Train => self.config.train,
