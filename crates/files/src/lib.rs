@@ -30,12 +30,12 @@ mod stored;
 mod unit;
 
 pub use camera::{Camera, CameraInfo};
-pub use cloud::Cloud;
+pub use cloud::{Cloud, CloudOptions};
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
 pub use described::{DescribedCloud, DescribedDepth, DescribedFit};
 pub use files::{
-    Colored, Hdf5, Unfinished, check_writable, encode_depth_png, encode_exr, encode_npy,
+    Colored, Hdf5, Unfinished, are_far, check_writable, encode_depth_png, encode_exr, encode_npy,
     encode_npz, encode_ply, from_planes, has_ending, image_size, images_below, is_image, png_unit,
     raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_pair, read_rgb,
     read_upright, reading_at_most, remove_leftovers, stored_unit, write_atomically,

@@ -3,7 +3,7 @@
 use crate::fault::Fault;
 use lsdc_core::fit::Changes;
 use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust, Space};
-use lsdc_files::Unit;
+use lsdc_files::{CloudOptions, Unit};
 use serde::Deserialize;
 
 /// What is made of a fit, beside the report.
@@ -31,6 +31,10 @@ pub(crate) struct Options {
     depth_unit: Option<String>,
     /// Metres: pixels that are less sure are left out of clouds.
     pub(crate) max_sigma: Option<f32>,
+    /// Metres: clouds have one point for each cube of this edge length.
+    voxel: Option<f64>,
+    /// Whether clouds keep the pixels between the surfaces at depth edges.
+    keep_flying: bool,
     layers: Option<Vec<Layer>>,
 }
 
@@ -60,7 +64,12 @@ impl Options {
     }
 
     pub(crate) fn checked(self) -> Result<Self, Fault> {
-        for (name, value) in [("sigma", self.sigma), ("max_sigma", self.max_sigma)] {
+        let metres = [
+            ("sigma", self.sigma.map(f64::from)),
+            ("max_sigma", self.max_sigma.map(f64::from)),
+            ("voxel", self.voxel),
+        ];
+        for (name, value) in metres {
             if value.is_some_and(|value| !(value > 0.0 && value.is_finite())) {
                 let what = format!("the option `{name}` must be positive and finite");
                 return Err(Fault::unusable(what));
@@ -68,6 +77,15 @@ impl Options {
         }
         self.unit()?;
         Ok(self)
+    }
+
+    /// Which pixels become points of a cloud.
+    pub(crate) fn cloud(&self) -> CloudOptions {
+        CloudOptions {
+            max_sigma: self.max_sigma,
+            keep_flying: self.keep_flying,
+            voxel: self.voxel,
+        }
     }
 
     /// What takes the place of the settings of the weights.
@@ -127,6 +145,8 @@ mod tests {
             ("[1]", Kind::Malformed),
             ("{\"sigma\": -1}", Kind::Unusable),
             ("{\"max_sigma\": 0}", Kind::Unusable),
+            ("{\"voxel\": 0}", Kind::Unusable),
+            ("{\"keep_flying\": \"yes\"}", Kind::Malformed),
             ("{\"depth_unit\": \"furlong\"}", Kind::Unusable),
             ("{\"layers\": [\"normals\"]}", Kind::Malformed),
         ] {

@@ -1,11 +1,12 @@
 //! Arguments of `complete` and `bench`.
 
-use super::values::{Format, range, size, typed};
+use super::values::{Format, edge, range, size, typed};
 use super::{FitFlags, Model, Recorded, Settings};
 use crate::data::{Camera, GuideSource, Shard, Unit};
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
 use clap::Args as ClapArgs;
+use lsdc_files::CloudOptions;
 use std::path::PathBuf;
 
 #[derive(Clone, Debug, ClapArgs)]
@@ -71,6 +72,13 @@ pub(in crate::cli) struct Complete {
         hide_short_help = true
     )]
     pub(in crate::cli) max_sigma: Option<f32>,
+    /// Keep one point in each cube of this edge length of a point cloud, in metres: the mean of its pixels.
+    #[arg(long, value_parser = edge, value_name = "METRES", help_heading = "Output", hide_short_help = true)]
+    pub(in crate::cli) voxel: Option<f64>,
+    /// Keep the flying pixels of point clouds: those between the surfaces at a depth edge, which are left out
+    /// otherwise, and counted.
+    #[arg(long, help_heading = "Output", hide_short_help = true)]
+    pub(in crate::cli) keep_flying: bool,
     /// Size of the result, as WIDTHxHEIGHT [default: the size of the image].
     #[arg(long, value_parser = size, help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) size: Option<Size>,
@@ -136,6 +144,27 @@ pub(in crate::cli) struct Complete {
     pub(in crate::cli) recorded: Recorded,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
+}
+
+impl Complete {
+    /// Which pixels become points of a cloud.
+    pub(in crate::cli) fn cloud_options(&self) -> CloudOptions {
+        CloudOptions {
+            max_sigma: self.max_sigma,
+            keep_flying: self.keep_flying,
+            voxel: self.voxel,
+        }
+    }
+
+    /// An option that was given and is for clouds alone.
+    pub(in crate::cli) fn of_clouds(&self) -> Option<&'static str> {
+        let options = [
+            ("--voxel", self.voxel.is_some()),
+            ("--keep-flying", self.keep_flying),
+        ];
+        let mut given = options.into_iter().filter(|(_, given)| *given);
+        given.next().map(|(name, _)| name)
+    }
 }
 
 #[derive(Debug, ClapArgs)]

@@ -109,6 +109,10 @@ impl<'a> Outputs<'a> {
         if self.args.max_sigma.is_some() && !self.has(Format::Ply) {
             return Err(Error::config("`--max-sigma` is for clouds").hint("add ply to --formats"));
         }
+        if let Some(option) = self.args.of_clouds().filter(|_| !self.has(Format::Ply)) {
+            let error = Error::config(format!("`{option}` is for clouds"));
+            return Err(error.hint("add ply to --formats"));
+        }
         if self.args.range.is_some() && !self.has(Format::Color) {
             let error = Error::config("`--range` is for colour maps");
             return Err(error.hint("add color to --formats"));
@@ -168,8 +172,8 @@ impl<'a> Outputs<'a> {
             let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
             let diagnostics = found.diagnostics.as_ref();
             let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
-            let (depth, most) = (&found.depth, self.args.max_sigma);
-            Ok(Cloud::new(depth, deviations, &frame.rgb, camera, most))
+            let (depth, options) = (&found.depth, self.args.cloud_options());
+            Ok(Cloud::new(depth, deviations, &frame.rgb, camera, &options))
         };
         Ok(Forms {
             png: self.has(Format::Png).then(png).transpose()?,

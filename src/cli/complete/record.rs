@@ -228,6 +228,8 @@ fn settings(args: &Complete) -> Result<Value> {
         "preserve_input": args.preserve_input.name(),
         "range": args.range.filter(|_| writes(&[Format::Color])),
         "max_sigma": args.max_sigma,
+        "voxel": args.voxel,
+        "keep_flying": args.keep_flying,
         "sigma_in_files": args.uncertainty && writes(&[Format::Npz, Format::Exr, Format::Ply]),
     }))
 }

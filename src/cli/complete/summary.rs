@@ -149,10 +149,12 @@ impl Summary {
         self.png_raised
     }
 
-    /// Pixels that the cloud leaves out: too uncertain ones, and those where the lens does not look.
-    pub(super) fn left_out_of_cloud(&self) -> [usize; 2] {
-        let cloud = self.cloud.as_ref();
-        cloud.map_or([0; 2], |cloud| [cloud.uncertain, cloud.unseen])
+    /// Pixels that have no point in the cloud: too uncertain ones, those where the lens does not look, flying ones, and those
+    /// that share a voxel with others.
+    pub(super) fn left_out_of_cloud(&self) -> [usize; 4] {
+        self.cloud.as_ref().map_or([0; 4], |cloud| {
+            [cloud.uncertain, cloud.unseen, cloud.flying, cloud.merged]
+        })
     }
 
     /// Points that were not fitted: without a usable depth, outside the image, behind others, and without a known place.
@@ -286,12 +288,16 @@ pub(super) fn left_out_of_points(counts: [usize; 4]) -> Option<String> {
     in_words(counts.into_iter().zip(reasons))
 }
 
-/// What clouds leave out, if anything: too uncertain pixels, and those where the lens does not look.
-pub(super) fn left_out_of_clouds([uncertain, unseen]: [usize; 2]) -> Option<String> {
-    in_words([
-        (uncertain, "pixels above --max-sigma left out"),
-        (unseen, "pixels left out where the lens does not look"),
-    ])
+/// What clouds leave out, if anything: too uncertain pixels, those where the lens does not look, flying ones, and those that
+/// share a voxel with others.
+pub(super) fn left_out_of_clouds(counts: [usize; 4]) -> Option<String> {
+    let reasons = [
+        "pixels above --max-sigma left out",
+        "pixels left out where the lens does not look",
+        "flying pixels left out at depth edges (--keep-flying keeps them)",
+        "pixels merged by --voxel",
+    ];
+    in_words(counts.into_iter().zip(reasons))
 }
 
 /// Counts above 0, each with its reason.

@@ -16,7 +16,7 @@ pub(super) struct Tally<'a> {
     unusual_png_units: BTreeMap<String, usize>,
     png_raised: usize,
     left_out_of_points: [usize; 4],
-    left_out_of_clouds: [usize; 2],
+    left_out_of_clouds: [usize; 4],
     skewed: usize,
 }
 
@@ -31,7 +31,7 @@ impl<'a> Tally<'a> {
             unusual_png_units: BTreeMap::new(),
             png_raised: 0,
             left_out_of_points: [0; 4],
-            left_out_of_clouds: [0; 2],
+            left_out_of_clouds: [0; 4],
             skewed: 0,
         }
     }

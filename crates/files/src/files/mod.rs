@@ -32,7 +32,7 @@ pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
 pub(super) use picture::{image_kind, read_grey};
 pub use picture::{image_size, read_depth_png, read_rgb, read_upright, write_rgb};
-pub use ply::{Colored, encode_ply, write_ply};
+pub use ply::{Colored, are_far, encode_ply, write_ply};
 pub use save::{
     Unfinished, check_writable, remove_leftovers, write_atomically, write_folder_atomically,
 };
