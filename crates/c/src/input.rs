@@ -114,7 +114,8 @@ pub struct lsdc_points {
     pub y: *const f64,
     /// Depths along the optical axis in metres, or in any other unit, which is then that of all results.
     pub depth: *const f32,
-    /// Standard deviations of the depths in the same unit, 0 where it is unknown; null if all are.
+    /// Standard deviations of the depths in the same unit; null if all are unknown. One that is not positive and finite
+    /// (0, negative, NaN, infinite) is unknown, and counted in `lsdc_report.without_deviation` if others are known.
     pub sigma: *const f32,
     /// Bytes from one point to the next in all of the arrays; 0 means without gaps.
     pub stride: usize,
@@ -320,7 +321,7 @@ impl Map {
             u: (i % self.width) as f64,
             v: (i / self.width) as f64,
             depth,
-            sigma: sigma.as_ref().and_then(|map| known(map.values[i])),
+            sigma: sigma.as_ref().map(|map| map.values[i]),
         };
         Ok(measured.map(observation).collect())
     }
@@ -357,11 +358,6 @@ impl lsdc_map {
     }
 }
 
-/// A standard deviation, unless it is said to be unknown.
-fn known(sigma: f32) -> Option<f32> {
-    (sigma != 0.0).then_some(sigma)
-}
-
 /// Copies the points of the caller.
 ///
 /// # Safety
@@ -392,7 +388,7 @@ pub(crate) unsafe fn observations(points: *const lsdc_points) -> Result<Observat
         u: x[i],
         v: y[i],
         depth: depth[i],
-        sigma: sigma.as_ref().and_then(|sigma| known(sigma[i])),
+        sigma: sigma.as_ref().map(|sigma| sigma[i]),
     };
     Ok((0..points.count).map(observation).collect())
 }
