@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
+from ._camera import Camera
 from ._errors import InputError
 from ._input import Size, as_size, per_metre
+from ._pickling import Unpicklable
 
 Path = Union[str, "os.PathLike[str]"]
 FileUnit = Union[Literal["m", "cm", "mm", "kitti", "tum", "vkitti"], float]
@@ -53,7 +55,7 @@ def read_depth(path: Path, *, unit: FileUnit | None = None) -> NDArray[np.float3
 
 
 def read_points(
-    path: Path, size: Size, *, camera: Path | None = None, unit: FileUnit | None = None
+    path: Path, size: Size, *, camera: Camera | Path | None = None, unit: FileUnit | None = None
 ) -> NDArray[np.float64]:
     """Reads the known depths of an image: a map, a table of points (`csv`, `txt`, arrays of 3 or 4 columns), or a cloud
     (`ply`, `pcd`, `las`, `laz`, `xyz`, `bin`), whose visible points a camera projects.
@@ -62,22 +64,23 @@ def read_points(
     ----------
     size : (width, height)
         Of the image that the points lie in.
-    camera : path
-        Of a camera, which clouds need: TOML or JSON with fx, fy, cx, cy, or the camera_info of ROS.
+    camera : Camera or path
+        Which clouds need: a camera, or the path of one as for `Camera.from_file`.
     unit
         As for `read_depth`.
 
     Returns
     -------
     array (N, 3) or (N, 4) of float64
-        Rows x, y, depth[, sigma] for `Scene.complete`, in pixels and metres. A `FileWarning` tells what was guessed or
-        left out.
+        Rows x, y, depth[, sigma] for `Scene.complete`, in pixels and metres; sigma is NaN for points without one. A
+        `FileWarning` tells what was guessed or left out.
     """
-    names = None if camera is None else os.fspath(camera)
-    return _points(path, _native.read_points(os.fspath(path), as_size(size, "size"), names, _name(unit)))
+    seeing = camera if camera is None or isinstance(camera, Camera) else Camera.from_file(camera)
+    native = None if seeing is None else seeing._native
+    return _points(path, _native.read_points(os.fspath(path), as_size(size, "size"), native, _name(unit)))
 
 
-class Colmap:
+class Colmap(Unpicklable):
     """A sparse model of COLMAP: the folder of `cameras`, `images` and `points3D`, binary or text.
 
     Depths are in the unit of the model, whose scale images alone do not tell; completion does not need it.
@@ -93,6 +96,8 @@ class Colmap:
     ReadError
         Files that are missing or damaged, an image of an unknown camera.
     """
+
+    _instead = "send the folder, and read the model there"
 
     def __init__(self, folder: Path, *, files: Mapping[str, bytes] | None = None) -> None:
         self._native = _native.Colmap(os.fspath(folder), None if files is None else dict(files))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._errors import InputError, ReadError
+from ._errors import InputError
 
 
 class SupportsDLPack(Protocol):
@@ -28,7 +28,7 @@ class SupportsDLPack(Protocol):
 Array = Union[ArrayLike, SupportsDLPack]
 """Anything that NumPy can look at: arrays, nested lists, tensors on the CPU, images of Pillow."""
 ImageLike = Union[Array, "os.PathLike[str]", str]
-"""An array `(H, W)`, `(H, W, 3)` or `(H, W, 4)`, an image of Pillow, or the path of an image file (read by Pillow)."""
+"""An array `(H, W)`, `(H, W, 3)` or `(H, W, 4)`, an image of Pillow, or the path of an image file."""
 Unit = Union[Literal["m", "cm", "mm"], float]
 """Of depths: "m", "cm", "mm", or the metres of one step, such as 1 / 256 for KITTI."""
 Order = Literal["rgb", "bgr"]
@@ -92,29 +92,15 @@ def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
 
 
 def _unpacked(value: ImageLike) -> Array:
-    """The image in a file, and the colours of palettes, of CMYK and other forms of Pillow's."""
+    """The image in a file, upright, as the program reads it; the colours of palettes, of CMYK and other forms of Pillow's."""
     if isinstance(value, (str, os.PathLike)):
-        value = _opened(value)
+        return _native.read_image(os.fspath(value))
     pillow: Any = sys.modules.get("PIL.Image")
     if pillow is None or not isinstance(value, pillow.Image):
         return cast(Array, value)
     picture = cast(Any, value)
     known = picture.mode in ("L", "RGB", "RGBA", "I;16")
     return cast(Array, picture if known else picture.convert("RGB"))
-
-
-def _opened(path: str | os.PathLike[str]) -> Any:
-    """The image in a file, upright."""
-    try:
-        from PIL import Image, ImageOps
-    except ImportError as error:
-        hint = "install Pillow (`pip install lsdc[image]`), or read the image yourself"
-        raise ReadError(f"without Pillow, `{os.fspath(path)}` cannot be read", hint) from error
-    try:
-        with Image.open(path) as opened:
-            return ImageOps.exif_transpose(opened)
-    except Exception as error:
-        raise ReadError(f"`{os.fspath(path)}` cannot be read as an image: {error}") from error
 
 
 def as_guide(value: Array) -> NDArray[np.float32]:

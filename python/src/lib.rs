@@ -28,7 +28,7 @@ mod _native {
     #[pymodule_export]
     use crate::completion::Completion;
     #[pymodule_export]
-    use crate::files::{Colmap, read_depth, read_points};
+    use crate::files::{Colmap, read_depth, read_image, read_points};
     #[pymodule_export]
     use crate::guide::DepthGuide;
     #[pymodule_export]
