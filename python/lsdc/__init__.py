@@ -14,12 +14,13 @@ from ._complete import complete, complete_many
 from ._completer import Completer
 from ._completion import Completion, Outliers
 from ._errors import Error, FitError, InputError, ReadError, SettingsError, WeightsError
-from ._files import Colmap, FileWarning, read_depth, read_points
+from ._files import Colmap, read_depth, read_points
 from ._guide import DepthGuide
 from ._many import Completed
 from ._native import __version__
 from ._scene import Scene
 from ._settings import FitSettings, JointSettings, RobustSettings
+from ._warnings import FileWarning, InputWarning
 
 __all__ = [
     "Camera",
@@ -34,6 +35,7 @@ __all__ = [
     "FitError",
     "FitSettings",
     "InputError",
+    "InputWarning",
     "JointSettings",
     "Outliers",
     "PointCloud",

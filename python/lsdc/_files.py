@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
-import warnings
 from collections.abc import Mapping
 from typing import Literal, Union
 
@@ -16,18 +14,16 @@ from ._camera import Camera
 from ._errors import InputError
 from ._input import Size, as_size, per_metre
 from ._pickling import Unpicklable
+from ._warnings import FileWarning, warn
 
 Path = Union[str, "os.PathLike[str]"]
 FileUnit = Union[Literal["m", "cm", "mm", "kitti", "tum", "vkitti"], float]
 """Of depths in a file: a name, or the metres of one step."""
+DepthKind = Literal["z", "ray"]
 # The unit, whether it was guessed, and what should be checked.
 _Said = tuple[str, bool, list[str]]
 # Rows x, y, depth[, sigma]; counts of those ignored, outside and hidden; what was said.
 _Points = tuple[NDArray[np.float64], list[int], _Said]
-
-
-class FileWarning(UserWarning):
-    """What was assumed of a file, or left out, and should be checked."""
 
 
 def read_depth(path: Path, *, unit: FileUnit | None = None) -> NDArray[np.float32]:
@@ -55,7 +51,8 @@ def read_depth(path: Path, *, unit: FileUnit | None = None) -> NDArray[np.float3
 
 
 def read_points(
-    path: Path, size: Size, *, camera: Camera | Path | None = None, unit: FileUnit | None = None
+    path: Path, size: Size, *, camera: Camera | Path | None = None, unit: FileUnit | None = None,
+    kind: DepthKind | None = None,
 ) -> NDArray[np.float64]:
     """Reads the known depths of an image: a map, a table of points (`csv`, `txt`, arrays of 3 or 4 columns), or a cloud
     (`ply`, `pcd`, `las`, `laz`, `xyz`, `bin`), whose visible points a camera projects.
@@ -68,6 +65,9 @@ def read_points(
         Which clouds need: a camera, or the path of one as for `Camera.from_file`.
     unit
         As for `read_depth`.
+    kind : "z" or "ray"
+        What the depths of maps and tables of pixels measure: depth along the optical axis, or the distance along the ray of
+        the pixel, which needs the camera. By default the former.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def read_points(
     """
     seeing = camera if camera is None or isinstance(camera, Camera) else Camera.from_file(camera)
     native = None if seeing is None else seeing._native
-    return _points(path, _native.read_points(os.fspath(path), as_size(size, "size"), native, _name(unit)))
+    return _points(path, _native.read_points(os.fspath(path), as_size(size, "size"), native, _name(unit), kind))
 
 
 class Colmap(Unpicklable):
@@ -149,15 +149,5 @@ def _points(path: Path, found: _Points) -> NDArray[np.float64]:
 
 def _warn(path: Path, said: _Said, more: list[str] | None = None) -> None:
     unit, guessed, remarks = said
-    if guessed:
-        remarks = [f"taken to be in {unit}; `unit` says otherwise", *remarks]
-    for remark in [*remarks, *(more or [])]:
-        warnings.warn(f"{os.fspath(path)}: {remark}", FileWarning, stacklevel=_depth())
-
-
-def _depth() -> int:
-    """Of the calls within this package, of which a warning tells the first."""
-    depth, frame = 0, sys._getframe(1)
-    while frame.f_back is not None and str(frame.f_globals.get("__name__")).split(".")[0] == __package__:
-        depth, frame = depth + 1, frame.f_back
-    return depth + 1
+    guess = [f"taken to be in {unit}; `unit` says otherwise"] if guessed else []
+    warn(os.fspath(path), [*guess, *remarks, *(more or [])], FileWarning)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
-__all__ = ["Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__", "read_depth", "read_image", "read_points"]
+__all__ = ["Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__", "eight_bits", "read_depth", "read_image", "read_points", "without_marks"]
 
 _Colours = Union[NDArray[np.uint8], NDArray[np.float32]]
 _Floats = NDArray[np.float64]
@@ -21,9 +21,13 @@ _Pose = tuple[list[list[float]], list[float]]
 def read_depth(
     path: str, unit: str | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, _Said]: ...
-def read_image(path: str) -> NDArray[np.uint8]: ...
+def read_image(path: str) -> tuple[NDArray[np.uint8], list[str]]: ...
+def eight_bits(colours: NDArray[np.uint16]) -> tuple[NDArray[np.uint8], list[str]]: ...
+def without_marks(
+    map: NDArray[np.float32], bits: tuple[int, bool] | None, metres: float
+) -> tuple[NDArray[np.float32], list[str]]: ...
 def read_points(
-    path: str, size: tuple[int, int], camera: Camera | None, unit: str | None
+    path: str, size: tuple[int, int], camera: Camera | None, unit: str | None, kind: str | None
 ) -> _Points: ...
 @final
 class Colmap:

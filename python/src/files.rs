@@ -2,10 +2,11 @@
 
 use crate::arrays;
 use crate::camera::Camera;
+use crate::doubts::texts;
 use crate::error::{Kind, raised_by_file};
 use lsdc_core::Observation;
 use lsdc_files::error::Error;
-use lsdc_files::{Contents, Orientation, Sparse, View};
+use lsdc_files::{Contents, Orientation, Sparse, StoredAs, Upright, View};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -47,13 +48,17 @@ pub(crate) fn read_depth<'py>(
     Ok((arrays::map(py, found.depth)?, sigma, said))
 }
 
-/// The colours `(H, W, 3)` of an image file, upright.
+/// The colours `(H, W, 3)` of an image file, upright, and what should be checked.
 #[pyfunction]
-pub(crate) fn read_image(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray3<u8>>> {
-    let found = py.detach(|| lsdc_files::read_rgb(&path));
-    let found = found.map_err(|e| raised_by_file(py, &e))?;
-    let shape = [found.height() as usize, found.width() as usize, 3];
-    PyArray1::from_vec(py, found.into_raw()).reshape(shape)
+pub(crate) fn read_image(
+    py: Python<'_>,
+    path: PathBuf,
+) -> PyResult<(Bound<'_, PyArray3<u8>>, Vec<String>)> {
+    let found = py.detach(|| lsdc_files::read_upright(&path));
+    let Upright { rgb, doubts, .. } = found.map_err(|e| raised_by_file(py, &e))?;
+    let shape = [rgb.height() as usize, rgb.width() as usize, 3];
+    let colours = PyArray1::from_vec(py, rgb.into_raw()).reshape(shape)?;
+    Ok((colours, texts(&doubts)))
 }
 
 #[pyfunction]
@@ -63,10 +68,14 @@ pub(crate) fn read_points<'py>(
     size: (usize, usize),
     camera: Option<&Camera>,
     unit: Option<&str>,
+    kind: Option<&str>,
 ) -> PyResult<Points<'py>> {
     let read = || {
-        let unit = unit.map(str::parse).transpose()?;
-        Sparse::read(&path, unit, camera.map(|camera| &camera.0), size)
+        let how = StoredAs {
+            unit: unit.map(str::parse).transpose()?,
+            kind: kind.map(str::parse).transpose()?,
+        };
+        Sparse::read_as(&path, how, camera.map(|camera| &camera.0), size)
     };
     let found = py.detach(read).map_err(|e| raised_by_file(py, &e))?;
     points(py, found)

@@ -132,6 +132,17 @@ def test_deviations_that_cannot_be_are_unknown(scene, sparse):
     assert_array_equal(*depths)
 
 
+def test_marks_of_no_measurement_are_no_depths(scene, sparse):
+    millimetres = np.rint(sparse * 1000).astype(np.uint16)
+    expected = scene.complete(millimetres, unit="mm").depth
+    marked = millimetres.copy()
+    marked[0, :5] = 65535
+    with pytest.warns(lsdc.InputWarning, match="the sparse depths: 5 depths .* 65535, .* left out"):
+        completion = scene.complete(marked, unit="mm")
+    assert_array_equal(completion.depth, expected)
+    assert completion.report["ignored"] == 5
+
+
 def test_what_is_left_out_is_counted(scene):
     points = [
         [5, 5, 2.0],

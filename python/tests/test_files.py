@@ -71,6 +71,21 @@ def test_points_without_a_deviation_beside_others(scene, tmp_path):
     assert scene.complete(found).report["without_deviation"] == np.count_nonzero(~known)
 
 
+def test_distances_along_the_ray(sparse, tmp_path):
+    down, across = np.mgrid[:48, :64]
+    camera = lsdc.Camera((60, 60), (31.5, 23.5))
+    longer = np.sqrt(1 + ((across - 31.5) / 60) ** 2 + ((down - 23.5) / 60) ** 2)
+    np.save(tmp_path / "far.npy", (sparse * longer).astype(np.float32))
+    np.save(tmp_path / "map.npy", sparse)
+    found = lsdc.read_points(tmp_path / "far.npy", (64, 48), camera=camera, unit="m", kind="ray")
+    expected = lsdc.read_points(tmp_path / "map.npy", (64, 48), unit="m")
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    with pytest.raises(lsdc.Error):
+        lsdc.read_points(tmp_path / "far.npy", (64, 48), unit="m", kind="ray")
+    with pytest.raises(lsdc.SettingsError, match="sideways"):
+        lsdc.read_points(tmp_path / "far.npy", (64, 48), unit="m", kind="sideways")
+
+
 def test_remarks_reach_whoever_completes_a_path(scene, sparse, tmp_path):
     np.save(tmp_path / "map.npy", (sparse * 1000).astype(np.uint16))
     with pytest.warns(lsdc.FileWarning, match="map.npy: taken to be in") as caught:

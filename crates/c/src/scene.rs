@@ -128,7 +128,8 @@ pub unsafe extern "C" fn lsdc_scene_complete(
 }
 
 /// Fits the scene to a map of the size of its image, where 0 means no measurement. NaN, infinite and negative
-/// values are left out and counted in the report, as invalid. The points are the pixels that are not 0, row
+/// values, and marks of no measurement (65535 of 16 bits, if no other value is near it), are left out and counted in the
+/// report, as invalid. The points are the pixels that are not 0, row
 /// by row. `sigma` is a map of the standard deviations of the depths, not positive and finite where
 /// they are unknown (0, NaN), or null.
 /// Otherwise as `lsdc_scene_complete`.
