@@ -79,7 +79,7 @@ def complete_many(
     >>> for done in lsdc.complete_many([image, image], [sparse, sparse * 0], weights="small"):
     ...     print(done.index, done.completion or done.error)
     0 <lsdc.Completion 64x48, 192 points, residual 0.00... m>
-    1 no observations can be used: none were given
+    1 there is no sparse depth to fit: ...
     """
     completer = _completer(weights, threads)
     return completer.complete_many(

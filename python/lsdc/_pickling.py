@@ -6,6 +6,12 @@ from typing import Any, ClassVar, NoReturn, TypeVar
 
 from ._errors import Error
 
+
+
+class PicklingError(Error, TypeError):
+    """What `pickle` raises, as an error of this package."""
+
+
 Own = TypeVar("Own", bound="Unpicklable")
 
 
@@ -15,7 +21,7 @@ class Unpicklable:
     _instead: ClassVar[str]
 
     def __reduce__(self) -> NoReturn:
-        raise Error(f"a {type(self).__name__} cannot be pickled: it belongs to this process", self._instead)
+        raise PicklingError(f"a {type(self).__name__} cannot be pickled: it belongs to this process", self._instead)
 
     def __copy__(self: Own) -> Own:
         return self

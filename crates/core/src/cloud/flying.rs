@@ -8,7 +8,7 @@ use rayon::prelude::*;
 const GRAZING: f64 = 5.67;
 /// How far from a pixel the surfaces on both sides of an edge are looked at, in radians of the view, and at least in pixels.
 const REACH: f64 = 0.03;
-const LEAST: usize = 4;
+const LEAST: usize = 8;
 /// The last part of that way is the surface.
 const SURFACE: usize = 4;
 /// On a plane the slope of inverse depth is the same everywhere. At a depth edge that of both surfaces is below this share of
@@ -27,7 +27,7 @@ const DIRECTIONS: [(isize, isize); 4] = [(1, 0), (0, 1), (1, 1), (1, -1)];
 /// - the surface is seen at a grazing angle: between the two neighbours, depth changes by more than tan 80° of itself per
 ///   radian of the view, and its own inverse depth is between theirs, at least a tenth of the way from either; and
 /// - this is not a plane seen from the side, which would go on: 0.03 radians of the view before and behind (16 pixels at a
-///   focal length of 525, and at least 4), inverse depth, which is linear on planes, changes less than 0.7 times as fast.
+///   focal length of 525, and at least 8), inverse depth, which is linear on planes, changes less than 0.7 times as fast.
 ///
 /// Pixels without depth are none, and end a surface like the border of the map.
 pub fn flying_pixels(depth: &DepthMap, focal: [f64; 2]) -> Vec<bool> {
