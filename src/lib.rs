@@ -31,7 +31,6 @@ pub mod metrics;
 pub mod model;
 pub mod ops;
 pub mod predict;
-pub mod pretrained;
 #[allow(unsafe_code)]
 pub mod process;
 pub mod provenance;

@@ -15,12 +15,12 @@ use lsdc::data::{
     write_rgb, write_tiff,
 };
 use lsdc::model::Precision;
-use lsdc::pretrained::read_encoder;
 use lsdc::report::Report;
 use lsdc::systems::{Predictor, SystemConfig, Trained};
 use lsdc_recordings::fuzzing::message;
 use lsdc_recordings::{Flaws, Frames, Kind, Recording, Survey, Wanted};
 use lsdc_rng::Rng;
+use lsdc_weights::read_encoder;
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, ValueKind, WriterInit};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc::pretrained::read_encoder;
+use lsdc_weights::read_encoder;
 use lsdc_fuzz::with_file;
 
 fuzz_target!(|data: &[u8]| {

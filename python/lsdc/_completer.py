@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable, Iterator
 from typing import Any, Literal, Union, cast
 
 from . import _native
 from ._completion import Completion
-from ._errors import ReadError, SettingsError
+from ._errors import ReadError, SettingsError, WeightsError
 from ._guide import DepthGuide
 from ._input import Array, ImageLike, Noise, Order, Size, Unit, as_image, as_size
-from ._scene import Scene, Sparse
+from ._many import Completed, Progress, complete_each
+from ._scene import Guide, Scene, Sparse
 from ._settings import FitSettings, Robust, as_json
 
-Weights = Union[Literal["default", "small", "none"], str, "os.PathLike[str]", bytes]
+Weights = Union[Literal["default", "small", "anything", "none"], str, "os.PathLike[str]", bytes]
 """A name, the path of a weights file, or the bytes of one."""
 
-NAMES = ("default", "small", "none")
+NAMES = ("default", "small", "anything", "none")
+HINT = f"give {', '.join(map(json.dumps, NAMES))}, or the path of a weights file"
 
 
 class Completer:
@@ -26,8 +29,10 @@ class Completer:
     Parameters
     ----------
     weights : name, path or bytes
-        "default", the most accurate; "small", for weak machines; "none", no network at all, for scenes with a guide;
-        or a weights file as written by `lsdc train`. A file called like one of these is `Path("default")`.
+        "default", the most accurate that needs nothing installed; "small", for weak machines; "anything", the most
+        accurate of all, on an encoder that the program `lsdc` installs once (`lsdc weights get anything`, or
+        `lsdc weights add FILE` without a network); "none", no network at all, for scenes with a guide; or a weights
+        file as written by `lsdc train`. A file called like one of these is `Path("default")`.
     fit : FitSettings, optional
         Settings that differ from those stored with the weights, by the names of the program's configuration, such as
         `{"method": "lse", "joint": {"cosines": 0}}`.
@@ -43,7 +48,7 @@ class Completer:
     Raises
     ------
     ReadError, WeightsError, SettingsError
-        A file that cannot be read or is no weights file, or settings out of range.
+        A file that cannot be read or is no weights file, an encoder that is not installed, or settings out of range.
 
     >>> completer = lsdc.Completer("small")
     >>> completer
@@ -157,6 +162,57 @@ class Completer:
         scene = self.scene(image, guide=guide, order=order)
         return scene.complete(sparse, sigma=sigma, noise=noise, unit=unit, size=size)
 
+    def complete_many(
+        self,
+        images: Iterable[ImageLike],
+        points: Iterable[Sparse],
+        *,
+        guides: Iterable[Guide | None] | None = None,
+        sigma: float | None = None,
+        noise: Noise | None = None,
+        unit: Unit | None = None,
+        robust: Robust = None,
+        size: Size | None = None,
+        order: Order = "rgb",
+        workers: int = 2,
+        progress: Progress | None = None,
+    ) -> Iterator[Completed]:
+        """Completes many images, each with its depths. Images, points and results are in memory for `workers` images at a
+        time, whatever their number, unless you keep them.
+
+        Parameters
+        ----------
+        images, points, guides : iterables of the same length
+            Arrays or paths, as for `complete`. They are drawn from as images are done, so that generators can read them.
+        sigma : number, optional
+            The standard deviation of all depths; deviations of their own are a fourth column of the points.
+        noise, unit, robust, size, order
+            As for `complete`.
+        workers : int
+            Images that are read and completed at the same time. All share the threads of the completer; two keep them
+            busy while files are read.
+        progress : callable, optional
+            Is called with the number of images that are done, and that of all (None if no argument has a length).
+
+        Yields
+        ------
+        Completed
+            One for each image, in their order: its `completion`, or the `error` that it failed with. The others go on.
+
+        >>> names = ["a", "b"]
+        >>> for done in lsdc.Completer("small").complete_many([image, image], [sparse, 2 * sparse]):
+        ...     print(names[done.index], round(float(done.result().depth.mean())))
+        a 2
+        b 4
+        """
+
+        def work(image: ImageLike, known: Sparse, guide: Guide | None = None) -> Completion:
+            scene = self.scene(image, guide=guide, order=order)
+            return scene.complete(known, sigma=sigma, noise=noise, unit=unit, robust=robust, size=size)
+
+        columns: list[Iterable[Any]] = [images, points, *([] if guides is None else [guides])]
+        return complete_each(work, columns, workers, progress)
+
     def __reduce__(self) -> tuple[Any, ...]:
         state = (self._name, self._weights, self._changes, self._working_size, self._threads)
         return _restored, state
@@ -189,14 +245,14 @@ def _loaded(weights: Weights) -> tuple[str, str | bytes]:
     """What to call weights, and a name that the extension module knows or the bytes of a file."""
     if isinstance(weights, (bytes, bytearray, memoryview)):
         return f"<{len(weights)} bytes>", bytes(weights)
-    is_name = isinstance(weights, str) and (weights in NAMES or not os.path.exists(weights))
-    # A name that is not known is refused with the names that are.
-    if is_name and os.path.basename(weights) == weights and not os.path.splitext(weights)[1]:
-        return str(weights), str(weights)
+    if isinstance(weights, str) and weights in NAMES:
+        return weights, weights
     path = os.fspath(weights)
+    like_a_name = os.path.basename(path) == path and not os.path.splitext(path)[1]
+    if isinstance(weights, str) and like_a_name and not os.path.exists(path):
+        raise WeightsError(f"there are no weights `{path}`", HINT)
     try:
         with open(path, "rb") as file:
             return path, file.read()
     except OSError as error:
-        hint = 'give "default", "small", "none", or the path of a weights file'
-        raise ReadError(f"cannot read weights from `{path}`: {error.strerror or error}", hint) from error
+        raise ReadError(f"cannot read weights from `{path}`: {error.strerror or error}", HINT) from error

@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
+from ._camera import Camera
+from ._cloud import PointCloud, cloud_of
 from ._input import Array, Size, as_positions, as_size
+from ._pickling import Unpicklable
 from ._picture import coloured, png
 
 Floats = NDArray[np.float64]
@@ -36,7 +39,7 @@ class Outliers:
         return len(self.index)
 
 
-class Completion:
+class Completion(Unpicklable):
     """A scene fitted to known depths.
 
     Everything beyond the fit is computed when it is first asked for, and then kept, as arrays that cannot be written
@@ -50,6 +53,8 @@ class Completion:
     >>> len(completion.residuals) == len(completion.points) == completion.report["given"]
     True
     """
+
+    _instead = "send its arrays, such as `completion.depth`, or the completer, the image and the points"
 
     def __init__(self, native: _native.Completion, given: _native.Observations, size: Size) -> None:
         self._native = native
@@ -98,6 +103,46 @@ class Completion:
     def at(self, positions: Array) -> NDArray[np.float32]:
         """The depth `(N,)` at positions `(N, 2)` of x and y in the image, which may lie between pixels."""
         return self._native.at(as_positions(positions))
+
+    def point_cloud(
+        self,
+        camera: Camera,
+        *,
+        size: Size | None = None,
+        max_sigma: float | None = None,
+        voxel: float | None = None,
+        keep_flying: bool = False,
+    ) -> PointCloud:
+        """The depth map in space, with the colours of the image.
+
+        Parameters
+        ----------
+        camera : Camera
+            Of the image; with a `size`, of the image at that size.
+        size : (width, height), optional
+            Of the map whose pixels become points; by default that of the maps of this completion.
+        max_sigma : float, optional
+            Leaves out pixels with a larger standard deviation, in metres.
+        voxel : float, optional
+            Keeps one point in each cube of this edge length, in metres: the mean of its pixels.
+        keep_flying : bool
+            Keeps the flying pixels: those between the surfaces at a depth edge. A pixel is one if the surface along a row,
+            a column or a diagonal is seen at more than 80 degrees from its normal, and does not go on as a plane.
+
+        Raises
+        ------
+        InputError
+            A camera of an image of another shape.
+        FitError
+            `max_sigma`, but too few points for an estimate of the standard deviations.
+
+        >>> completion = lsdc.Completer("small").complete(image, sparse)
+        >>> cloud = completion.point_cloud(lsdc.Camera((60, 60), (31.5, 23.5)))
+        >>> cloud.points.shape, cloud.points.dtype, cloud.colors.shape, cloud.flying
+        ((3072, 3), dtype('float32'), (3072, 3), 0)
+        """
+        size = self._size if size is None else as_size(size, "size")
+        return cloud_of(self._native, camera, size, max_sigma, voxel, keep_flying)
 
     @cached_property
     def points(self) -> Floats:
@@ -154,10 +199,10 @@ class Completion:
     def report(self) -> dict[str, Any]:
         """Statistics of the fit.
 
-        - `given`, `used`, `invalid` (depth or standard deviation not positive and finite), `outside` (the image):
+        - `given`, `used`, `invalid` (depth not positive and finite), `outside` (the image):
           numbers of points; `given = used + invalid + outside`
         - `ignored`: values of a map that were NaN, infinite or negative
-        - `without_deviation`: points without a standard deviation where others had one
+        - `without_deviation`: points without a usable standard deviation where others had one
         - `method`: the model of depth
         - `residual`: root mean square of the residuals
         - `rank`: directions that the points determine, of `functions`

@@ -14,7 +14,7 @@ class Error(Exception):
     ...     lsdc.Completer("huge")
     ... except lsdc.Error as error:
     ...     print(error, "|", error.hint)
-    there are no weights `huge` | give "default", "small", "none", or the path of a weights file
+    there are no weights `huge` | give "default", "small", "anything", "none", or the path of a weights file
     """
 
     hint: str | None

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
-import warnings
 from collections.abc import Mapping
 from typing import Literal, Union
 
@@ -12,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
+from ._camera import Camera
 from ._errors import InputError
 from ._input import Size, as_size, per_metre
+from ._pickling import Unpicklable
+from ._warnings import FileWarning, warn
 
 Path = Union[str, "os.PathLike[str]"]
 FileUnit = Union[Literal["m", "cm", "mm", "kitti", "tum", "vkitti"], float]
 """Of depths in a file: a name, or the metres of one step."""
+DepthKind = Literal["z", "ray"]
 # The unit, whether it was guessed, and what should be checked.
 _Said = tuple[str, bool, list[str]]
 # Rows x, y, depth[, sigma]; counts of those ignored, outside and hidden; what was said.
 _Points = tuple[NDArray[np.float64], list[int], _Said]
-
-
-class FileWarning(UserWarning):
-    """What was assumed of a file, or left out, and should be checked."""
 
 
 def read_depth(path: Path, *, unit: FileUnit | None = None) -> NDArray[np.float32]:
@@ -53,7 +51,8 @@ def read_depth(path: Path, *, unit: FileUnit | None = None) -> NDArray[np.float3
 
 
 def read_points(
-    path: Path, size: Size, *, camera: Path | None = None, unit: FileUnit | None = None
+    path: Path, size: Size, *, camera: Camera | Path | None = None, unit: FileUnit | None = None,
+    kind: DepthKind | None = None,
 ) -> NDArray[np.float64]:
     """Reads the known depths of an image: a map, a table of points (`csv`, `txt`, arrays of 3 or 4 columns), or a cloud
     (`ply`, `pcd`, `las`, `laz`, `xyz`, `bin`), whose visible points a camera projects.
@@ -62,22 +61,26 @@ def read_points(
     ----------
     size : (width, height)
         Of the image that the points lie in.
-    camera : path
-        Of a camera, which clouds need: TOML or JSON with fx, fy, cx, cy, or the camera_info of ROS.
+    camera : Camera or path
+        Which clouds need: a camera, or the path of one as for `Camera.from_file`.
     unit
         As for `read_depth`.
+    kind : "z" or "ray"
+        What the depths of maps and tables of pixels measure: depth along the optical axis, or the distance along the ray of
+        the pixel, which needs the camera. By default the former.
 
     Returns
     -------
     array (N, 3) or (N, 4) of float64
-        Rows x, y, depth[, sigma] for `Scene.complete`, in pixels and metres. A `FileWarning` tells what was guessed or
-        left out.
+        Rows x, y, depth[, sigma] for `Scene.complete`, in pixels and metres; sigma is NaN for points without one. A
+        `FileWarning` tells what was guessed or left out.
     """
-    names = None if camera is None else os.fspath(camera)
-    return _points(path, _native.read_points(os.fspath(path), as_size(size, "size"), names, _name(unit)))
+    seeing = camera if camera is None or isinstance(camera, Camera) else Camera.from_file(camera)
+    native = None if seeing is None else seeing._native
+    return _points(path, _native.read_points(os.fspath(path), as_size(size, "size"), native, _name(unit), kind))
 
 
-class Colmap:
+class Colmap(Unpicklable):
     """A sparse model of COLMAP: the folder of `cameras`, `images` and `points3D`, binary or text.
 
     Depths are in the unit of the model, whose scale images alone do not tell; completion does not need it.
@@ -93,6 +96,8 @@ class Colmap:
     ReadError
         Files that are missing or damaged, an image of an unknown camera.
     """
+
+    _instead = "send the folder, and read the model there"
 
     def __init__(self, folder: Path, *, files: Mapping[str, bytes] | None = None) -> None:
         self._native = _native.Colmap(os.fspath(folder), None if files is None else dict(files))
@@ -144,15 +149,5 @@ def _points(path: Path, found: _Points) -> NDArray[np.float64]:
 
 def _warn(path: Path, said: _Said, more: list[str] | None = None) -> None:
     unit, guessed, remarks = said
-    if guessed:
-        remarks = [f"taken to be in {unit}; `unit` says otherwise", *remarks]
-    for remark in [*remarks, *(more or [])]:
-        warnings.warn(f"{os.fspath(path)}: {remark}", FileWarning, stacklevel=_depth())
-
-
-def _depth() -> int:
-    """Of the calls within this package, of which a warning tells the first."""
-    depth, frame = 0, sys._getframe(1)
-    while frame.f_back is not None and str(frame.f_globals.get("__name__")).split(".")[0] == __package__:
-        depth, frame = depth + 1, frame.f_back
-    return depth + 1
+    guess = [f"taken to be in {unit}; `unit` says otherwise"] if guessed else []
+    warn(os.fspath(path), [*guess, *remarks, *(more or [])], FileWarning)

@@ -6,11 +6,12 @@ from typing import Literal
 
 from . import _native
 from ._input import Array, as_guide
+from ._pickling import Unpicklable
 
 GuideKind = Literal["depth", "disparity", "log"]
 
 
-class DepthGuide:
+class DepthGuide(Unpicklable):
     """A dense prediction of the depth of an image, by any other network or program.
 
     Neither unit, scale nor shift need be known, and it may have any size: the fit finds them, and from the points it
@@ -29,6 +30,8 @@ class DepthGuide:
     >>> guide.size, guide.missing
     ((2, 2), 1)
     """
+
+    _instead = "send its values, and make the guide there"
 
     def __init__(self, values: Array, kind: GuideKind = "depth") -> None:
         self._native = _native.DepthGuide(as_guide(values), kind)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._errors import InputError, ReadError
+from ._errors import InputError
+from ._warnings import FileWarning, InputWarning, warn
 
 
 class SupportsDLPack(Protocol):
@@ -28,7 +29,7 @@ class SupportsDLPack(Protocol):
 Array = Union[ArrayLike, SupportsDLPack]
 """Anything that NumPy can look at: arrays, nested lists, tensors on the CPU, images of Pillow."""
 ImageLike = Union[Array, "os.PathLike[str]", str]
-"""An array `(H, W)`, `(H, W, 3)` or `(H, W, 4)`, an image of Pillow, or the path of an image file (read by Pillow)."""
+"""An array `(H, W)`, `(H, W, 3)` or `(H, W, 4)`, an image of Pillow, or the path of an image file."""
 Unit = Union[Literal["m", "cm", "mm"], float]
 """Of depths: "m", "cm", "mm", or the metres of one step, such as 1 / 256 for KITTI."""
 Noise = Union[Literal["kinect", "realsense", "tof"], "tuple[float, float, float]"]
@@ -84,7 +85,9 @@ def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
         # `bgr[..., ::-1]`: as it lies in memory, nothing need be copied.
         colours, bgr = colours[:, :, ::-1], not bgr
     if (colours.dtype.kind, colours.itemsize) == ("u", 2):
-        colours = colours / np.float32(65535)
+        shown = 1 if colours.shape[2] == 1 else 3
+        colours, remarks = _native.eight_bits(np.ascontiguousarray(colours[:, :, :shown], dtype=np.uint16))
+        warn("the image", remarks, InputWarning)
     elif colours.dtype.kind == "f":
         colours = colours.astype(np.float32, copy=False)
     elif colours.dtype != np.uint8:
@@ -94,29 +97,17 @@ def as_image(value: ImageLike, order: Order) -> tuple[NDArray[Any], bool]:
 
 
 def _unpacked(value: ImageLike) -> Array:
-    """The image in a file, and the colours of palettes, of CMYK and other forms of Pillow's."""
+    """The image in a file, upright, as the program reads it; the colours of palettes, of CMYK and other forms of Pillow's."""
     if isinstance(value, (str, os.PathLike)):
-        value = _opened(value)
+        colours, remarks = _native.read_image(os.fspath(value))
+        warn(os.fspath(value), remarks, FileWarning)
+        return colours
     pillow: Any = sys.modules.get("PIL.Image")
     if pillow is None or not isinstance(value, pillow.Image):
         return cast(Array, value)
     picture = cast(Any, value)
     known = picture.mode in ("L", "RGB", "RGBA", "I;16")
     return cast(Array, picture if known else picture.convert("RGB"))
-
-
-def _opened(path: str | os.PathLike[str]) -> Any:
-    """The image in a file, upright."""
-    try:
-        from PIL import Image, ImageOps
-    except ImportError as error:
-        hint = "install Pillow (`pip install lsdc[image]`), or read the image yourself"
-        raise ReadError(f"without Pillow, `{os.fspath(path)}` cannot be read", hint) from error
-    try:
-        with Image.open(path) as opened:
-            return ImageOps.exif_transpose(opened)
-    except Exception as error:
-        raise ReadError(f"`{os.fspath(path)}` cannot be read as an image: {error}") from error
 
 
 def as_guide(value: Array) -> NDArray[np.float32]:
@@ -237,10 +228,15 @@ def _metres(values: NDArray[Any], unit: Unit | None) -> NDArray[np.float32]:
     if values.dtype.kind not in "fiu":
         raise InputError(f"the sparse depths have values of type {values.dtype}, not numbers")
     factor = per_metre(unit)
-    if factor != 1.0:
-        values = values / np.float64(factor)
     with np.errstate(over="ignore"):
-        return np.ascontiguousarray(values, dtype=np.float32)
+        stored = np.ascontiguousarray(values, dtype=np.float32)
+        bits = (8 * values.itemsize, values.dtype.kind == "i") if values.dtype.kind in "iu" else None
+        known, remarks = _native.without_marks(stored, bits, 1 / factor)
+        warn("the sparse depths", remarks, InputWarning)
+        if factor != 1.0:
+            values = np.where(np.isnan(known), np.nan, values / np.float64(factor))
+            known = np.ascontiguousarray(values, dtype=np.float32)
+    return known
 
 
 def per_metre(unit: Unit | None) -> float:

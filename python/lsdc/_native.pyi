@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
-__all__ = ["Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__", "read_depth", "read_points"]
+__all__ = ["Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__", "eight_bits", "read_depth", "read_image", "read_points", "without_marks"]
 
 _Colours = Union[NDArray[np.uint8], NDArray[np.float32]]
 _Floats = NDArray[np.float64]
@@ -15,12 +15,19 @@ _Said = tuple[str, bool, list[str]]
 """The unit, whether it was guessed, and what should be checked."""
 _Points = tuple[_Floats, list[int], _Said]
 """Rows x, y, depth[, sigma]; counts of those ignored, outside and hidden."""
+_Pose = tuple[list[list[float]], list[float]]
+"""A rotation, row by row, and a translation."""
 
 def read_depth(
     path: str, unit: str | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, _Said]: ...
+def read_image(path: str) -> tuple[NDArray[np.uint8], list[str]]: ...
+def eight_bits(colours: NDArray[np.uint16]) -> tuple[NDArray[np.uint8], list[str]]: ...
+def without_marks(
+    map: NDArray[np.float32], bits: tuple[int, bool] | None, metres: float
+) -> tuple[NDArray[np.float32], list[str]]: ...
 def read_points(
-    path: str, size: tuple[int, int], camera: str | None, unit: str | None
+    path: str, size: tuple[int, int], camera: Camera | None, unit: str | None, kind: str | None
 ) -> _Points: ...
 @final
 class Colmap:
@@ -86,6 +93,14 @@ class Completion:
     def depth_at(self, width: int, height: int) -> NDArray[np.float32]: ...
     def standard_deviation_at(self, width: int, height: int) -> NDArray[np.float32]: ...
     def at(self, places: _Floats) -> NDArray[np.float32]: ...
+    def point_cloud(
+        self,
+        camera: Camera,
+        size: tuple[int, int],
+        max_sigma: float | None,
+        voxel: float | None,
+        keep_flying: bool,
+    ) -> tuple[NDArray[np.floating[Any]], NDArray[np.uint8], NDArray[np.float32] | None, list[int]]: ...
     def residuals(self) -> _Floats: ...
     def leave_one_out(self) -> _Floats: ...
     def leave_one_out_error(self) -> float | None: ...
@@ -105,9 +120,14 @@ class Camera:
         center: tuple[float, float],
         lens: str,
         coefficients: list[float],
-        rotation: list[list[float]],
-        translation: list[float],
+        pose: _Pose,
+        size: tuple[int, int] | None,
     ) -> Camera: ...
+    @staticmethod
+    def read(path: str) -> Camera: ...
+    def numbers(
+        self,
+    ) -> tuple[tuple[float, float], tuple[float, float], str, list[float], _Pose, tuple[int, int] | None]: ...
     def scaled(self, factors: tuple[float, float]) -> tuple[tuple[float, float], tuple[float, float]]: ...
     def project(self, points: _Floats) -> _Floats: ...
     def unproject(self, places: _Floats, depths: _Floats) -> _Floats: ...

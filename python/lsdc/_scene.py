@@ -14,6 +14,7 @@ from ._files import read_points
 from ._guide import DepthGuide
 from ._errors import InputError
 from ._input import Array, Noise, Size, Unit, as_array, as_observations, as_positions, as_size, with_noise
+from ._pickling import Unpicklable
 from ._settings import Robust, as_json
 
 Guide = Union[DepthGuide, Array]
@@ -21,11 +22,13 @@ Sparse = Union[Array, tuple[Array, ...], "os.PathLike[str]", str]
 """A map, a table or columns of points, or the path of a file of them."""
 
 
-class Scene:
+class Scene(Unpicklable):
     """The basis functions and affinities of an image. New points for the same image cost only a fit.
 
     Made by `Completer.scene`; can be shared between threads.
     """
+
+    _instead = "send the completer and the image, and make the scene there, or send arrays such as `completion.depth`"
 
     def __init__(self, native: _native.Scene, guide: Guide | None = None) -> None:
         self._native = native if guide is None else native.with_guide(_guide(guide))
@@ -63,7 +66,8 @@ class Scene:
             right, y down, in pixels from the centre of the first; fractions are allowed. Depths are measured along
             the optical axis.
         sigma : array of the shape of the depths, or a number, optional
-            Standard deviations of the depths in the same unit, if they are known.
+            Standard deviations of the depths in the same unit. Those that are not positive and finite are unknown; they
+            are counted in the report (`without_deviation`).
         noise : "kinect", "realsense", "tof" or (A, B, C), optional
             Noise of a depth camera: depths without a standard deviation have A + B z + C z^2 metres at z metres. Depths
             must be in metres, or `unit` given.
@@ -83,8 +87,8 @@ class Scene:
         Returns
         -------
         Completion
-            What cannot be used (positions outside the image, depths or deviations that are not positive and finite)
-            is left out, and counted in its report.
+            What cannot be used (positions outside the image, depths that are not positive and finite) is left out, and
+            counted in its report.
 
         Raises
         ------

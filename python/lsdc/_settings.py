@@ -70,8 +70,8 @@ FitSettings = TypedDict(
 - `robust`: the name of a loss, `RobustSettings`, or None
 """
 
-Robust = Union[Loss, RobustSettings, None]
-"""The name of a loss, the settings of one, or None for a plain fit."""
+Robust = Union[Loss, Literal["none"], RobustSettings, None]
+"""The name of a loss, the settings of one, or "none" for a plain fit. None stands for the default."""
 
 
 def as_json(settings: object) -> str:

@@ -1,14 +1,28 @@
 //! Cameras, and the points of a cloud that they see.
 
 use crate::arrays;
-use crate::error::{Kind, raised};
+use crate::error::{Kind, raised, raised_by_file};
 use lsdc_core::{Cloud, Lens, SettingsError};
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
+use std::path::PathBuf;
 
 /// A calibrated camera with its pose in the world.
 #[pyclass(frozen, module = "lsdc._native")]
-pub(crate) struct Camera(lsdc_core::Camera);
+pub(crate) struct Camera(pub(crate) lsdc_files::Camera);
+
+/// A rotation, row by row, and a translation.
+type Pose = ([[f64; 3]; 3], [f64; 3]);
+
+/// Focal lengths, principal point, lens and its coefficients, rotation and translation, width and height of the image.
+type Numbers = (
+    [f64; 2],
+    [f64; 2],
+    &'static str,
+    Vec<f64>,
+    Pose,
+    Option<(usize, usize)>,
+);
 
 /// Rows u, v, depth of the visible points, and counts of those that are invalid, outside and hidden.
 type Seen<'py> = (Bound<'py, PyArray2<f64>>, usize, usize, usize);
@@ -22,8 +36,8 @@ impl Camera {
         center: [f64; 2],
         lens: &str,
         coefficients: Vec<f64>,
-        rotation: [[f64; 3]; 3],
-        translation: [f64; 3],
+        pose: Pose,
+        size: Option<(usize, usize)>,
     ) -> PyResult<Self> {
         let lens = match (lens, coefficients.as_slice()) {
             ("pinhole", []) => Ok(Lens::Pinhole),
@@ -37,15 +51,44 @@ impl Camera {
         let lens = lens.map_err(|why| Kind::Settings.raise(py, &why, Some(hint)))?;
         let camera = lsdc_core::Camera::pinhole(focal, center)
             .with_lens(lens)
-            .with_pose(rotation, translation);
+            .with_pose(pose.0, pose.1);
         let wrong = |error: SettingsError| raised(py, &error.into());
         camera.check().map_err(wrong)?;
-        Ok(Self(camera))
+        Ok(Self(lsdc_files::Camera::new(camera, size)))
+    }
+
+    /// The camera in a file.
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let found = py.detach(|| lsdc_files::Camera::read(&path));
+        found.map(Self).map_err(|error| {
+            let error = match error.advice() {
+                Some(_) => error,
+                None => error.hint(
+                    "a camera is a file (TOML, JSON or the camera_info of ROS), or `lsdc.Camera.from_matrix(K, size)`",
+                ),
+            };
+            raised_by_file(py, &error)
+        })
+    }
+
+    fn numbers(&self) -> Numbers {
+        let optics = self.0.optics();
+        let (focal, center, lens) = (optics.focal(), optics.center(), optics.lens());
+        let coefficients = lens.coefficients().to_vec();
+        (
+            focal,
+            center,
+            lens.name(),
+            coefficients,
+            optics.pose(),
+            self.0.size(),
+        )
     }
 
     /// Focal lengths and principal point for the image at another resolution.
     fn scaled(&self, factors: [f64; 2]) -> ([f64; 2], [f64; 2]) {
-        let camera = self.0.scaled(factors);
+        let camera = self.0.optics().scaled(factors);
         (camera.focal(), camera.center())
     }
 
@@ -89,7 +132,8 @@ impl Camera {
         height: usize,
     ) -> PyResult<Seen<'py>> {
         let points = arrays::rows::<3>(&points)?;
-        let cloud = py.detach(|| Cloud::seen_by(&self.0, width, height, points.iter().copied()));
+        let cloud =
+            py.detach(|| Cloud::seen_by(self.0.optics(), width, height, points.iter().copied()));
         let cloud = cloud.map_err(|error| raised(py, &error))?;
         let seen = cloud.observations.iter();
         let rows = seen.flat_map(|point| [point.u, point.v, f64::from(point.depth)]);

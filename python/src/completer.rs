@@ -1,7 +1,7 @@
 //! Weights with settings.
 
-use crate::error::{Kind, raised};
-use crate::image::Colours;
+use crate::error::{Kind, raised, raised_by_file};
+use crate::image::{Colours, copy};
 use crate::pool::Pool;
 use crate::scene::Scene;
 use lsdc_core::Weights;
@@ -9,6 +9,7 @@ use lsdc_core::settings::{FitConfig, Loss, Robust};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde_json::Value;
+use std::sync::Arc;
 
 /// Where weights come from.
 #[derive(FromPyObject)]
@@ -52,17 +53,17 @@ impl Completer {
                 let bytes = bytes.as_bytes();
                 py.detach(|| Weights::from_bytes(bytes)).map_err(raised)?
             }
-            Source::Name(name) => match name.as_str() {
-                "default" | "none" => Weights::builtin(),
-                "small" => Weights::builtin_small(),
-                name => {
+            Source::Name(name) => {
+                let name = if alone { "default" } else { name };
+                let Some(found) = lsdc_weights::named(name) else {
                     let what = format!("there are no weights `{name}`");
-                    let hint =
-                        "give \"default\", \"small\", \"none\", or the path of a weights file";
-                    return Err(Kind::Weights.raise(py, &what, Some(hint)));
-                }
-            },
+                    return Err(Kind::Weights.raise(py, &what, None));
+                };
+                py.detach(|| found.read()).map_err(raised)?
+            }
         };
+        let encoder = pool.install(py, || lsdc_weights::encoder_of(&weights.network))?;
+        let encoder = encoder.map_err(|error| raised_by_file(py, &error))?;
         let mut config = weights.fit().map_err(raised)?.unwrap_or_default();
         if let Some(changes) = fit {
             config = changed(config, changes).map_err(|why| {
@@ -81,6 +82,9 @@ impl Completer {
             let mut builder = lsdc_core::Completer::builder(&weights).fit(config);
             if let Some((width, height)) = working_size {
                 builder = builder.working_size(height, width);
+            }
+            if let Some(encoder) = encoder {
+                builder = builder.encoder(encoder);
             }
             builder.thread_pool(threads).build()
         })?;
@@ -107,39 +111,57 @@ impl Completer {
 
     fn scene(&self, py: Python<'_>, colours: Colours<'_>, bgr: bool) -> PyResult<Scene> {
         let image = colours.image(py, bgr)?;
-        let scene = self.pool.run(py, || self.inner.scene(&image))?;
-        Ok(Scene::new(scene, self.pool.clone()))
+        let scene = self.pool.run(py, || {
+            let scene = self.inner.scene(&image)?;
+            Ok((scene, Arc::new(copy(&image)?)))
+        });
+        let (scene, colours) = scene?;
+        Ok(Scene::new(scene, colours, self.pool.clone()))
     }
 }
 
 /// Settings with changes to some of them, at any depth.
-fn changed(config: FitConfig, changes: &str) -> Result<FitConfig, serde_json::Error> {
-    let mut config = serde_json::to_value(config)?;
-    let mut changes: Value = serde_json::from_str(changes)?;
+fn changed(config: FitConfig, changes: &str) -> Result<FitConfig, String> {
+    let plain = |error: serde_json::Error| error.to_string();
+    let mut config = serde_json::to_value(config).map_err(plain)?;
+    let mut changes: Value = serde_json::from_str(changes).map_err(plain)?;
     // Not merged: the defaults of a loss are its own.
     if let Some(value) = changes.as_object_mut().and_then(|all| all.remove("robust")) {
-        config["robust"] = serde_json::to_value(robust(value)?)?;
+        config["robust"] = serde_json::to_value(robust(value)?).map_err(plain)?;
     }
     merge(&mut config, changes);
-    serde_json::from_value(config)
+    serde_json::from_value(config).map_err(plain)
 }
 
 /// Settings of robustness: nothing, the name of a loss, or what differs from the defaults of the loss.
-pub(crate) fn robust(changes: Value) -> Result<Option<Robust>, serde_json::Error> {
-    let name = match &changes {
+pub(crate) fn robust(changes: Value) -> Result<Option<Robust>, String> {
+    let loss = match &changes {
         Value::Null => return Ok(None),
-        Value::String(_) => changes.clone(),
-        other => other["loss"].clone(),
+        Value::Object(settings) => match settings.get("loss") {
+            None | Some(Value::Null) => Loss::default(),
+            Some(name) => loss(name)?,
+        },
+        name if name == NO_LOSS => return Ok(None),
+        name => loss(name)?,
     };
-    let loss = match name {
-        Value::Null => Loss::default(),
-        name => serde_json::from_value(name)?,
-    };
-    let mut config = serde_json::to_value(Robust::new(loss))?;
-    if !changes.is_string() {
+    let plain = |error: serde_json::Error| error.to_string();
+    let mut config = serde_json::to_value(Robust::new(loss)).map_err(plain)?;
+    if changes.is_object() {
         merge(&mut config, changes);
     }
-    serde_json::from_value(config).map(Some)
+    serde_json::from_value(config).map(Some).map_err(plain)
+}
+
+/// The name of a plain fit, as on the command line.
+const NO_LOSS: &str = "none";
+
+/// A loss, by its name.
+fn loss(name: &Value) -> Result<Loss, String> {
+    let mut all = Loss::ALL.into_iter();
+    all.find(|loss| name == loss.name()).ok_or_else(|| {
+        let losses = Loss::ALL.map(Loss::name).join(", ");
+        format!("{name} is not a robust loss; losses: {NO_LOSS}, {losses}")
+    })
 }
 
 fn merge(settings: &mut Value, changes: Value) {

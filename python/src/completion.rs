@@ -1,23 +1,43 @@
 //! A scene fitted to observations.
 
 use crate::arrays;
+use crate::camera::Camera;
+use crate::error::raised_by_file;
 use crate::pool::Pool;
+use image::RgbImage;
+use lsdc_files::{Cloud, CloudOptions, are_far};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::Arc;
 
 /// A fit, and what follows from it.
 #[pyclass(frozen, module = "lsdc._native")]
 pub(crate) struct Completion {
     inner: lsdc_core::Completion,
+    /// Of the image.
+    colours: Arc<RgbImage>,
     pool: Pool,
 }
 
 impl Completion {
-    pub(crate) fn new(inner: lsdc_core::Completion, pool: Pool) -> Self {
-        Self { inner, pool }
+    pub(crate) fn new(inner: lsdc_core::Completion, colours: Arc<RgbImage>, pool: Pool) -> Self {
+        Self {
+            inner,
+            colours,
+            pool,
+        }
     }
 }
+
+/// Rows x, y, z (float32, or float64 far from the origin), colours, standard deviations, and the numbers of pixels that are
+/// uncertain, unseen, flying and merged.
+type PointCloud<'py> = (
+    Bound<'py, PyAny>,
+    Bound<'py, PyArray2<u8>>,
+    Option<Bound<'py, PyArray1<f32>>>,
+    [usize; 4],
+);
 
 /// Index, probability, score, error and weight of every outlier.
 type Outliers<'py> = (
@@ -50,6 +70,61 @@ impl Completion {
             .pool
             .run(py, || self.inner.standard_deviation_at(width, height))?;
         arrays::map(py, map)
+    }
+
+    /// The pixels of a map of this width and height in space. Without `max_sigma`, standard deviations may be missing, if the
+    /// points are too few for an estimate.
+    fn point_cloud<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &Camera,
+        size: (usize, usize),
+        max_sigma: Option<f32>,
+        voxel: Option<f64>,
+        keep_flying: bool,
+    ) -> PyResult<PointCloud<'py>> {
+        let (width, height) = size;
+        let image = (
+            self.colours.width() as usize,
+            self.colours.height() as usize,
+        );
+        let camera = camera.0.resized(image);
+        let camera = camera.map_err(|error| raised_by_file(py, &error))?;
+        let options = CloudOptions {
+            max_sigma,
+            keep_flying,
+            voxel,
+        };
+        let cloud = self.pool.run(py, || {
+            let depth = self.inner.depth_at(width, height)?;
+            let sigma = match self.inner.standard_deviation_at(width, height) {
+                Err(error) if max_sigma.is_some() => return Err(error),
+                found => found.ok(),
+            };
+            Ok(Cloud::new(
+                &depth,
+                sigma.as_ref(),
+                &self.colours,
+                &camera,
+                &options,
+            ))
+        })?;
+        let all = &cloud.points;
+        let places = all.iter().flat_map(|point| point.place);
+        let places = if are_far(all) {
+            arrays::table(py, places.collect(), 3)?.into_any()
+        } else {
+            arrays::table(py, places.map(|v| v as f32).collect(), 3)?.into_any()
+        };
+        let colours = all.iter().flat_map(|point| point.color).collect();
+        // All points have one, or none has.
+        let sigma: Option<Vec<f32>> = all.iter().map(|point| point.sigma).collect();
+        Ok((
+            places,
+            arrays::table(py, colours, 3)?,
+            sigma.map(|sigma| PyArray1::from_vec(py, sigma)),
+            [cloud.uncertain, cloud.unseen, cloud.flying, cloud.merged],
+        ))
     }
 
     /// The depth at rows u, v.

@@ -1,6 +1,7 @@
 //! Errors of `lsdc-core` as the exceptions of the package.
 
-use lsdc_core::{Error, WeightsError};
+use lsdc_core::Error;
+use lsdc_files::error::{self as files, Cause};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
@@ -53,12 +54,19 @@ pub(crate) fn raised(py: Python<'_>, error: &Error) -> PyErr {
         Some(cause) => format!("{error}: {cause}"),
         None => error.to_string(),
     };
-    let hint = match error {
-        // The hint of the library names a function that is not part of the package.
-        Error::Weights(WeightsError::NoEncoder) => {
-            Some("complete with the program `lsdc`, which installs the encoder".to_owned())
-        }
-        _ => error.hint().map(|hint| hint.replace("::", ".")),
-    };
+    let hint = error.hint().map(|hint| hint.replace("::", "."));
     kind.raise(py, &message, hint.as_deref())
+}
+
+/// The exception that stands for an error of a file.
+pub(crate) fn raised_by_file(py: Python<'_>, error: &files::Error) -> PyErr {
+    let kind = match error.cause() {
+        Cause::Read | Cause::Write | Cause::Format | Cause::TooLarge => Kind::Read,
+        Cause::Shape => Kind::Input,
+        Cause::Config => Kind::Settings,
+        Cause::Weights => Kind::Weights,
+        Cause::Fit => Kind::Fit,
+        _ => Kind::Base,
+    };
+    kind.raise(py, &error.with_causes(), error.advice())
 }

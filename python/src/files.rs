@@ -1,11 +1,13 @@
 //! The readers of the program, for Python.
 
 use crate::arrays;
-use crate::error::Kind;
+use crate::camera::Camera;
+use crate::doubts::texts;
+use crate::error::{Kind, raised_by_file};
 use lsdc_core::Observation;
-use lsdc_files::error::{Cause, Error};
-use lsdc_files::{Camera, Contents, Orientation, Sparse, View};
-use numpy::PyArray2;
+use lsdc_files::error::Error;
+use lsdc_files::{Contents, Orientation, Sparse, StoredAs, Upright, View};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use std::collections::HashMap;
@@ -35,7 +37,9 @@ pub(crate) fn read_depth<'py>(
         _ => Err(Error::format(path, "holds no map of depths")
             .hint("points are read by `read_points`, models of COLMAP by `Colmap`")),
     };
-    let found = py.detach(|| read(&path)).map_err(|e| raised(py, &e))?;
+    let found = py
+        .detach(|| read(&path))
+        .map_err(|e| raised_by_file(py, &e))?;
     let said = (found.unit.to_string(), found.guessed, found.remarks);
     let sigma = found
         .sigma
@@ -44,24 +48,36 @@ pub(crate) fn read_depth<'py>(
     Ok((arrays::map(py, found.depth)?, sigma, said))
 }
 
+/// The colours `(H, W, 3)` of an image file, upright, and what should be checked.
+#[pyfunction]
+pub(crate) fn read_image(
+    py: Python<'_>,
+    path: PathBuf,
+) -> PyResult<(Bound<'_, PyArray3<u8>>, Vec<String>)> {
+    let found = py.detach(|| lsdc_files::read_upright(&path));
+    let Upright { rgb, doubts, .. } = found.map_err(|e| raised_by_file(py, &e))?;
+    let shape = [rgb.height() as usize, rgb.width() as usize, 3];
+    let colours = PyArray1::from_vec(py, rgb.into_raw()).reshape(shape)?;
+    Ok((colours, texts(&doubts)))
+}
+
 #[pyfunction]
 pub(crate) fn read_points<'py>(
     py: Python<'py>,
     path: PathBuf,
     size: (usize, usize),
-    camera: Option<PathBuf>,
+    camera: Option<&Camera>,
     unit: Option<&str>,
+    kind: Option<&str>,
 ) -> PyResult<Points<'py>> {
     let read = || {
-        let camera = camera.map(|path| Camera::read(&path)).transpose()?;
-        Sparse::read(
-            &path,
-            unit.map(str::parse).transpose()?,
-            camera.as_ref(),
-            size,
-        )
+        let how = StoredAs {
+            unit: unit.map(str::parse).transpose()?,
+            kind: kind.map(str::parse).transpose()?,
+        };
+        Sparse::read_as(&path, how, camera.map(|camera| &camera.0), size)
     };
-    let found = py.detach(read).map_err(|e| raised(py, &e))?;
+    let found = py.detach(read).map_err(|e| raised_by_file(py, &e))?;
     points(py, found)
 }
 
@@ -82,7 +98,7 @@ impl Colmap {
             None => lsdc_files::Colmap::read(&folder),
             Some(files) => lsdc_files::Colmap::of_files(&folder, |name| Ok(files.get(name))),
         });
-        found.map(Self).map_err(|e| raised(py, &e))
+        found.map(Self).map_err(|e| raised_by_file(py, &e))
     }
 
     /// The names of its images, and their widths and heights.
@@ -106,45 +122,25 @@ impl Colmap {
         };
         let image = Orientation::new(size.unwrap_or(view.size), exif);
         let found = py.detach(|| Sparse::of_view(view, image, None));
-        let found = found.map_err(|e| raised(py, &e))?;
+        let found = found.map_err(|e| raised_by_file(py, &e))?;
         points(py, found)
     }
 }
 
-fn points(py: Python<'_>, mut found: Sparse) -> PyResult<Points<'_>> {
-    let known = found.points.iter().filter(|point| point.sigma.is_some());
-    let known = known.count();
-    let certain = known == found.points.len();
-    if known > 0 && !certain {
-        let all = found.points.len();
-        let what = "standard deviations are left out, because only";
-        found
-            .remarks
-            .push(format!("{what} {known} of {all} points have one"));
-    }
+/// Rows of points; without a standard deviation NaN stands for one, where others have one.
+fn points(py: Python<'_>, found: Sparse) -> PyResult<Points<'_>> {
+    let certain = found.points.iter().any(|point| point.sigma.is_some());
     let row = |point: &Observation| {
         let known = [point.u, point.v, f64::from(point.depth)];
-        let sigma = point.sigma.filter(|_| certain).map(f64::from);
-        known.into_iter().chain(sigma)
-    };
-    let columns = if certain && !found.points.is_empty() {
-        4
-    } else {
-        3
+        let sigma = point.sigma.map_or(f64::NAN, f64::from);
+        known.into_iter().chain(certain.then_some(sigma))
     };
     let values = found.points.iter().flat_map(row).collect();
     let counts = [found.ignored, found.outside, found.hidden];
     let said = (found.unit.to_string(), found.guessed, found.remarks);
-    Ok((arrays::table(py, values, columns)?, counts, said))
-}
-
-/// The exception that stands for an error of a file.
-fn raised(py: Python<'_>, error: &Error) -> PyErr {
-    let kind = match error.cause() {
-        Cause::Read | Cause::Format => Kind::Read,
-        Cause::Shape => Kind::Input,
-        Cause::Config => Kind::Settings,
-        _ => Kind::Base,
-    };
-    kind.raise(py, &error.with_causes(), error.advice())
+    Ok((
+        arrays::table(py, values, if certain { 4 } else { 3 })?,
+        counts,
+        said,
+    ))
 }

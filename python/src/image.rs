@@ -1,6 +1,7 @@
 //! Arrays as images.
 
 use crate::error::raised;
+use image::RgbImage;
 use lsdc_core::{Channels, Image, Result};
 use numpy::{PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -40,4 +41,12 @@ impl Colours<'_> {
         };
         image.map_err(|error| raised(py, &error))
     }
+}
+
+/// A copy of the colours of an image, for clouds.
+pub(crate) fn copy(image: &Image<'_>) -> Result<RgbImage> {
+    let (width, height) = (image.width() as u32, image.height() as u32);
+    let colours = RgbImage::from_raw(width, height, image.rgb()?);
+    // As many as the size says.
+    Ok(colours.unwrap_or_default())
 }

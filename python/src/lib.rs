@@ -8,6 +8,7 @@ mod arrays;
 mod camera;
 mod completer;
 mod completion;
+mod doubts;
 mod error;
 mod files;
 mod guide;
@@ -28,7 +29,9 @@ mod _native {
     #[pymodule_export]
     use crate::completion::Completion;
     #[pymodule_export]
-    use crate::files::{Colmap, read_depth, read_points};
+    use crate::doubts::{eight_bits, without_marks};
+    #[pymodule_export]
+    use crate::files::{Colmap, read_depth, read_image, read_points};
     #[pymodule_export]
     use crate::guide::DepthGuide;
     #[pymodule_export]

@@ -61,7 +61,7 @@ impl Pool {
         self.threads.current_num_threads()
     }
 
-    /// Runs work on the pool, and lets other threads of the interpreter run meanwhile.
+    /// Runs work of `lsdc-core` on the pool, and lets other threads of the interpreter run meanwhile.
     ///
     /// # Errors
     /// Those of the work, or a process that was forked since.
@@ -70,13 +70,23 @@ impl Pool {
         py: Python<'_>,
         work: impl FnOnce() -> Result<T> + Send,
     ) -> PyResult<T> {
+        self.install(py, work)?.map_err(|error| raised(py, &error))
+    }
+
+    /// The same with work of any kind.
+    ///
+    /// # Errors
+    /// A process that was forked since.
+    pub(crate) fn install<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce() -> T + Send,
+    ) -> PyResult<T> {
         if !self.is_here() {
             let what = "this was made before the process was forked, and its threads are not here";
             let hint = "make scenes after the fork, or start processes with \"spawn\"";
             return Err(Kind::Base.raise(py, what, Some(hint)));
         }
-        let threads = &self.threads;
-        let done = py.detach(|| threads.install(work));
-        done.map_err(|error| raised(py, &error))
+        Ok(py.detach(|| self.threads.install(work)))
     }
 }

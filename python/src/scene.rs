@@ -7,19 +7,31 @@ use crate::error::Kind;
 use crate::guide::DepthGuide;
 use crate::observations::Observations;
 use crate::pool::Pool;
+use image::RgbImage;
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
+use std::sync::Arc;
 
 /// The basis functions and affinities of an image.
 #[pyclass(frozen, module = "lsdc._native")]
 pub(crate) struct Scene {
     inner: lsdc_core::Scene,
+    colours: Arc<RgbImage>,
     pool: Pool,
 }
 
 impl Scene {
-    pub(crate) fn new(inner: lsdc_core::Scene, pool: Pool) -> Self {
-        Self { inner, pool }
+    pub(crate) fn new(inner: lsdc_core::Scene, colours: Arc<RgbImage>, pool: Pool) -> Self {
+        Self {
+            inner,
+            colours,
+            pool,
+        }
+    }
+
+    /// The same image with another scene of it.
+    fn with(&self, inner: lsdc_core::Scene) -> Self {
+        Self::new(inner, self.colours.clone(), self.pool.clone())
     }
 }
 
@@ -43,20 +55,18 @@ impl Scene {
 
     /// With other settings of robustness, as JSON.
     fn with_robust(&self, py: Python<'_>, settings: &str) -> PyResult<Self> {
-        let refused = |why: serde_json::Error| {
+        let refused = |why: String| {
             Kind::Settings.raise(py, &format!("the settings of robustness: {why}"), None)
         };
-        let settings = serde_json::from_str(settings)
-            .and_then(robust)
-            .map_err(refused)?;
+        let settings = serde_json::from_str(settings).map_err(|why| refused(why.to_string()))?;
+        let settings = robust(settings).map_err(refused)?;
         let inner = self.pool.run(py, || self.inner.with_robust(settings))?;
-        Ok(Self::new(inner, self.pool.clone()))
+        Ok(self.with(inner))
     }
 
     /// With another guide, or none.
     fn with_guide(&self, guide: Option<&DepthGuide>) -> Self {
-        let inner = self.inner.with_guide(guide.map(|guide| &guide.0));
-        Self::new(inner, self.pool.clone())
+        self.with(self.inner.with_guide(guide.map(|guide| &guide.0)))
     }
 
     /// `near` are weights of another fit.
@@ -72,7 +82,11 @@ impl Scene {
             None => self.inner.complete(all),
             Some(near) => self.inner.complete_near(all, near),
         })?;
-        Ok(Completion::new(inner, self.pool.clone()))
+        Ok(Completion::new(
+            inner,
+            self.colours.clone(),
+            self.pool.clone(),
+        ))
     }
 
     /// The basis functions `(places, functions)` at rows u, v.

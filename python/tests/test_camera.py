@@ -1,5 +1,8 @@
 """Cameras against the closed form of a pinhole, and OpenCV's models."""
 
+import pickle
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -78,6 +81,7 @@ def test_what_a_camera_sees(completer, image):
 def test_other_resolutions(points):
     camera = lsdc.Camera(FOCAL, CENTER, lens="radtan", coefficients=(0.1,), translation=(0, 0, 1))
     double = camera.scaled(2, 2)
+    assert camera.size is None and lsdc.Camera(FOCAL, CENTER, size=(64, 48)).scaled(2, 2).size == (128, 96)
     assert double.focal == (200, 180) and double.center == (63.5, 47.5)
     # Pixels are areas.
     assert_allclose(double.project(points)[:, :2] + 0.5, (camera.project(points)[:, :2] + 0.5) * 2)
@@ -99,6 +103,89 @@ def test_other_resolutions(points):
 )
 def test_cameras_that_cannot_be(options):
     with pytest.raises(lsdc.SettingsError):
+        lsdc.Camera(**{"focal": FOCAL, "center": CENTER, **options})
+
+
+MATRIX = [[500.0, 0.0, 319.5], [0.0, 510.0, 239.5], [0.0, 0.0, 1.0]]
+
+
+def test_matrices_of_opencv_open3d_and_ros():
+    for matrix in (MATRIX, np.array(MATRIX), np.ravel(MATRIX), np.array(MATRIX, np.float32)):
+        camera = lsdc.Camera.from_matrix(matrix, (640, 480))
+        assert (camera.focal, camera.center, camera.size) == ((500, 510), (319.5, 239.5), (640, 480))
+        assert camera.lens == "pinhole"
+
+
+def test_lenses_of_opencv_and_ros(points):
+    five = [-0.2, 0.05, 1e-3, -2e-3, 0.01]
+    expected = lsdc.Camera((500, 510), (319.5, 239.5), lens="radtan", coefficients=five).project(points)
+    # cv2.calibrateCamera gives (1, 5), or 12 and 14 with what is not modelled.
+    forms = (five, np.array([five]), np.array(five)[:, None], [*five, 0, 0, 0, 0, 0, 0, 0], [*five, *[0] * 9])
+    for model in (None, "radtan", "plumb_bob", "rational_polynomial"):
+        for form in forms:
+            camera = lsdc.Camera.from_matrix(MATRIX, (640, 480), form, model=model)
+            assert_allclose(camera.project(points), expected, rtol=1e-12)
+    four = [0.1, -0.02, 0.003, 0.0]
+    expected = lsdc.Camera((500, 510), (319.5, 239.5), lens="fisheye", coefficients=four).project(points)
+    for model in ("fisheye", "equidistant"):
+        camera = lsdc.Camera.from_matrix(MATRIX, (640, 480), np.array(four)[:, None], model=model)
+        assert_allclose(camera.project(points), expected, rtol=1e-12)
+    assert lsdc.Camera.from_matrix(MATRIX, (640, 480), np.zeros(5)).lens == "pinhole"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"matrix": np.transpose(MATRIX)}, "transposed"),
+        ({"matrix": np.eye(4)}, ""),
+        ({"matrix": np.diag([500, 500, 2.0])}, r"\[0, 0, 1\]"),
+        ({"matrix": [[500, 3, 320], [0, 500, 240], [0, 0, 1]]}, "undistort"),
+        ({"matrix": "K"}, ""),
+        ({"matrix": [["a"] * 3] * 3}, ""),
+        ({"size": 640}, ""),
+        ({"size": (0, 480)}, ""),
+        ({"distortion": [0.1] * 14}, "lenses"),
+        ({"distortion": [0.1] * 5, "model": "fisheye"}, "lenses"),
+        ({"distortion": [0.1], "model": "pinhole"}, "lenses"),
+        ({"distortion": ["a"]}, ""),
+        ({"model": "telescope"}, "plumb_bob"),
+    ],
+)
+def test_matrices_that_cannot_be(arguments, words):
+    with pytest.raises(lsdc.Error) as caught:
+        lsdc.Camera.from_matrix(**{"matrix": MATRIX, "size": (640, 480), **arguments})
+    assert re.search(words, caught.value.hint or "")
+
+
+def test_cameras_in_files(tmp_path, points):
+    (tmp_path / "c.toml").write_text(
+        "width = 640\nheight = 480\nfx = 500.0\nfy = 510.0\ncx = 319.5\ncy = 239.5\nmodel = 'radtan'\n"
+        "distortion = [-0.2, 0.05, 0.001, -0.002]\nworld_to_camera = [[0, 0, 1, 0], [0, 1, 0, 0.1], [-1, 0, 0, 0.5]]\n"
+    )
+    camera = lsdc.Camera.from_file(tmp_path / "c.toml")
+    expected = lsdc.Camera.from_matrix(
+        MATRIX, (640, 480), [-0.2, 0.05, 1e-3, -2e-3], rotation=quarter_turn(), translation=(0, 0.1, 0.5)
+    )
+    assert camera.size == (640, 480) and camera.lens == "radtan"
+    assert_array_equal(camera.project(points), expected.project(points))
+    again = pickle.loads(pickle.dumps(camera))
+    assert repr(again) == repr(camera)
+    assert_array_equal(again.project(points), camera.project(points))
+    with pytest.raises(lsdc.ReadError, match="nowhere") as caught:
+        lsdc.Camera.from_file(tmp_path / "nowhere.toml")
+    assert caught.value.hint
+    (tmp_path / "d.toml").write_text("fx = 'wide'")
+    with pytest.raises(lsdc.ReadError, match="d.toml") as caught:
+        lsdc.Camera.from_file(str(tmp_path / "d.toml"))
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"coefficients": "ab"}, {"rotation": [["a"] * 3] * 3}, {"translation": None, "lens": 5}, {"center": "ab"}, {"size": 4}],
+)
+def test_every_refusal_is_an_error_of_the_package(options):
+    with pytest.raises(lsdc.Error):
         lsdc.Camera(**{"focal": FOCAL, "center": CENTER, **options})
 
 

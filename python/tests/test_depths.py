@@ -119,12 +119,28 @@ def test_deviations(scene, sparse):
     assert_array_equal(scene.complete(sparse, sigma=0.05).depth, same)
 
 
-def test_deviations_that_cannot_be_leave_points_out(scene, sparse):
+def test_deviations_that_cannot_be_are_unknown(scene, sparse):
     table = rows(sparse)
     sigma = np.full(len(table), 0.05)
-    sigma[:4] = [0.0, -1.0, np.nan, np.inf]
-    report = scene.complete(table, sigma=sigma).report
-    assert (report["given"], report["used"], report["invalid"]) == (len(table), len(table) - 4, 4)
+    depths = []
+    for unknown in ([0.0, -1.0, np.nan, np.inf], [np.nan] * 4):
+        sigma[:4] = unknown
+        completion = scene.complete(table, sigma=sigma)
+        report = completion.report
+        assert (report["used"], report["invalid"], report["without_deviation"]) == (len(table), 0, 4)
+        depths.append(completion.depth)
+    assert_array_equal(*depths)
+
+
+def test_marks_of_no_measurement_are_no_depths(scene, sparse):
+    millimetres = np.rint(sparse * 1000).astype(np.uint16)
+    expected = scene.complete(millimetres, unit="mm").depth
+    marked = millimetres.copy()
+    marked[0, :5] = 65535
+    with pytest.warns(lsdc.InputWarning, match="the sparse depths: 5 depths .* 65535, .* left out"):
+        completion = scene.complete(marked, unit="mm")
+    assert_array_equal(completion.depth, expected)
+    assert completion.report["ignored"] == 5
 
 
 def test_what_is_left_out_is_counted(scene):

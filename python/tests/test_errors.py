@@ -1,5 +1,6 @@
 """Exceptions, and cameras' refusals among them."""
 
+import copy
 import pickle
 import traceback
 
@@ -21,6 +22,20 @@ def test_messages_and_hints_survive_pickling(error):
     for hint in (None, "do that"):
         made = pickle.loads(pickle.dumps(error("this is wrong", hint)))
         assert type(made) is error and str(made) == "this is wrong" and made.hint == hint
+
+
+def test_what_cannot_be_pickled_says_what_to_send(scene, sparse):
+    completion = scene.complete(sparse)
+    for value, advice in ((scene, "completer"), (completion, "completion.depth"), (lsdc.DepthGuide([[1.0, 2.0]]), "values")):
+        with pytest.raises(lsdc.Error, match=f"a {type(value).__name__} cannot be pickled") as caught:
+            pickle.dumps(value)
+        assert advice in caught.value.hint
+        assert copy.copy(value) is value and copy.deepcopy(value) is value
+
+
+def test_nothing_else_is_in_the_name_space():
+    own = {name for name in vars(lsdc) if not name.startswith("_") and name != "ray"}
+    assert own == {name for name in lsdc.__all__ if not name.startswith("_")}
 
 
 def test_tracebacks_show_the_hint(scene):

@@ -49,6 +49,49 @@ def test_tables_and_clouds_are_points_to_complete(scene, tmp_path):
     with pytest.warns(lsdc.FileWarning, match="1 outside"):
         cloud = lsdc.read_points(tmp_path / "c.ply", (64, 48), camera=tmp_path / "c.toml", unit="m")
     np.testing.assert_allclose(cloud, [[31.5, 23.5, 2], [36.5, 23.5, 2]], rtol=1e-6)
+    for camera in (lsdc.Camera((100, 100), (31.5, 23.5)), lsdc.Camera.from_file(tmp_path / "c.toml")):
+        with pytest.warns(lsdc.FileWarning, match="1 outside"):
+            again = lsdc.read_points(tmp_path / "c.ply", (64, 48), camera=camera, unit="m")
+        np.testing.assert_array_equal(again, cloud)
+    with pytest.raises(lsdc.ReadError, match="nofile") as caught:
+        lsdc.read_points(tmp_path / "c.ply", (64, 48), camera="/nofile", unit="m")
+    assert "from_matrix" in caught.value.hint
+    wide = lsdc.Camera((100, 100), (31.5, 23.5), size=(64, 30))
+    with pytest.raises(lsdc.InputError, match="64x30"):
+        lsdc.read_points(tmp_path / "c.ply", (64, 48), camera=wide, unit="m")
+
+
+def test_points_without_a_deviation_beside_others(scene, tmp_path):
+    (tmp_path / "p.csv").write_text("u,v,depth,sigma\n10,20,2.0,0.1\n40,7,3.0,0\n5,5,2.5,0.2\n20,30,2.2,0.1\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = lsdc.read_points(tmp_path / "p.csv", (64, 48), unit="m")
+    known = ~np.isnan(found[:, 3])
+    np.testing.assert_allclose(found[known, 3], np.array([0.1, 0.2, 0.1]), rtol=1e-6)
+    assert scene.complete(found).report["without_deviation"] == np.count_nonzero(~known)
+
+
+def test_distances_along_the_ray(sparse, tmp_path):
+    down, across = np.mgrid[:48, :64]
+    camera = lsdc.Camera((60, 60), (31.5, 23.5))
+    longer = np.sqrt(1 + ((across - 31.5) / 60) ** 2 + ((down - 23.5) / 60) ** 2)
+    np.save(tmp_path / "far.npy", (sparse * longer).astype(np.float32))
+    np.save(tmp_path / "map.npy", sparse)
+    found = lsdc.read_points(tmp_path / "far.npy", (64, 48), camera=camera, unit="m", kind="ray")
+    expected = lsdc.read_points(tmp_path / "map.npy", (64, 48), unit="m")
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    with pytest.raises(lsdc.Error):
+        lsdc.read_points(tmp_path / "far.npy", (64, 48), unit="m", kind="ray")
+    with pytest.raises(lsdc.SettingsError, match="sideways"):
+        lsdc.read_points(tmp_path / "far.npy", (64, 48), unit="m", kind="sideways")
+
+
+def test_remarks_reach_whoever_completes_a_path(scene, sparse, tmp_path):
+    np.save(tmp_path / "map.npy", (sparse * 1000).astype(np.uint16))
+    with pytest.warns(lsdc.FileWarning, match="map.npy: taken to be in") as caught:
+        scene.complete(tmp_path / "map.npy")
+    # At the line that asked for it.
+    assert caught[0].filename == __file__
 
 
 @pytest.fixture

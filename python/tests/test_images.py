@@ -108,8 +108,43 @@ def test_pillow_and_files(completer, image, sparse, expected, tmp_path):
     assert completer.scene(tmp_path / "turned.png").size == (64, 48)
     with pytest.raises(lsdc.ReadError, match="missing.png"):
         completer.scene(tmp_path / "missing.png")
-    with pytest.raises(OSError):
+    with pytest.raises(lsdc.ReadError):
         completer.scene(__file__)
+
+
+def test_a_picture_is_read_as_by_the_program(completer, image, sparse, tmp_path):
+    Image = pytest.importorskip("PIL.Image")
+    noise = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
+    Image.fromarray(noise).save(tmp_path / "noise.jpg", quality=70)
+    from lsdc import _native
+
+    found, remarks = _native.read_image(str(tmp_path / "noise.jpg"))
+    assert remarks == []
+    assert found.shape == (48, 64, 3) and found.dtype == np.uint8
+    # The decoders round in other places.
+    assert np.abs(found.astype(int) - np.asarray(Image.open(tmp_path / "noise.jpg"))).max() <= 40
+    expected = completer.complete(found, sparse).depth
+    assert_array_equal(completer.complete(tmp_path / "noise.jpg", sparse).depth, expected)
+
+
+def test_a_picture_that_is_cut_off_is_refused(completer, image, tmp_path):
+    Image = pytest.importorskip("PIL.Image")
+    Image.fromarray(image).save(tmp_path / "whole.jpg")
+    whole = (tmp_path / "whole.jpg").read_bytes()
+    (tmp_path / "cut.jpg").write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(lsdc.ReadError, match="cut.jpg"):
+        completer.scene(tmp_path / "cut.jpg")
+
+
+def test_12_bits_in_16_are_stretched_with_a_word(completer, image, sparse, expected, tmp_path):
+    Image = pytest.importorskip("PIL.Image")
+    deep = image[..., 0].astype(np.uint16) * 16
+    Image.fromarray(deep).save(tmp_path / "deep.png")
+    found = []
+    for form, category in ((deep, lsdc.InputWarning), (tmp_path / "deep.png", lsdc.FileWarning)):
+        with pytest.warns(category):
+            found.append(completer.complete(form, sparse).depth)
+    assert_array_equal(*found)
 
 
 def test_tensors(completer, image, sparse, expected):

@@ -68,6 +68,40 @@ def test_maps_of_fewer_pixels_to_the_bit(room, results, tmp_path):
     np.testing.assert_array_equal(found, np.load(out / "rgb_depth.npy"))
 
 
+def test_pictures_in_files_to_the_bit(room, results, tmp_path):
+    image, sparse = room
+    Image.fromarray(image).save(tmp_path / "room.jpg", quality=80)
+    out = tmp_path / "out"
+    command = [PROGRAM, "complete", tmp_path / "room.jpg", ROOM / "sparse.npy", "-o", out, "--weights", "small", "--quiet"]
+    results("first", ROOM / "sparse.npy")
+    subprocess.run(command, check=True)
+    found = lsdc.complete(tmp_path / "room.jpg", sparse, weights="small")
+    np.testing.assert_array_equal(found, np.load(out / "room_depth.npy"))
+
+
+def test_the_best_weights_to_the_bit(room, results):
+    try:
+        found = lsdc.complete(*room, weights="anything")
+    except lsdc.ReadError as error:
+        pytest.skip(str(error))
+    out = results("anything", ROOM / "sparse.npy", "--weights", "anything")
+    np.testing.assert_array_equal(found, np.load(out / "rgb_depth.npy"))
+
+
+def test_clouds_are_those_of_the_program(room, results):
+    options = ("--formats", "ply", "--camera", "260,260,151.5,113.5", "--voxel", "0.05", "--max-sigma", "0.5")
+    out = results("cloud", ROOM / "sparse.npy", "--weights", "small", *options)
+    written = (out / "rgb_cloud.ply").read_bytes()
+    head, _, body = written.partition(b"end_header\n")
+    rows = np.frombuffer(body, np.dtype([("place", "<f4", 3), ("color", "u1", 3), ("sigma", "<f4")]))
+    camera = lsdc.Camera((260, 260), (151.5, 113.5))
+    completion = lsdc.Completer("small").complete(*room)
+    cloud = completion.point_cloud(camera, voxel=0.05, max_sigma=0.5)
+    np.testing.assert_array_equal(rows["place"], cloud.points)
+    np.testing.assert_array_equal(rows["color"], cloud.colors)
+    np.testing.assert_array_equal(rows["sigma"], cloud.sigma)
+
+
 def test_the_picture_is_that_of_the_program(room, results):
     out = results("picture", ROOM / "sparse.npy")
     expected = np.asarray(Image.open(out / "rgb_depth_color.png").convert("RGB"), dtype=int)

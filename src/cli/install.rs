@@ -7,9 +7,9 @@ use super::ui;
 #[cfg(feature = "download")]
 use crate::error::Error;
 use crate::error::Result;
-use crate::pretrained::{Added, KNOWN, Known, Store};
+use lsdc_weights::{Added, KNOWN, Known, Store};
 #[cfg(feature = "download")]
-use crate::pretrained::{Event, Limits, get as download};
+use lsdc_weights::{Event, Limits, get as download};
 
 pub(super) fn add(args: &Add) -> Result<()> {
     let store = Store::open()?;

@@ -8,9 +8,9 @@ use crate::history::{self, Made};
 use crate::metrics::{Metric, Scores};
 use crate::model::{AdapterConfig, to_bytes};
 use crate::predict::{embedded, open_weights, weights_name};
-use crate::pretrained::{KNOWN, Store, how_to_install};
 use crate::systems::{Trained, is_system};
 use crate::train::{SCORES_NOTE, TRAINING_NOTE, TrainConfig};
+use lsdc_weights::{KNOWN, Store, how_to_install};
 use serde_json::{Value, json};
 use std::path::Path;
 

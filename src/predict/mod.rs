@@ -6,15 +6,13 @@ mod method;
 mod preserve;
 mod weights;
 
-pub use encoder::encoder_of;
 use encoder::encoder_on;
 pub(crate) use encoder::{adapted_blocks, first_adapted};
 pub use lsdc_classic::Classic;
+pub use lsdc_weights::{Embedded, embedded, encoder_of};
 pub use method::{Method, complete_classic};
 pub use preserve::Preserve;
-pub use weights::{
-    Embedded, are_none, embedded, open_weights, weights_fit, weights_hash, weights_name,
-};
+pub use weights::{are_none, open_weights, weights_fit, weights_hash, weights_name};
 
 use crate::data::DepthMap;
 use crate::error::{Error, Result};

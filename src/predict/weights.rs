@@ -4,56 +4,16 @@ use crate::error::{Error, Result};
 use crate::systems::is_system;
 use lsdc_core::Weights;
 use lsdc_core::fit::FitConfig;
-use lsdc_core::weights;
 use lsdc_rng::hash;
+use lsdc_weights::{Embedded, embedded};
 use std::path::Path;
-
-/// Weights that come with the program.
-#[derive(Clone, Copy, Debug)]
-pub struct Embedded {
-    /// What `--weights` takes.
-    pub name: &'static str,
-    /// What they are for.
-    pub about: &'static str,
-    /// Under which licence, by its SPDX expression: what they contain of other networks keeps its own.
-    pub licence: &'static str,
-    /// A safetensors file.
-    pub bytes: &'static [u8],
-}
-
-/// All of them; the first is used unless another is asked for.
-static EMBEDDED: [Embedded; 3] = [
-    Embedded {
-        name: "default",
-        about: "the most accurate that needs nothing installed",
-        licence: "Apache-2.0",
-        bytes: weights::DEFAULT,
-    },
-    Embedded {
-        name: "small",
-        about: "for weak machines; two thirds of the time",
-        licence: "Apache-2.0",
-        bytes: weights::SMALL,
-    },
-    Embedded {
-        name: "anything",
-        about: "the most accurate of all, on top of a pretrained encoder that is installed apart",
-        licence: "MIT OR Apache-2.0",
-        bytes: include_bytes!("../../assets/weights/anything.safetensors"),
-    },
-];
-
-/// The weights that come with the program, the default first.
-pub fn embedded() -> &'static [Embedded] {
-    &EMBEDDED
-}
 
 /// Weights of the program by their name; a file of that name takes precedence.
 fn named(path: Option<&Path>) -> Option<&'static Embedded> {
     match path {
-        None => EMBEDDED.first(),
+        None => embedded().first(),
         Some(path) if path.exists() => None,
-        Some(path) => EMBEDDED.iter().find(|w| Path::new(w.name) == path),
+        Some(path) => lsdc_weights::named(path.to_str()?),
     }
 }
 
@@ -128,7 +88,7 @@ fn read_bytes(bytes: &[u8], name: &str) -> Result<Weights> {
 
 fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|e| {
-        let names: Vec<&str> = EMBEDDED.iter().map(|w| w.name).collect();
+        let names: Vec<&str> = embedded().iter().map(|w| w.name).collect();
         Error::read(path, e).hint(format!(
             "give a weights file, or one of the program's: {}",
             names.join(", ")

@@ -2,11 +2,11 @@
 
 use super::{Halves, image_values};
 use crate::error::Result;
-use crate::pretrained::ANYTHING;
 use image::RgbImage;
 use lsdc_core::network::{Encoded, Encoder, EncoderConfig};
 use lsdc_core::weights::Normalisation;
 use lsdc_rng::hash;
+use lsdc_weights::ANYTHING;
 use std::path::PathBuf;
 use std::sync::Arc;
 

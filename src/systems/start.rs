@@ -4,10 +4,10 @@ use super::resnet::torchvision;
 use super::{Net, SystemConfig};
 use crate::error::{Error, Result};
 use crate::model::weights::{fits, with_values};
-use crate::pretrained::read_tensors;
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use lsdc_core::weights::Tensor as Table;
+use lsdc_weights::read_tensors;
 use std::collections::BTreeMap;
 
 /// The network as it starts: random from the stream of `seed`, but for the encoder if its settings name a file of

@@ -4,11 +4,11 @@
 use super::{Net, Seen, System as _, SystemConfig, begin};
 use crate::model::parameter_count;
 use crate::model::weights::{Filler, Named, named};
-use crate::pretrained::read_tensors;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use lsdc_core::weights::Tensor as Table;
+use lsdc_weights::read_tensors;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

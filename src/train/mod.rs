@@ -6,6 +6,7 @@ mod calibrate;
 mod checkpoint;
 mod compare;
 mod config;
+mod efficientnet;
 mod foresight;
 mod imitation;
 mod learner;

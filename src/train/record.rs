@@ -5,7 +5,7 @@ use super::log::seconds;
 use crate::error::Result;
 use crate::history::{self, Made, Source};
 use crate::predict::open_weights;
-use crate::pretrained::{identity, read_tensors};
+use lsdc_weights::{identity, read_tensors};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,5 +1,6 @@
 //! What a run makes of its settings before the first step.
 
+use super::efficientnet::read_backbone;
 use super::loss::map_of_backbone;
 use super::teacher::Taught;
 use super::{BackboneTraining, Part, TrainConfig};
@@ -7,7 +8,6 @@ use crate::data::{Dataset, Mixture};
 use crate::error::{Error, Result};
 use crate::model::{AdapterConfig, BasisNet, NetworkConfig, Normalisation, fill};
 use crate::predict::open_weights;
-use crate::pretrained::read_backbone;
 use crate::sample::{Order, Protocol, Sampler, SamplerConfig};
 use lsdc_core::Weights;
 use std::sync::Arc;

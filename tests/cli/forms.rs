@@ -103,7 +103,7 @@ fn a_result_is_a_cloud_in_the_world() {
         let args = [&["rgb.png", "sparse.npy"], &camera[..], more].concat();
         complete(folder.path(), &args);
     };
-    run(&["-o", "whole.ply"]);
+    run(&["-o", "whole.ply", "--keep-flying"]);
     run(&["-o", "whole.npy"]);
     run(&["-o", "sure.ply", "--max-sigma", "0.2"]);
     // Seen again, the cloud is the map it was made of.
@@ -142,6 +142,14 @@ fn a_result_is_a_cloud_in_the_world() {
         "1",
     ];
     refused(folder.path(), &none, &["--max-sigma", "ply"]);
+    for option in [&["--voxel", "0.01"][..], &["--keep-flying"]] {
+        let args = [&["complete", "rgb.png", "sparse.npy", "-o", "more"], option].concat();
+        refused(folder.path(), &args, &[option[0], "ply"]);
+    }
+    for edge in ["0", "-1", "nan", "inf", "wide"] {
+        let args = ["complete", "rgb.png", "sparse.npy", "--voxel", edge];
+        refused(folder.path(), &args, &["edge length of a voxel", "0.01"]);
+    }
     let twice = [
         "complete",
         "rgb.png",
@@ -166,11 +174,21 @@ fn what_files_leave_out_is_counted() {
     let report = run(&["-o", "again", "--max-sigma", "0.2", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     let count = |name: &str| report["cloud"][name].as_u64().unwrap();
-    assert_eq!(count("points") + count("uncertain"), pixels);
-    assert!(count("uncertain") > 0 && count("unseen") == 0);
+    assert_eq!(
+        count("points") + count("uncertain") + count("flying"),
+        pixels
+    );
+    assert!(count("uncertain") > 0 && count("flying") > 0 && count("unseen") == 0);
     assert_eq!(report["left_empty"]["pixels"], count("uncertain"));
     let words = format!("{} pixels left empty: standard", count("uncertain"));
-    assert!(told.contains(&words), "{told}");
+    let flying = format!("{} pixels left out at depth edges", count("flying"));
+    assert!(told.contains(&words) && told.contains(&flying), "{told}");
+    let thin = run(&["-o", "thin", "--voxel", "0.05", "--keep-flying", "--json"]);
+    let thin: serde_json::Value = serde_json::from_str(&thin).unwrap();
+    let [points, merged, none] =
+        ["points", "merged", "flying"].map(|name| thin["cloud"][name].as_u64().unwrap());
+    assert_eq!((points + merged, none), (pixels, 0));
+    assert!(merged > points);
     let seen = Camera::read(&at("camera.toml")).unwrap();
     let cloud = Sparse::read(&at("sure/rgb_cloud.ply"), None, Some(&seen), (304, 228)).unwrap();
     assert!(cloud.points.len() as u64 <= count("points"));
@@ -191,7 +209,7 @@ fn what_files_leave_out_is_counted() {
     let report = run(&["-o", "fisheye", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     let count = |name: &str| report["cloud"][name].as_u64().unwrap();
-    assert_eq!(count("points") + count("unseen"), pixels);
+    assert_eq!(count("points") + count("unseen") + count("flying"), pixels);
     assert!(count("unseen") > 0);
 }
 

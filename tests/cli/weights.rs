@@ -267,7 +267,7 @@ mod download {
     #[allow(clippy::print_stderr)]
     #[test]
     fn the_published_file_is_installed() {
-        use lsdc::pretrained::{ANYTHING, Store};
+        use lsdc_weights::{ANYTHING, Store};
         let Some(file) = std::env::var_os("LSDC_ENCODER") else {
             eprintln!("not tested: LSDC_ENCODER names no file");
             return;

@@ -158,7 +158,8 @@ typedef struct lsdc_points {
     const double *y;
     /// Depths along the optical axis in metres, or in any other unit, which is then that of all results.
     const float *depth;
-    /// Standard deviations of the depths in the same unit, 0 where it is unknown; null if all are.
+    /// Standard deviations of the depths in the same unit; null if all are unknown. One that is not positive and finite
+    /// (0, negative, NaN, infinite) is unknown, and counted in `lsdc_report.without_deviation` if others are known.
     const float *sigma;
     /// Bytes from one point to the next in all of the arrays; 0 means without gaps.
     size_t stride;
@@ -181,11 +182,11 @@ typedef struct lsdc_report {
     size_t given;
     /// Points that were fitted.
     size_t used;
-    /// Points left out because their depth or sigma is not from 1e-15 to 1e15, or their position not finite.
+    /// Points left out because their depth is not from 1e-15 to 1e15, or their position not finite.
     size_t invalid;
     /// Points left out because they are outside the image.
     size_t outside;
-    /// Points used without a sigma where others had one.
+    /// Points used without a sigma, or with one that is not positive and finite, where others had one.
     size_t without_deviation;
     /// Directions that the points determine, at most `functions`.
     size_t rank;
@@ -366,9 +367,11 @@ const char *lsdc_version(void);
 /// `LSDC_ABI_VERSION`, that of the header which it was compiled with.
 uint32_t lsdc_abi_version(void);
 
-/// Makes a completer with weights of the library: "default", the most accurate, "small", which take two thirds
-/// of the time, or "none", no network at all, for scenes with a guide. `options` may be null. `*completer` becomes
-/// a handle to be freed with `lsdc_completer_free`, or null if the call fails.
+/// Makes a completer with weights of the library: "default", the most accurate that need nothing installed, "small",
+/// which take two thirds of the time, "anything", the most accurate of all, or "none", no network at all, for scenes
+/// with a guide. "anything" needs an encoder that the program `lsdc` installs once in the user's data folder: `lsdc
+/// weights get anything`, or `lsdc weights add FILE` without a network; LSDC_WEIGHTS names another folder. `options`
+/// may be null. `*completer` becomes a handle to be freed with `lsdc_completer_free`, or null if the call fails.
 lsdc_status lsdc_completer_create(const char *weights,
                                   const struct lsdc_completer_options *options,
                                   struct lsdc_completer **completer);
@@ -401,7 +404,7 @@ lsdc_status lsdc_scene_create(const struct lsdc_completer *completer,
 lsdc_status lsdc_scene_size(const struct lsdc_scene *scene, size_t *width, size_t *height);
 
 /// Fits the scene to points. They are not needed afterwards. Points outside the image, and those whose depth
-/// or sigma is not from 1e-15 to 1e15, are left out and counted in the report. `options` may be null.
+/// is not from 1e-15 to 1e15, are left out and counted in the report. `options` may be null.
 /// `*completion` becomes a handle to be freed with `lsdc_completion_free`, or null if the call fails.
 lsdc_status lsdc_scene_complete(const struct lsdc_scene *scene,
                                 const struct lsdc_points *points,
@@ -409,8 +412,10 @@ lsdc_status lsdc_scene_complete(const struct lsdc_scene *scene,
                                 struct lsdc_completion **completion);
 
 /// Fits the scene to a map of the size of its image, where 0 means no measurement. NaN, infinite and negative
-/// values are left out and counted in the report, as invalid. The points are the pixels that are not 0, row
-/// by row. `sigma` is a map of the standard deviations of the depths, 0 where it is unknown, or null.
+/// values, and marks of no measurement (65535 of 16 bits, if no other value is near it), are left out and counted in the
+/// report, as invalid. The points are the pixels that are not 0, row
+/// by row. `sigma` is a map of the standard deviations of the depths, not positive and finite where
+/// they are unknown (0, NaN), or null.
 /// Otherwise as `lsdc_scene_complete`.
 lsdc_status lsdc_scene_complete_map(const struct lsdc_scene *scene,
                                     const struct lsdc_map *depth,

@@ -237,7 +237,7 @@ private:
           format(format) {}
 };
 
-// A known depth at column x and row y, which may lie between pixels; a sigma of 0 is unknown.
+// A known depth at column x and row y, which may lie between pixels; a sigma that is not positive and finite is unknown.
 struct Point {
     double x = 0.0;
     double y = 0.0;

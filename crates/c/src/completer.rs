@@ -73,9 +73,11 @@ unsafe impl Versioned for lsdc_completer_options {
     const LEAST: usize = size_of::<usize>();
 }
 
-/// Makes a completer with weights of the library: "default", the most accurate, "small", which take two thirds
-/// of the time, or "none", no network at all, for scenes with a guide. `options` may be null. `*completer` becomes
-/// a handle to be freed with `lsdc_completer_free`, or null if the call fails.
+/// Makes a completer with weights of the library: "default", the most accurate that need nothing installed, "small",
+/// which take two thirds of the time, "anything", the most accurate of all, or "none", no network at all, for scenes
+/// with a guide. "anything" needs an encoder that the program `lsdc` installs once in the user's data folder: `lsdc
+/// weights get anything`, or `lsdc weights add FILE` without a network; LSDC_WEIGHTS names another folder. `options`
+/// may be null. `*completer` becomes a handle to be freed with `lsdc_completer_free`, or null if the call fails.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_completer_create(
     weights: *const c_char,
@@ -83,7 +85,7 @@ pub unsafe extern "C" fn lsdc_completer_create(
     completer: *mut *mut lsdc_completer,
 ) -> lsdc_status {
     // SAFETY: the caller's promise.
-    let weights = || builtin(&unsafe { memory::text(weights, "weights") }?);
+    let weights = || named(&unsafe { memory::text(weights, "weights") }?);
     // SAFETY: the caller's promise.
     guard(|| unsafe { make(weights, options, completer) })
 }
@@ -166,7 +168,12 @@ fn with(chosen: &Chosen, options: &lsdc_completer_options) -> Result<Pooled<Comp
     };
     let pool = Pool::new(options.threads)?;
     let mut value = if chosen.network {
-        let builder = Completer::builder(&chosen.weights).fit(fit);
+        let network = &chosen.weights.network;
+        let encoder = pool.threads.install(|| lsdc_weights::encoder_of(network))?;
+        let mut builder = Completer::builder(&chosen.weights).fit(fit);
+        if let Some(encoder) = encoder {
+            builder = builder.encoder(encoder);
+        }
         builder.thread_pool(pool.threads.clone()).build()?
     } else {
         Completer::without_network(fit)?
@@ -217,24 +224,28 @@ fn robust(robust: lsdc_robust, recorded: Option<Robust>) -> Result<Option<Robust
     Ok(Some(Robust::new(loss)))
 }
 
-#[cfg(feature = "weights")]
-fn builtin(name: &str) -> Result<Chosen> {
-    let (weights, network) = match name {
-        "default" => (Weights::builtin(), true),
-        "small" => (Weights::builtin_small(), true),
-        "none" => (Weights::builtin(), false),
-        other => {
-            let fault = Fault::weights(format!("there are no weights named `{other}`"));
-            return Err(fault.with_hint(
-                "choose \"default\" or \"small\", or read a file with lsdc_completer_create_from_file",
-            ));
-        }
-    };
+/// Weights of the library, by their name.
+fn named(name: &str) -> Result<Chosen> {
+    let network = name != NONE;
+    let found = lsdc_weights::named(if network { name } else { "default" });
+    let weights = found.ok_or_else(|| unknown(name))?.read()?;
     Ok(Chosen { weights, network })
 }
 
-#[cfg(not(feature = "weights"))]
-fn builtin(_: &str) -> Result<Chosen> {
-    let fault = Fault::weights("this library was built without weights");
-    Err(fault.with_hint("read a file with lsdc_completer_create_from_file"))
+/// The name that stands for no network at all.
+const NONE: &str = "none";
+
+/// There are no weights of a name: without the feature `weights`, none at all.
+fn unknown(name: &str) -> Fault {
+    let read = "read a file with lsdc_completer_create_from_file";
+    if cfg!(not(feature = "weights")) {
+        return Fault::weights("this library was built without weights").with_hint(read);
+    }
+    let names = lsdc_weights::embedded().iter().map(|weights| weights.name);
+    let names: Vec<String> = names
+        .chain([NONE])
+        .map(|name| format!("{name:?}"))
+        .collect();
+    Fault::weights(format!("there are no weights named `{name}`"))
+        .with_hint(format!("choose {}, or {read}", names.join(", ")))
 }

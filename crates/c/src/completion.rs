@@ -35,11 +35,11 @@ pub struct lsdc_report {
     pub given: usize,
     /// Points that were fitted.
     pub used: usize,
-    /// Points left out because their depth or sigma is not from 1e-15 to 1e15, or their position not finite.
+    /// Points left out because their depth is not from 1e-15 to 1e15, or their position not finite.
     pub invalid: usize,
     /// Points left out because they are outside the image.
     pub outside: usize,
-    /// Points used without a sigma where others had one.
+    /// Points used without a sigma, or with one that is not positive and finite, where others had one.
     pub without_deviation: usize,
     /// Directions that the points determine, at most `functions`.
     pub rank: usize,

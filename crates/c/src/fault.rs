@@ -5,7 +5,7 @@ use crate::status::{
     LSDC_ERROR_INTERNAL, LSDC_ERROR_MEMORY, LSDC_ERROR_SETTINGS, LSDC_ERROR_WEIGHTS, LSDC_OK,
     lsdc_status,
 };
-use lsdc_core::{Error, FitError, WeightsError};
+use lsdc_core::{Error, FitError};
 use std::cell::RefCell;
 use std::error::Error as _;
 use std::ffi::{CStr, CString, c_char};
@@ -101,12 +101,16 @@ impl From<Error> for Fault {
     }
 }
 
+impl From<lsdc_weights::error::Error> for Fault {
+    /// An error of the weights in the user's data folder.
+    fn from(error: lsdc_weights::error::Error) -> Self {
+        Self::weights(error.with_causes()).with_hint(error.advice().unwrap_or_default())
+    }
+}
+
 /// What to do, in the words of this interface.
 fn hint(error: &Error) -> Option<&str> {
     match error {
-        Error::Weights(WeightsError::NoEncoder) => {
-            Some("choose weights whose network stands on its own, such as \"default\"")
-        }
         Error::Fit(FitError::TooFewPoints(_)) => {
             Some("give more points, or choose another fit (`options.fit = LSDC_FIT_LSE`)")
         }

@@ -3,6 +3,7 @@
 use crate::fault::{Fault, Result};
 use crate::memory::{self, Plain, Rows, Versioned};
 use lsdc_core::{Channels, DepthGuide, GuideKind, Image, MAX_PIXELS, Observation, Observations};
+use lsdc_files::doubts::{Known, Numbers, leave_out_marks};
 use std::ffi::c_void;
 
 /// The order and type of the colours of a pixel: one of the constants `LSDC_...8` and `LSDC_...F32`.
@@ -114,7 +115,8 @@ pub struct lsdc_points {
     pub y: *const f64,
     /// Depths along the optical axis in metres, or in any other unit, which is then that of all results.
     pub depth: *const f32,
-    /// Standard deviations of the depths in the same unit, 0 where it is unknown; null if all are.
+    /// Standard deviations of the depths in the same unit; null if all are unknown. One that is not positive and finite
+    /// (0, negative, NaN, infinite) is unknown, and counted in `lsdc_report.without_deviation` if others are known.
     pub sigma: *const f32,
     /// Bytes from one point to the next in all of the arrays; 0 means without gaps.
     pub stride: usize,
@@ -240,11 +242,15 @@ impl lsdc_image {
     }
 }
 
-/// A map without gaps, in metres.
+/// A map without gaps.
 pub(crate) struct Map {
     width: usize,
     height: usize,
+    /// As they are stored.
     values: Vec<f32>,
+    numbers: Numbers,
+    /// Metres to a stored one.
+    unit: f64,
 }
 
 impl Map {
@@ -271,32 +277,38 @@ impl Map {
                 )));
             }
         };
-        let scaled = |value: f64| (value * unit) as f32;
         // SAFETY: the caller's promise.
-        let mut values: Vec<f32> = unsafe {
+        let (values, numbers) = unsafe {
             if map.format == LSDC_U16 {
                 let integers = map.gathered::<u16>(what)?;
-                integers.into_iter().map(|v| scaled(v.into())).collect()
+                let values = integers.into_iter().map(f32::from).collect();
+                (values, Numbers::unsigned(16))
             } else {
-                map.gathered(what)?
+                (map.gathered(what)?, Numbers::Floats)
             }
         };
-        if map.format == LSDC_F32 && unit != 1.0 {
-            for value in &mut values {
-                *value = scaled((*value).into());
-            }
-        }
         Ok(Self {
             width: map.width,
             height: map.height,
             values,
+            numbers,
+            unit,
         })
     }
 
+    /// Metres of a stored value.
+    fn metres(&self, value: f32) -> f32 {
+        if self.unit == 1.0 {
+            value
+        } else {
+            (f64::from(value) * self.unit) as f32
+        }
+    }
+
     /// The measurements of a map of the size of an image, in the order of rows. Where the map is 0, there is
-    /// none; what cannot be a depth is kept, to be counted.
+    /// none; what cannot be a depth, or marks that nothing was measured, is kept as such, to be counted.
     pub(crate) fn observations(
-        self,
+        mut self,
         sigma: Option<Self>,
         size: (usize, usize),
     ) -> Result<Observations> {
@@ -314,13 +326,19 @@ impl Map {
                 return Err(Fault::buffer(message).with_hint("give points at their positions"));
             }
         }
+        let known = Known {
+            numbers: self.numbers,
+            metres: self.unit,
+            declared: None,
+        };
+        leave_out_marks(&mut self.values, &known);
         let places = self.values.iter().enumerate();
         let measured = places.filter(|(_, depth)| **depth != 0.0);
         let observation = |(i, &depth): (usize, &f32)| Observation {
             u: (i % self.width) as f64,
             v: (i / self.width) as f64,
-            depth,
-            sigma: sigma.as_ref().and_then(|map| known(map.values[i])),
+            depth: self.metres(depth),
+            sigma: sigma.as_ref().map(|map| map.metres(map.values[i])),
         };
         Ok(measured.map(observation).collect())
     }
@@ -337,12 +355,8 @@ impl Map {
                 )));
             }
         };
-        Ok(DepthGuide::new(
-            kind,
-            self.width,
-            self.height,
-            &self.values,
-        )?)
+        let values: Vec<f32> = self.values.iter().map(|&v| self.metres(v)).collect();
+        Ok(DepthGuide::new(kind, self.width, self.height, &values)?)
     }
 }
 
@@ -355,11 +369,6 @@ impl lsdc_map {
         // SAFETY: the rows lie within `size` bytes.
         unsafe { memory::gather(self.data.cast(), rows, &format!("{what}->data")) }
     }
-}
-
-/// A standard deviation, unless it is said to be unknown.
-fn known(sigma: f32) -> Option<f32> {
-    (sigma != 0.0).then_some(sigma)
 }
 
 /// Copies the points of the caller.
@@ -392,7 +401,7 @@ pub(crate) unsafe fn observations(points: *const lsdc_points) -> Result<Observat
         u: x[i],
         v: y[i],
         depth: depth[i],
-        sigma: sigma.as_ref().and_then(|sigma| known(sigma[i])),
+        sigma: sigma.as_ref().map(|sigma| sigma[i]),
     };
     Ok((0..points.count).map(observation).collect())
 }

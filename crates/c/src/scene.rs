@@ -112,7 +112,7 @@ pub unsafe extern "C" fn lsdc_scene_size(
 }
 
 /// Fits the scene to points. They are not needed afterwards. Points outside the image, and those whose depth
-/// or sigma is not from 1e-15 to 1e15, are left out and counted in the report. `options` may be null.
+/// is not from 1e-15 to 1e15, are left out and counted in the report. `options` may be null.
 /// `*completion` becomes a handle to be freed with `lsdc_completion_free`, or null if the call fails.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_scene_complete(
@@ -128,8 +128,10 @@ pub unsafe extern "C" fn lsdc_scene_complete(
 }
 
 /// Fits the scene to a map of the size of its image, where 0 means no measurement. NaN, infinite and negative
-/// values are left out and counted in the report, as invalid. The points are the pixels that are not 0, row
-/// by row. `sigma` is a map of the standard deviations of the depths, 0 where it is unknown, or null.
+/// values, and marks of no measurement (65535 of 16 bits, if no other value is near it), are left out and counted in the
+/// report, as invalid. The points are the pixels that are not 0, row
+/// by row. `sigma` is a map of the standard deviations of the depths, not positive and finite where
+/// they are unknown (0, NaN), or null.
 /// Otherwise as `lsdc_scene_complete`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lsdc_scene_complete_map(

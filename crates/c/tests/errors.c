@@ -2,6 +2,9 @@
 //
 //     errors FOLDER      in which it may write
 
+// setenv
+#define _POSIX_C_SOURCE 200112L
+
 #include "fixture.h"
 
 static void versions(void) {
@@ -18,6 +21,13 @@ static void completers(const char *folder) {
     CHECK(made == NULL);
     FAILS(LSDC_ERROR_WEIGHTS, "no weights named `huge`", lsdc_completer_create("huge", &options, &made));
     CHECK(strstr(lsdc_last_hint(), "\"default\"") != NULL);
+    // Its encoder is installed apart.
+    setenv("LSDC_WEIGHTS", "nowhere", 1);
+    FAILS(LSDC_ERROR_WEIGHTS, "the encoder of Depth Anything V2 Small (ViT-S/14), which is not in `nowhere`",
+          lsdc_completer_create("anything", &options, &made));
+    CHECK(strstr(lsdc_last_hint(), "lsdc weights get anything") != NULL);
+    CHECK(strstr(lsdc_last_hint(), "lsdc weights add FILE") != NULL);
+    unsetenv("LSDC_WEIGHTS");
     FAILS(LSDC_ERROR_ARGUMENT, "not UTF-8", lsdc_completer_create("\xff\xfe", &options, &made));
 
     options.fit = 4;
@@ -291,20 +301,21 @@ static void points(void) {
     expect_points(LSDC_ERROR_FIT, "5 have no depth", &some);
 
     // What is left out is counted, and NaN in what is told of each point.
-    const float mixed[] = {2.0f, NAN, 2.5f, 3.0f, 2.0f};
-    const double across[] = {5.0, 6.0, -9.0, 30.0, 8.0}, down[] = {5.0, 6.0, 7.0, 8.0, 30.0};
-    const float known[] = {0.1f, 0.1f, 0.1f, 0.0f, -0.1f};
-    double residuals[5];
-    some = points_of(across, down, mixed, 5);
+    const float mixed[] = {2.0f, NAN, 2.5f, 3.0f, 2.0f, 2.2f, 2.4f};
+    const double across[] = {5.0, 6.0, -9.0, 30.0, 8.0, 20.0, 40.0}, down[] = {5.0, 6.0, 7.0, 8.0, 30.0, 20.0, 25.0};
+    // One that is not positive and finite is unknown.
+    const float known[] = {0.1f, 0.1f, 0.1f, 0.0f, -0.1f, NAN, INFINITY};
+    double residuals[7];
+    some = points_of(across, down, mixed, 7);
     some.sigma = known;
     lsdc_completion *few;
     lsdc_report report;
     report.struct_size = sizeof report;
     OK(lsdc_scene_complete(scene, &some, NULL, &few));
     OK(lsdc_completion_report(few, &report));
-    CHECK(report.given == 5 && report.used == 2 && report.invalid == 2 && report.outside == 1);
-    CHECK(report.without_deviation == 1);
-    OK(lsdc_completion_residuals(few, residuals, 5));
+    CHECK(report.given == 7 && report.used == 5 && report.invalid == 1 && report.outside == 1);
+    CHECK(report.without_deviation == 4);
+    OK(lsdc_completion_residuals(few, residuals, 7));
     CHECK(isfinite(residuals[0]) && isnan(residuals[1]) && isnan(residuals[2]) && isfinite(residuals[3]));
     OK(lsdc_completion_free(few));
 

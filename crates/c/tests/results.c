@@ -144,6 +144,23 @@ static void layouts(void) {
     OK(lsdc_completion_depth(made, WIDTH, HEIGHT, dense, sizeof dense, 0));
     CHECK(memcmp(dense, expected, sizeof dense) == 0);
     OK(lsdc_completion_free(made));
+
+    // Holes that are marked by the largest number are none of the depths.
+    size_t marked = 0;
+    for (int i = 0; i < PIXELS; ++i) {
+        if (millimetres[i] == 0 && i % 3 == 0) {
+            millimetres[i] = 65535;
+            ++marked;
+        }
+    }
+    lsdc_report report;
+    report.struct_size = sizeof report;
+    OK(lsdc_scene_complete_map(scene, &integers, NULL, NULL, &made));
+    OK(lsdc_completion_depth(made, WIDTH, HEIGHT, dense, sizeof dense, 0));
+    CHECK(memcmp(dense, expected, sizeof dense) == 0);
+    OK(lsdc_completion_report(made, &report));
+    CHECK(marked > 0 && report.invalid == marked);
+    OK(lsdc_completion_free(made));
 }
 
 int main(void) {

@@ -150,8 +150,12 @@ impl<'a> Image<'a> {
         self.height
     }
 
-    /// Red, green and blue of every pixel, 8 bits each, without gaps.
-    pub(crate) fn rgb(&self) -> Result<Vec<u8>> {
+    /// Returns red, green and blue of every pixel, 8 bits each, without gaps.
+    ///
+    /// # Errors
+    /// Values behind the last row, and floats that are not finite or far above 1.
+    #[doc(hidden)]
+    pub fn rgb(&self) -> Result<Vec<u8>> {
         /// Brighter colours are not from 0 to 1.
         const BRIGHTEST: f32 = 16.0;
         self.check_end()?;

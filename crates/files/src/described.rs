@@ -37,12 +37,16 @@ impl DescribedDepth {
 /// What a cloud has of the pixels.
 #[derive(Clone, Debug, Serialize)]
 pub struct DescribedCloud {
-    /// Pixels that became points.
+    /// Points.
     pub points: usize,
-    /// Left out, as they are too uncertain.
+    /// Pixels that are left out because they are too uncertain.
     pub uncertain: usize,
-    /// Left out, as the lens does not look there.
+    /// Pixels that are left out because the lens does not look there.
     pub unseen: usize,
+    /// Pixels that are left out because they lie between the surfaces at a depth edge.
+    pub flying: usize,
+    /// Pixels that share a voxel with an earlier one.
+    pub merged: usize,
 }
 
 impl From<&Cloud> for DescribedCloud {
@@ -51,6 +55,8 @@ impl From<&Cloud> for DescribedCloud {
             points: cloud.points.len(),
             uncertain: cloud.uncertain,
             unseen: cloud.unseen,
+            flying: cloud.flying,
+            merged: cloud.merged,
         }
     }
 }

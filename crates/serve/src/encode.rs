@@ -187,8 +187,8 @@ pub(crate) fn encode(
         }
         Form::Ply => {
             let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
-            let most = options.max_sigma;
-            let cloud = Cloud::new(found.depth()?, deviations, &frame.rgb, camera, most);
+            let options = options.cloud();
+            let cloud = Cloud::new(found.depth()?, deviations, &frame.rgb, camera, &options);
             bytes = encode_ply(&cloud.points)?;
             forms.cloud = Some(cloud);
         }

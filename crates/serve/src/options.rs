@@ -4,7 +4,7 @@ use crate::fault::Fault;
 use lsdc_core::DepthNoise;
 use lsdc_core::fit::Changes;
 use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust, Space};
-use lsdc_files::Unit;
+use lsdc_files::{CloudOptions, Unit};
 use serde::Deserialize;
 
 /// What is made of a fit, beside the report.
@@ -34,6 +34,10 @@ pub(crate) struct Options {
     depth_unit: Option<String>,
     /// Metres: pixels that are less sure are left out of clouds.
     pub(crate) max_sigma: Option<f32>,
+    /// Metres: clouds have one point for each cube of this edge length.
+    voxel: Option<f64>,
+    /// Whether clouds keep the pixels between the surfaces at depth edges.
+    keep_flying: bool,
     layers: Option<Vec<Layer>>,
 }
 
@@ -63,7 +67,12 @@ impl Options {
     }
 
     pub(crate) fn checked(self) -> Result<Self, Fault> {
-        for (name, value) in [("sigma", self.sigma), ("max_sigma", self.max_sigma)] {
+        let metres = [
+            ("sigma", self.sigma.map(f64::from)),
+            ("max_sigma", self.max_sigma.map(f64::from)),
+            ("voxel", self.voxel),
+        ];
+        for (name, value) in metres {
             if value.is_some_and(|value| !(value > 0.0 && value.is_finite())) {
                 let what = format!("the option `{name}` must be positive and finite");
                 return Err(Fault::unusable(what));
@@ -84,6 +93,15 @@ impl Options {
         noise
             .transpose()
             .map_err(|error| lsdc_core::Error::from(error).into())
+    }
+
+    /// Which pixels become points of a cloud.
+    pub(crate) fn cloud(&self) -> CloudOptions {
+        CloudOptions {
+            max_sigma: self.max_sigma,
+            keep_flying: self.keep_flying,
+            voxel: self.voxel,
+        }
     }
 
     /// What takes the place of the settings of the weights.
@@ -143,6 +161,8 @@ mod tests {
             ("[1]", Kind::Malformed),
             ("{\"sigma\": -1}", Kind::Unusable),
             ("{\"max_sigma\": 0}", Kind::Unusable),
+            ("{\"voxel\": 0}", Kind::Unusable),
+            ("{\"keep_flying\": \"yes\"}", Kind::Malformed),
             ("{\"depth_unit\": \"furlong\"}", Kind::Unusable),
             ("{\"noise\": \"radar\"}", Kind::Unusable),
             ("{\"noise\": \"tof\", \"sigma\": 0.1}", Kind::Unusable),

@@ -191,7 +191,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--unit", type=_unit, help="of depths: m, cm, mm, or metres of a step; integers need it")
     add("--sigma", type=float, help="standard deviation of all depths, in their unit")
-    add("--weights", default="default", help="default, small, none, or a weights file (default: %(default)s)")
+    add("--weights", default="default", help="default, small, anything (its encoder must be installed on every machine), none, or a weights file (default: %(default)s)")
     add("--fit", metavar="JSON", help='settings of the fit, such as {"method": "lse"}')
     add("--robust", help="limits the influence of outliers: auto, or another loss")
     add("--size", type=_size, metavar="WxH", help="of results (default: that of the image)")

@@ -1,12 +1,13 @@
 //! Arguments of `complete` and `bench`.
 
-use super::values::{Format, deviation, noise, range, size, typed};
+use super::values::{Format, deviation, edge, noise, range, size, typed};
 use super::{FitFlags, Model, Recorded, Settings};
-use crate::data::{Camera, GuideSource, Shard, Unit};
+use crate::data::{Camera, DepthKind, GuideSource, Shard, Unit};
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
 use clap::Args as ClapArgs;
 use lsdc_core::DepthNoise;
+use lsdc_files::CloudOptions;
 use std::path::PathBuf;
 
 #[derive(Clone, Debug, ClapArgs)]
@@ -48,6 +49,18 @@ pub(in crate::cli) struct Complete {
     /// from COLMAP stay in the unit of the model.
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT", help_heading = "Input")]
     pub(in crate::cli) depth_unit: Option<Unit>,
+    /// Kind of the depths of maps and of tables of pixels: z or ray [default: z].
+    ///
+    /// z is depth along the optical axis; ray is the distance from the optical centre along the ray of the pixel, as of
+    /// Hypersim, and needs --camera.
+    #[arg(
+        long,
+        value_parser = typed::<DepthKind>,
+        value_name = "KIND",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) depth_kind: Option<DepthKind>,
     /// Camera for point clouds: a file, or FX,FY,CX,CY in pixels.
     ///
     /// It projects point clouds and back-projects pixels. A file is TOML or JSON with fx, fy, cx, cy, distortion and
@@ -77,6 +90,13 @@ pub(in crate::cli) struct Complete {
     /// and the report count them.
     #[arg(long, value_parser = deviation, value_name = "METRES", help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) max_sigma: Option<f32>,
+    /// Keep one point in each cube of this edge length of a point cloud, in metres: the mean of its pixels.
+    #[arg(long, value_parser = edge, value_name = "METRES", help_heading = "Output", hide_short_help = true)]
+    pub(in crate::cli) voxel: Option<f64>,
+    /// Keep the flying pixels of point clouds: those between the surfaces at a depth edge, which are left out
+    /// otherwise, and counted.
+    #[arg(long, help_heading = "Output", hide_short_help = true)]
+    pub(in crate::cli) keep_flying: bool,
     /// Size of the result, as WIDTHxHEIGHT [default: the size of the image].
     #[arg(long, value_parser = size, help_heading = "Output")]
     pub(in crate::cli) size: Option<Size>,
@@ -155,6 +175,27 @@ pub(in crate::cli) struct Complete {
     pub(in crate::cli) recorded: Recorded,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
+}
+
+impl Complete {
+    /// Which pixels become points of a cloud.
+    pub(in crate::cli) fn cloud_options(&self) -> CloudOptions {
+        CloudOptions {
+            max_sigma: self.max_sigma,
+            keep_flying: self.keep_flying,
+            voxel: self.voxel,
+        }
+    }
+
+    /// An option that was given and is for clouds alone.
+    pub(in crate::cli) fn of_clouds(&self) -> Option<&'static str> {
+        let options = [
+            ("--voxel", self.voxel.is_some()),
+            ("--keep-flying", self.keep_flying),
+        ];
+        let mut given = options.into_iter().filter(|(_, given)| *given);
+        given.next().map(|(name, _)| name)
+    }
 }
 
 #[derive(Debug, ClapArgs)]

@@ -5,9 +5,9 @@ use super::{Model, Settings, Source};
 use crate::data::Shard;
 use crate::model::Precision;
 use crate::predict::Method;
-#[cfg(feature = "download")]
-use crate::pretrained::KNOWN;
 use clap::{Args as ClapArgs, Subcommand};
+#[cfg(feature = "download")]
+use lsdc_weights::KNOWN;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]

@@ -140,6 +140,9 @@ fn check(args: &Complete, output: &Path) -> Result<()> {
         let what = format!("{option} is not for results in a recording");
         return Err(Error::config(what).hint("leave it out, or give -o DIR"));
     }
+    if let Some(option) = args.of_clouds().filter(|_| !args.recorded.cloud) {
+        return Err(Error::config(format!("`{option}` is for clouds")).hint("give --cloud"));
+    }
     let real = |path: &Path| path.canonicalize().ok();
     if output.exists() && real(output) == real(&args.sparse) {
         let what = format!("`{}` is the recording", output.display());
@@ -197,7 +200,7 @@ fn messages(
             deviations,
             &loaded.rgb,
             camera,
-            args.max_sigma,
+            &args.cloud_options(),
         );
         messages.push((
             POINTS,

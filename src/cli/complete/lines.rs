@@ -45,7 +45,7 @@ impl Summary {
         }
         lines.extend(raised(self.png_raised()));
         if let Some(cloud) = &self.cloud {
-            let lost = unseen(cloud.unseen);
+            let lost = left_out_of_clouds([cloud.unseen, cloud.flying, cloud.merged]);
             let lost = lost.map_or(String::new(), |lost| format!(", {lost}"));
             lines.push(format!(
                 "cloud     {}{lost}",
@@ -171,10 +171,20 @@ pub(super) fn raised(count: usize) -> Option<String> {
     })
 }
 
-/// That a cloud leaves out what the lens does not see, if it does.
-pub(super) fn unseen(count: usize) -> Option<String> {
-    let pixels = counted(count, "pixel");
-    (count > 0).then(|| format!("{pixels} left out where the lens does not look"))
+/// What clouds leave out, if anything: pixels where the lens does not look, flying ones, and those that share a voxel with
+/// others.
+pub(super) fn left_out_of_clouds(counts: [usize; 3]) -> Option<String> {
+    let reasons = [
+        "left out where the lens does not look",
+        "left out at depth edges (flying; --keep-flying keeps them)",
+        "merged by --voxel",
+    ];
+    let lost = counts.into_iter().zip(reasons);
+    let lost = lost.filter(|(count, _)| *count > 0);
+    let texts: Vec<String> = lost
+        .map(|(count, reason)| format!("{} {reason}", counted(count, "pixel")))
+        .collect();
+    (!texts.is_empty()).then(|| texts.join(", "))
 }
 
 /// Points that were not fitted, in words.

@@ -106,6 +106,10 @@ impl<'a> Outputs<'a> {
     }
 
     fn checked(self) -> Result<Self> {
+        if let Some(option) = self.args.of_clouds().filter(|_| !self.has(Format::Ply)) {
+            let error = Error::config(format!("`{option}` is for clouds"));
+            return Err(error.hint("add ply to --formats"));
+        }
         if self.args.range.is_some() && !self.has(Format::Color) {
             let error = Error::config("`--range` is for colour maps");
             return Err(error.hint("add color to --formats"));
@@ -186,8 +190,8 @@ impl<'a> Outputs<'a> {
             let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
             let diagnostics = found.diagnostics.as_ref();
             let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
-            let (depth, most) = (&found.depth, self.args.max_sigma);
-            let mut cloud = Cloud::new(depth, deviations, &frame.rgb, camera, most);
+            let (depth, options) = (&found.depth, self.args.cloud_options());
+            let mut cloud = Cloud::new(depth, deviations, &frame.rgb, camera, &options);
             // They have no depth any more.
             cloud.uncertain += found.left_empty.map_or(0, |left| left.pixels);
             Ok(cloud)

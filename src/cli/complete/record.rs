@@ -233,6 +233,7 @@ fn settings(args: &Complete) -> Result<Value> {
         model: Model { weights: _, device },
         method,
         depth_unit,
+        depth_kind,
         camera,
         full,
         size,
@@ -240,6 +241,8 @@ fn settings(args: &Complete) -> Result<Value> {
         preserve_input,
         range,
         max_sigma,
+        voxel,
+        keep_flying,
         noise,
         uncertainty,
         // Whether there are more files, not what is in the others.
@@ -261,6 +264,7 @@ fn settings(args: &Complete) -> Result<Value> {
         "guide": guide.as_ref().map(|guide| format!("{:?}", guide.kind)),
         "temporal": temporal,
         "depth_unit": depth_unit.map(|unit| unit.to_string()),
+        "depth_kind": depth_kind.map(|kind| kind.to_string()),
         "recording": recorded::settings(args),
         "camera": camera.as_ref().map(|camera| format!("{camera:?}")),
         "size": size,
@@ -268,6 +272,8 @@ fn settings(args: &Complete) -> Result<Value> {
         "range": range.filter(|_| writes(&[Format::Color])),
         "max_sigma": max_sigma,
         "noise": noise.map(DepthNoise::coefficients),
+        "voxel": voxel,
+        "keep_flying": keep_flying,
         "sigma_in_files": *uncertainty && writes(&[Format::Npz, Format::Exr, Format::Ply]),
     }))
 }

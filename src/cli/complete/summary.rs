@@ -198,9 +198,12 @@ impl Summary {
         self.left_empty.map_or(0, |left| left.pixels)
     }
 
-    /// Pixels that the cloud leaves out, as the lens does not look there.
-    pub(super) fn unseen(&self) -> usize {
-        self.cloud.as_ref().map_or(0, |cloud| cloud.unseen)
+    /// Pixels that have no point in the cloud: those where the lens does not look, flying ones, and those that share a
+    /// voxel with others.
+    pub(super) fn left_out_of_cloud(&self) -> [usize; 3] {
+        self.cloud
+            .as_ref()
+            .map_or([0; 3], |cloud| [cloud.unseen, cloud.flying, cloud.merged])
     }
 
     /// The unit of depths.

@@ -1,6 +1,6 @@
 //! What is said of many completed frames.
 
-use super::lines::{left_out_of_points, raised, unseen};
+use super::lines::{left_out_of_clouds, left_out_of_points, raised};
 use super::summary::Summary;
 use crate::cli::ui::{self, counted};
 use indicatif::ProgressBar;
@@ -18,7 +18,7 @@ pub(super) struct Tally<'a> {
     png_raised: usize,
     left_out_of_points: [usize; 4],
     left_empty: usize,
-    unseen: usize,
+    left_out_of_clouds: [usize; 3],
     skewed: usize,
 }
 
@@ -34,7 +34,7 @@ impl<'a> Tally<'a> {
             png_raised: 0,
             left_out_of_points: [0; 4],
             left_empty: 0,
-            unseen: 0,
+            left_out_of_clouds: [0; 3],
             skewed: 0,
         }
     }
@@ -57,7 +57,9 @@ impl<'a> Tally<'a> {
         let pairs = pairs.zip(summary.left_out_of_points());
         pairs.for_each(|(sum, count)| *sum += count);
         self.left_empty += summary.left_empty();
-        self.unseen += summary.unseen();
+        let pairs = self.left_out_of_clouds.iter_mut();
+        let pairs = pairs.zip(summary.left_out_of_cloud());
+        pairs.for_each(|(sum, count)| *sum += count);
         self.skewed += usize::from(summary.is_skewed());
         self.bar.inc(1);
         if self.json {
@@ -100,7 +102,8 @@ impl<'a> Tally<'a> {
                 "empty     {pixels} left empty: standard deviation above --max-sigma"
             ));
         }
-        let lost = unseen(self.unseen).map(|lost| format!("clouds    {lost}"));
+        let lost = left_out_of_clouds(self.left_out_of_clouds);
+        let lost = lost.map(|lost| format!("clouds    {lost}"));
         for line in raised(self.png_raised).into_iter().chain(lost) {
             tell(&line);
         }

@@ -59,8 +59,8 @@ impl Lens {
         }
     }
 
-    /// The image position of a ray through (x, y, 1), in focal lengths from the principal point.
-    pub(super) fn coefficients(&self) -> &[f64] {
+    /// The coefficients in the order of `OpenCV`; none for a pinhole.
+    pub fn coefficients(&self) -> &[f64] {
         match self {
             Self::Pinhole => &[],
             Self::Radtan { coefficients, .. } => coefficients,
@@ -68,6 +68,7 @@ impl Lens {
         }
     }
 
+    /// The image position of a ray through (x, y, 1), in focal lengths from the principal point.
     pub(super) fn distort(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let square = x * x + y * y;
         match self {

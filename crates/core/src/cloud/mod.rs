@@ -1,5 +1,6 @@
 //! Point clouds as seen by a camera.
 
+mod flying;
 mod occlusion;
 mod surface;
 
@@ -7,6 +8,7 @@ use crate::camera::Camera;
 use crate::error::Result;
 use crate::image::check_size;
 use crate::observations::{Observation, Observations};
+pub use flying::flying_pixels;
 use occlusion::remove_hidden;
 pub use surface::{fronts, is_behind};
 

@@ -25,11 +25,26 @@ pub struct Camera {
 impl Camera {
     /// A camera without distortion at the origin.
     pub fn pinhole(focal: [f64; 2], center: [f64; 2]) -> Self {
+        Self::new(lsdc_core::Camera::pinhole(focal, center), None)
+    }
+
+    /// The camera of an image that is stored upright, with its width and height, if they are known.
+    pub fn new(optics: lsdc_core::Camera, size: Option<(usize, usize)>) -> Self {
         Self {
-            size: None,
-            optics: lsdc_core::Camera::pinhole(focal, center),
+            size,
+            optics,
             turned: None,
         }
+    }
+
+    /// The camera of the pixels as they are stored.
+    pub fn optics(&self) -> &lsdc_core::Camera {
+        &self.optics
+    }
+
+    /// Width and height of the upright image, if they are known.
+    pub fn size(&self) -> Option<(usize, usize)> {
+        self.size
     }
 
     pub(super) fn with_lens(self, lens: Lens) -> Self {

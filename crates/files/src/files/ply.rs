@@ -160,7 +160,14 @@ pub struct Colored {
     pub sigma: Option<f32>,
 }
 
-/// Writes a binary cloud with colours, and with standard deviations if the first point has one.
+/// Whether float32 rounds a coordinate by more than 0.03 mm: any is beyond 1000 m, as in maps of the world.
+pub fn are_far(points: &[Colored]) -> bool {
+    let mut places = points.iter().flat_map(|point| point.place);
+    places.any(|v| v.abs() > 1000.0)
+}
+
+/// Writes a binary cloud with colours, and with standard deviations if the first point has one. Coordinates are float32,
+/// or float64 if [any is far](are_far).
 ///
 /// # Errors
 /// The file cannot be written.
@@ -181,8 +188,9 @@ pub fn encode_ply(points: &[Colored]) -> Result<Vec<u8>> {
 
 fn encode(out: &mut dyn Write, points: &[Colored]) -> std::io::Result<()> {
     let sigma = points.first().is_some_and(|point| point.sigma.is_some());
+    let far = are_far(points);
     let properties = [
-        ("double", "x y z"),
+        (if far { "double" } else { "float" }, "x y z"),
         ("uchar", "red green blue"),
         ("float", if sigma { "sigma" } else { "" }),
     ];
@@ -198,7 +206,12 @@ fn encode(out: &mut dyn Write, points: &[Colored]) -> std::io::Result<()> {
     }
     writeln!(out, "end_header")?;
     for point in points {
-        out.write_all(point.place.map(f64::to_le_bytes).as_flattened())?;
+        if far {
+            out.write_all(point.place.map(f64::to_le_bytes).as_flattened())?;
+        } else {
+            let place = point.place.map(|v| (v as f32).to_le_bytes());
+            out.write_all(place.as_flattened())?;
+        }
         out.write_all(&point.color)?;
         if sigma {
             out.write_all(&point.sigma.unwrap_or(f32::NAN).to_le_bytes())?;
@@ -219,6 +232,32 @@ mod tests {
         std::fs::write(&path, format!("{head}{body}")).unwrap();
         let mut points = Vec::new();
         read_ply(&path, &mut |point| points.push(point)).map(|()| points)
+    }
+
+    /// A pixel takes 15 bytes without a standard deviation, or 27 far from the origin.
+    #[test]
+    fn coordinates_are_floats_where_that_is_enough() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cloud.ply");
+        for (x, bytes) in [(999.987_65, 15), (431_234.567_89, 27)] {
+            let point = Colored {
+                place: [x, -0.125, 2.5],
+                color: [1, 2, 3],
+                sigma: None,
+            };
+            write_ply(&path, &[point; 2]).unwrap();
+            let written = std::fs::read(&path).unwrap();
+            let head = written
+                .windows(11)
+                .position(|w| w == b"end_header\n")
+                .unwrap()
+                + 11;
+            assert_eq!(written.len() - head, 2 * bytes);
+            let mut found = Vec::new();
+            read_ply(&path, &mut |point| found.push(point)).unwrap();
+            assert_eq!(found[0][1..], [-0.125, 2.5]);
+            assert!((found[0][0] - x).abs() <= 4e-5, "{found:?}");
+        }
     }
 
     #[test]

@@ -1,10 +1,10 @@
 use super::*;
-use crate::pretrained::tests::{PYTORCH, TINY, TRANSFORMERS};
+use crate::tests::{PYTORCH, TINY, TRANSFORMERS};
 use loopback::{Answer, Server, answer, length};
 use std::io::Write as _;
 use std::path::PathBuf;
 
-#[path = "../../../tests/loopback/mod.rs"]
+#[path = "../../../../tests/loopback/mod.rs"]
 mod loopback;
 
 const FILE: &[u8] = TRANSFORMERS;

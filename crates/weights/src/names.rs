@@ -1,7 +1,7 @@
 //! The names that different programs give to the tensors of one encoder.
 
-use crate::error::{Error, Result};
 use lsdc_core::weights::Tensor;
+use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -29,21 +29,21 @@ impl Kind {
         }
     }
 
-    /// Numbers in the order of the least byte first; what is left of a number is dropped.
-    pub(super) fn values(self, bytes: &[u8]) -> Vec<f32> {
-        let (fours, _) = bytes.as_chunks::<4>();
-        let (twos, _) = bytes.as_chunks::<2>();
+    /// Returns the number that some bytes begin with, the least byte first.
+    fn value(self, bytes: &[u8]) -> Option<f32> {
         match self {
-            Self::F32 => fours.iter().map(|b| f32::from_le_bytes(*b)).collect(),
-            Self::F16 => twos
-                .iter()
-                .map(|b| f16::from_le_bytes(*b).to_f32())
-                .collect(),
-            Self::Bf16 => twos
-                .iter()
-                .map(|b| bf16::from_le_bytes(*b).to_f32())
-                .collect(),
+            Self::F32 => bytes.first_chunk().map(|b| f32::from_le_bytes(*b)),
+            Self::F16 => bytes.first_chunk().map(|b| f16::from_le_bytes(*b).to_f32()),
+            Self::Bf16 => bytes
+                .first_chunk()
+                .map(|b| bf16::from_le_bytes(*b).to_f32()),
         }
+    }
+
+    /// Returns all numbers; what is left of a number is dropped.
+    pub(super) fn values(self, bytes: &[u8]) -> Vec<f32> {
+        let each = bytes.chunks_exact(self.bytes());
+        each.filter_map(|number| self.value(number)).collect()
     }
 }
 
@@ -59,22 +59,30 @@ pub(super) struct Stored {
 }
 
 impl Stored {
-    /// The tensor, from the bytes of its storage; `None` if it has not as many values.
+    /// Returns the number of bytes of the values; `None` if that is more than any memory has.
+    pub(super) fn bytes(&self, kind: Kind) -> Option<usize> {
+        let sides = self.shape.iter();
+        let count = sides.fold(Some(1_usize), |n, &side| n?.checked_mul(side))?;
+        count.checked_mul(kind.bytes())
+    }
+
+    /// Returns the tensor, from the bytes of its storage; `None` if the storage has fewer values.
     pub(super) fn tensor(&self, kind: Kind, bytes: &[u8]) -> Option<Tensor> {
-        let count = self
-            .shape
-            .iter()
-            .try_fold(1_usize, |n, &side| n.checked_mul(side))?;
-        let start = self.offset.checked_mul(kind.bytes())?;
-        let values = bytes.get(start..)?;
-        if count > values.len() / kind.bytes() || self.stride.len() != self.shape.len() {
+        if self.stride.len() != self.shape.len() {
             return None;
         }
-        if self.is_row_by_row() {
-            let values = &values[..count * kind.bytes()];
-            return Tensor::new(self.shape.clone(), kind.values(values));
+        let size = self.bytes(kind)?;
+        // Before anything is allocated for an axis: beside an axis of length 0, the others may have any length.
+        if size == 0 {
+            return Tensor::new(self.shape.clone(), Vec::new());
         }
-        let values = kind.values(values);
+        let values = bytes.get(self.offset.checked_mul(kind.bytes())?..)?;
+        if self.is_row_by_row() {
+            return Tensor::new(self.shape.clone(), kind.values(values.get(..size)?));
+        }
+        if size > values.len() {
+            return None;
+        }
         let mut places = vec![0_usize];
         for (&side, &stride) in self.shape.iter().zip(&self.stride) {
             let mut along = Vec::with_capacity(places.len() * side);
@@ -85,8 +93,12 @@ impl Stored {
             }
             places = along;
         }
-        let values = places.into_iter().map(|place| values.get(place).copied());
-        Tensor::new(self.shape.clone(), values.collect::<Option<_>>()?)
+        let mut found = Vec::with_capacity(places.len());
+        for place in places {
+            let start = place.checked_mul(kind.bytes())?;
+            found.push(kind.value(values.get(start..)?)?);
+        }
+        Tensor::new(self.shape.clone(), found)
     }
 
     fn is_row_by_row(&self) -> bool {
@@ -139,5 +151,14 @@ mod tests {
         assert_eq!(read(stored(0, &[2, 2], &[2])), None);
         assert_eq!(read(stored(usize::MAX, &[2], &[1])), None);
         assert_eq!(read(stored(0, &[usize::MAX, 2], &[2, 1])), None);
+        // Nothing, however long the other axes are.
+        for (shape, stride) in [
+            ([1 << 40, 0], [5, 1]),
+            ([1 << 33, 0], [5, 1]),
+            ([0, 1 << 40], [1, 5]),
+        ] {
+            assert_eq!(read(stored(0, &shape, &stride)), Some(vec![]));
+        }
+        assert_eq!(read(stored(0, &[1 << 40, 1 << 40, 0], &[1, 1, 1])), None);
     }
 }

@@ -341,7 +341,7 @@ fn sides(value: &Value) -> Outcome<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pretrained::pytorch::collect;
+    use crate::pytorch::collect;
     use proptest::prelude::*;
 
     #[test]

@@ -1,10 +1,10 @@
 //! Which encoders are known, and how one is recognised.
 
-use crate::error::{Error, Result};
 use half::f16;
 use half::slice::HalfFloatSliceExt as _;
 use lsdc_core::network::{EncoderConfig, PATCH};
 use lsdc_core::weights::Tensor;
+use lsdc_files::error::{Error, Result};
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

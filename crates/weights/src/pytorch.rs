@@ -2,8 +2,8 @@
 
 use super::pickle::{Value, run};
 use super::stored::Stored;
-use crate::error::{Error, Result};
 use lsdc_core::weights::Tensor;
+use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read as _};
 use std::path::Path;
@@ -43,16 +43,25 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>
     let found = run(&program).map_err(|what| Error::format(path, what))?;
     let mut stored = Vec::new();
     collect(found, &mut stored);
+    // Storages lie in the file as they are, and few tensors share one: whatever is declared, memory is bounded by the file.
+    let (mut left, mut room) = (bytes.len() as u64, 2 * bytes.len());
     let mut storages: BTreeMap<Rc<str>, Vec<u8>> = BTreeMap::new();
     let mut tensors = BTreeMap::new();
     for (name, of) in stored {
         let Some(kind) = of.kind else { continue };
         if !storages.contains_key(&of.storage) {
-            // Stored as they are, so that there cannot be more than the file has.
-            let values = entry(&format!("data/{}", of.storage), bytes.len() as u64)?;
+            let values = entry(&format!("data/{}", of.storage), left)?;
+            left -= values.len() as u64;
             storages.insert(of.storage.clone(), values);
         }
         let values = storages.get(&of.storage).map_or(&[][..], Vec::as_slice);
+        let rest = of.bytes(kind).and_then(|size| room.checked_sub(size));
+        room = rest.ok_or_else(|| {
+            Error::format(
+                path,
+                format!("`{name}` declares more values than the file has"),
+            )
+        })?;
         let tensor = of.tensor(kind, values).ok_or_else(|| {
             Error::format(path, format!("`{name}` has fewer values than it should"))
         })?;

@@ -1,8 +1,8 @@
 //! A file that arrives in parts.
 
-use crate::data::write_atomically;
-use crate::error::{Cause, Error, Result};
-use crate::pretrained::Known;
+use crate::Known;
+use lsdc_files::error::{Cause, Error, Result};
+use lsdc_files::write_atomically;
 use serde::{Deserialize, Serialize};
 use std::fs::{File, TryLockError};
 use std::io::{Seek as _, SeekFrom, Write as _};

@@ -8,7 +8,7 @@ mod part;
 
 use super::known::Known;
 use super::store::{Added, Store};
-use crate::error::{Cause, Error, Result};
+use lsdc_files::error::{Cause, Error, Result};
 use part::{Origin, Part, remove, remove_parts};
 use std::io::Read as _;
 use std::net::IpAddr;

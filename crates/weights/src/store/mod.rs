@@ -1,13 +1,13 @@
 //! The user's data folder, where encoders are kept in half precision.
 
-use super::known::{KNOWN, Known, Sum, halves, recognise};
+use super::known::{Known, Sum, halves, recognise};
 use super::{bytes_of, read_encoder};
-use crate::data::{remove_leftovers, write_atomically};
-use crate::error::{Cause, Error, Result};
 use etcetera::BaseStrategy as _;
 use half::f16;
 use half::slice::{HalfBitsSliceExt as _, HalfFloatSliceExt as _};
 use lsdc_core::weights::Tensor;
+use lsdc_files::error::{Cause, Error, Result};
+use lsdc_files::{remove_leftovers, write_atomically};
 use rayon::prelude::*;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -142,32 +142,16 @@ impl Store {
     }
 }
 
-/// The encoder of the weights `anything`, from the user's data folder.
-///
-/// # Errors
-/// It was not added (the error says how large it is, under which licence, and the command that gets it), or its file
-/// was damaged since.
-pub fn installed() -> Result<BTreeMap<String, Tensor>> {
-    let [anything] = &KNOWN;
-    Store::open()?.load(anything)
-}
-
-/// What to do to have an encoder.
+/// Returns the commands that install an encoder, with its size and licence.
 pub fn how_to_install(known: &Known) -> String {
     let Known {
         weights, licence, ..
     } = known;
     let (download, kept) = (known.download / 1_000_000, known.bytes() / 1_000_000);
-    let sizes = format!("{download} MB, of which {kept} MB are kept; licence {licence}");
-    if cfg!(feature = "download") {
-        format!(
-            "`lsdc weights get {weights}` downloads it ({sizes}); \
-             without a network, `lsdc weights add FILE` takes its published file"
-        )
-    } else {
-        let place = known.places.first().unwrap_or(&"");
-        format!("`lsdc weights add FILE` takes its published file ({sizes}) from {place}")
-    }
+    format!(
+        "`lsdc weights get {weights}` downloads it ({download} MB, of which {kept} MB are kept; licence {licence}); \
+         without a network, `lsdc weights add FILE` takes its published file"
+    )
 }
 
 /// The bytes of a safetensors file. One record, so that they are the same each time.

@@ -1,9 +1,27 @@
-//! Encoders that others trained and published: read from the files that people have of them, and kept in the user's
-//! data folder.
+//! Weights by name, and the pretrained encoders that some of them need.
+//!
+//! The weights of the program are part of this library ([`embedded`]). Encoders, which others trained and published, are read
+//! from their published files, recognised by their values, and kept in the user's data folder ([`Store`]), where
+//! [`encoder_of`] finds them.
+//!
+//! ```
+//! # fn main() -> lsdc_files::error::Result<()> {
+//! # #[cfg(feature = "weights")] {
+//! let weights = lsdc_weights::named("small").expect("built in").read()?;
+//! let mut builder = lsdc_core::Completer::builder(&weights);
+//! if let Some(encoder) = lsdc_weights::encoder_of(&weights.network)? {
+//!     builder = builder.encoder(encoder);
+//! }
+//! let completer = builder.build()?;
+//! # }
+//! # Ok(())
+//! # }
+//! ```
 
 #[cfg(feature = "download")]
 mod download;
-mod efficientnet;
+mod embedded;
+mod installed;
 mod known;
 mod names;
 mod pickle;
@@ -13,11 +31,13 @@ mod stored;
 
 #[cfg(feature = "download")]
 pub use download::{Event, Limits, get};
-pub use efficientnet::read_backbone;
+pub use embedded::{Embedded, embedded, named};
+pub use installed::{encoder_of, installed};
 pub use known::{ANYTHING, KNOWN, Known, identity, recognise};
-pub use store::{Added, FOLDER, Store, how_to_install, installed};
+pub use lsdc_files::error;
+pub use store::{Added, FOLDER, Store, how_to_install};
 
-use crate::error::{Error, Result};
+use error::{Error, Result};
 use lsdc_core::weights::Tensor;
 use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;
@@ -86,5 +106,7 @@ fn from_safetensors(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor
     Ok(all)
 }
 
+#[cfg(test)]
+mod hostile;
 #[cfg(test)]
 mod tests;

@@ -1,9 +1,9 @@
 //! `EfficientNet`-Lite0 as it was published for `PyTorch`, by the names that networks here have for its tensors.
 
-use super::read_tensors;
 use crate::error::{Error, Result};
 use lsdc_core::network::{BackboneConfig, EPSILON};
 use lsdc_core::weights::Tensor;
+use lsdc_weights::read_tensors;
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -4,8 +4,8 @@ use lsdc_core::network::EncoderConfig;
 use proptest::prelude::*;
 
 /// A tiny encoder in half precision, as other programs save it (`scripts/golden_encoder.py`).
-pub(super) const PYTORCH: &[u8] = include_bytes!("../../tests/golden/encoder.pth");
-pub(super) const TRANSFORMERS: &[u8] = include_bytes!("../../tests/golden/encoder.safetensors");
+pub(super) const PYTORCH: &[u8] = include_bytes!("../../../tests/golden/encoder.pth");
+pub(super) const TRANSFORMERS: &[u8] = include_bytes!("../../../tests/golden/encoder.safetensors");
 
 /// What is known of it. Its identity was computed in Python.
 pub(super) const TINY: Known = Known {

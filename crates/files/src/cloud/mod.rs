@@ -1,0 +1,141 @@
+//! A depth map in space.
+
+mod voxels;
+
+use crate::{Camera, Colored, DepthMap};
+use image::RgbImage;
+use lsdc_core::cloud::flying_pixels;
+use voxels::thinned;
+
+/// Which pixels of a map become points of a cloud.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CloudOptions {
+    /// The largest standard deviation of a depth, in metres; pixels above are left out.
+    pub max_sigma: Option<f32>,
+    /// Keep the pixels that lie between the surfaces at a depth edge
+    /// ([`flying_pixels`](lsdc_core::cloud::flying_pixels)).
+    pub keep_flying: bool,
+    /// The edge length of the cubes that keep one point each, in metres, above 0.
+    pub voxel: Option<f64>,
+}
+
+/// The pixels of a depth map in space, with the colours of the image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cloud {
+    /// One for each pixel with a depth that is not left out, row by row, or one for each voxel.
+    pub points: Vec<Colored>,
+    /// Pixels that are left out because their standard deviation is too large.
+    pub uncertain: usize,
+    /// Pixels that are left out because the lens does not look there.
+    pub unseen: usize,
+    /// Pixels that are left out because they lie between the surfaces at a depth edge.
+    pub flying: usize,
+    /// Pixels that share a voxel with an earlier one: pixels that are kept, less points.
+    pub merged: usize,
+}
+
+impl Cloud {
+    /// Back-projects a depth map of any size, seen by the camera of the upright image `rgb`. `deviations` are the standard
+    /// deviations of the depths in metres, in a map of the same size. A pixel that is left out for several reasons is
+    /// counted as uncertain, else as flying.
+    pub fn new(
+        depth: &DepthMap,
+        deviations: Option<&DepthMap>,
+        rgb: &RgbImage,
+        camera: &Camera,
+        options: &CloudOptions,
+    ) -> Self {
+        let (width, height) = (depth.width(), depth.height());
+        let camera = camera.stretched((width, height));
+        let shown = (rgb.width() as usize, rgb.height() as usize);
+        let mut cloud = Self {
+            points: Vec::new(),
+            uncertain: 0,
+            unseen: 0,
+            flying: 0,
+            merged: 0,
+        };
+        let flying = (!options.keep_flying).then(|| {
+            let [fx, fy, ..] = camera.intrinsics();
+            flying_pixels(depth, [fx, fy])
+        });
+        for point in depth.points() {
+            let sigma = deviations.and_then(|map| map.get(point.x, point.y));
+            let known = sigma.zip(options.max_sigma);
+            if known.is_some_and(|(sigma, most)| sigma > most) {
+                cloud.uncertain += 1;
+                continue;
+            }
+            let pixel = point.y * width + point.x;
+            if flying.as_ref().is_some_and(|flying| flying[pixel]) {
+                cloud.flying += 1;
+                continue;
+            }
+            let pixel = [point.x as f64, point.y as f64];
+            let Some(place) = camera.unproject(pixel, f64::from(point.depth)) else {
+                cloud.unseen += 1;
+                continue;
+            };
+            let color = rgb.get_pixel(
+                (point.x * shown.0 / width) as u32,
+                (point.y * shown.1 / height) as u32,
+            );
+            cloud.points.push(Colored {
+                place,
+                color: color.0,
+                sigma,
+            });
+        }
+        if let Some(size) = options.voxel {
+            let kept = cloud.points.len();
+            cloud.points = thinned(&cloud.points, size);
+            cloud.merged = kept - cloud.points.len();
+        }
+        cloud
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall at 1 m beside one at 2 m, with a ramp of two pixels between them.
+    fn cloud(options: CloudOptions) -> Cloud {
+        let row = [1.0, 1.0, 1.0, 1.0, 1.25, 1.6, 2.0, 2.0, 2.0, 2.0];
+        let values: Vec<f32> = (0..60).map(|i| row[i % 10]).collect();
+        let depth = DepthMap::new(10, 6, values).unwrap();
+        let sigma = DepthMap::new(10, 6, vec![0.1; 60]).unwrap();
+        let rgb = RgbImage::from_pixel(10, 6, image::Rgb([9, 8, 7]));
+        let camera = Camera::pinhole([100.0, 100.0], [0.0, 0.0]);
+        Cloud::new(&depth, Some(&sigma), &rgb, &camera, &options)
+    }
+
+    #[test]
+    fn what_is_left_out_is_counted() {
+        let all = CloudOptions {
+            keep_flying: true,
+            ..CloudOptions::default()
+        };
+        assert_eq!(cloud(all).points.len(), 60);
+        let usual = cloud(CloudOptions::default());
+        assert_eq!((usual.points.len(), usual.flying), (48, 12));
+        assert!(
+            usual
+                .points
+                .iter()
+                .all(|point| [1.0, 2.0].contains(&point.place[2]))
+        );
+        let sure = cloud(CloudOptions {
+            max_sigma: Some(0.05),
+            ..CloudOptions::default()
+        });
+        assert_eq!((sure.points.len(), sure.uncertain, sure.flying), (0, 60, 0));
+        // The near wall is 3 cm wide, the far one 6 cm and 10 cm high.
+        let thin = cloud(CloudOptions {
+            voxel: Some(0.5),
+            ..CloudOptions::default()
+        });
+        assert_eq!((thin.points.len(), thin.merged, thin.flying), (2, 46, 12));
+        assert_eq!(thin.points[0].color, [9, 8, 7]);
+    }
+}

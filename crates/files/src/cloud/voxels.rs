@@ -1,0 +1,87 @@
+//! Thinning of clouds: one point in each cube of a grid.
+
+use crate::Colored;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
+/// Returns one point for each cube of a grid of edge length `size` that has any: the mean of their places and colours, and of
+/// their standard deviations (errors of neighbours are alike, so that a mean is not more certain than they are). The cubes
+/// come in the order of their first points. The grid has a corner at the origin.
+pub(super) fn thinned(points: &[Colored], size: f64) -> Vec<Colored> {
+    let mut cubes: Vec<Sum> = Vec::new();
+    let mut known: HashMap<[i64; 3], usize> = HashMap::new();
+    for point in points {
+        let cube = point.place.map(|v| (v / size).floor() as i64);
+        match known.entry(cube) {
+            Entry::Occupied(number) => cubes[*number.get()].add(point),
+            Entry::Vacant(number) => {
+                number.insert(cubes.len());
+                let mut sum = Sum::default();
+                sum.add(point);
+                cubes.push(sum);
+            }
+        }
+    }
+    cubes.iter().map(Sum::mean).collect()
+}
+
+/// The points of a cube.
+#[derive(Default)]
+struct Sum {
+    count: u32,
+    place: [f64; 3],
+    color: [u64; 3],
+    /// How many have a standard deviation, and their sum.
+    sigma: (u32, f64),
+}
+
+impl Sum {
+    fn add(&mut self, point: &Colored) {
+        self.count += 1;
+        for axis in 0..3 {
+            self.place[axis] += point.place[axis];
+            self.color[axis] += u64::from(point.color[axis]);
+        }
+        if let Some(sigma) = point.sigma {
+            self.sigma.0 += 1;
+            self.sigma.1 += f64::from(sigma);
+        }
+    }
+
+    fn mean(&self) -> Colored {
+        let count = u64::from(self.count);
+        let (known, sigma) = self.sigma;
+        Colored {
+            place: self.place.map(|sum| sum / f64::from(self.count)),
+            color: self.color.map(|sum| ((sum + count / 2) / count) as u8),
+            sigma: (known > 0).then(|| (sigma / f64::from(known)) as f32),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_point_in_each_cube() {
+        let point = |x: f64, red: u8, sigma: f32| Colored {
+            place: [x, 0.25, 2.0],
+            color: [red, 7, 0],
+            sigma: Some(sigma),
+        };
+        let points = [
+            point(0.5, 10, 0.1),
+            point(1.25, 20, 0.2),
+            point(-0.25, 30, 0.3),
+            point(0.75, 13, 0.3),
+        ];
+        let found = thinned(&points, 1.0);
+        assert_eq!(found[0], point(0.625, 12, 0.2));
+        assert_eq!(found[1..], points[1..3]);
+        // Cubes as large as all of them, and so small that each has one.
+        assert_eq!(thinned(&points, 1e9).len(), 2);
+        assert_eq!(thinned(&points, 1e-300), points);
+        assert_eq!(thinned(&[], 1.0), []);
+    }
+}
