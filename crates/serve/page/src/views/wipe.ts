@@ -76,8 +76,8 @@ export class Wipe {
     const failure = pair.a?.failure ?? pair.b?.failure;
     // With one run, its map is compared with the image.
     const places = this.names[1] === null ? [pair.a?.image, pair.a?.depth] : [pair.a?.depth, pair.b?.depth];
-    const words = this.names[1] === null ? ["image", `${this.names[0]}: ${metres(pair.a?.error)}`]
-      : [`${this.names[0]}: ${metres(pair.a?.error)}`, `${this.names[1]}: ${metres(pair.b?.error)}`];
+    const word = (name: string, frame: Frame | null) => (frame?.error == null ? name : `${name}: ${metres(frame.error)}`);
+    const words = this.names[1] === null ? ["image", word(this.names[0], pair.a)] : [word(this.names[0], pair.a), word(this.names[1], pair.b)];
     this.labels.forEach((label, i) => (label.textContent = words[i]!));
     try {
       const sides = await Promise.all(places.map((address) => (address ? side(address) : null)));
