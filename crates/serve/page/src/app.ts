@@ -235,7 +235,7 @@ export class App {
     await this.guarded("preparing the file", async () => {
       const points = draft.points.filter((_, i) => used[i]);
       const own = format === "ply" && !scene.camera;
-      const options = format === "ply" ? { ...draft.fit, max_sigma: view.cut } : draft.fit;
+      const options = format === "ply" ? { ...draft.fit, max_sigma: view.cut, ...(view.flying && { keep_flying: true }) } : draft.fit;
       contents = own
         ? await service.cloud(scene.file, points, options, this.camera(), [scene.width, scene.height])
         : await service.download(scene.id, points, options, format);

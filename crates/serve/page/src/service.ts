@@ -100,8 +100,8 @@ export async function fit(id: string, points: readonly Point[] | File, fit: Fit,
   return decoded(await reply.arrayBuffer());
 }
 
-/** A fit, and the largest standard deviation of a cloud. */
-type Options = Fit & { readonly max_sigma?: number | null };
+/** A fit, and which pixels a cloud has. */
+type Options = Fit & { readonly max_sigma?: number | null; readonly keep_flying?: boolean };
 
 export async function download(id: string, points: readonly Point[], options: Options, format: Format): Promise<Blob> {
   return (await answer(`v1/scenes/${id}/complete`, request(points, options, FORMATS[format].type))).blob();

@@ -71,7 +71,7 @@ const VIEW_FORMS: { [Key in keyof View]: Form<View[Key]> } = {
   high: orNull(number(6, 0)),
   cloud: one(CLOUDS),
   cut: orNull(number(6, 0)),
-  edges: yesOrNo,
+  flying: yesOrNo,
   field: number(6, 5, 170),
   orbit,
   theme: one(THEMES),

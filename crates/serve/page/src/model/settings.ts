@@ -50,8 +50,8 @@ export interface View {
   readonly cloud: (typeof CLOUDS)[number];
   /** The largest standard deviation of points in the cloud, in metres; null: none is left out. */
   readonly cut: number | null;
-  /** Whether pixels at jumps of depth are left out of the cloud. */
-  readonly edges: boolean;
+  /** Whether the cloud keeps flying pixels. */
+  readonly flying: boolean;
   /** Horizontal field of view in degrees, for images without a camera. */
   readonly field: number;
   readonly orbit: Orbit;
@@ -71,7 +71,7 @@ export const VIEW: View = {
   high: null,
   cloud: "image",
   cut: null,
-  edges: true,
+  flying: false,
   field: 60,
   orbit: ORBIT,
   theme: "auto",
@@ -79,6 +79,6 @@ export const VIEW: View = {
 
 /** The view of another image: what depends on its depths or its camera is as at the start. */
 export const renewed = (view: View): View =>
-  ({ ...view, low: VIEW.low, high: VIEW.high, cut: VIEW.cut, edges: VIEW.edges, field: VIEW.field, orbit: VIEW.orbit });
+  ({ ...view, low: VIEW.low, high: VIEW.high, cut: VIEW.cut, flying: VIEW.flying, field: VIEW.field, orbit: VIEW.orbit });
 
 export const isMap = (name: string): name is MapName => (MAPS as readonly string[]).includes(name);

@@ -3,7 +3,7 @@
 import type { App } from "../app.ts";
 import { check, h, iconButton, segments, sized, slider } from "../dom.ts";
 import { table } from "../model/colours.ts";
-import { GRAZING, withoutEdges } from "../model/edges.ts";
+import { flyingPixels } from "../model/flying.ts";
 import { metres } from "../model/numbers.ts";
 import type { Point } from "../model/points.ts";
 import { CLOUDS, ORBIT, type Orbit } from "../model/settings.ts";
@@ -33,8 +33,8 @@ export class Cloud {
     text: (step) => (step === STEPS ? "off" : `≤ ${metres(this.cutOf(step))}`),
     change: (step) => this.app.look({ cut: step === STEPS ? null : this.cutOf(step) }),
   });
-  private readonly edges = check("Leave out edges",
-    `Leaves out pixels at jumps of depth: those whose surface would be seen at less than ${GRAZING}°`, (edges) => this.app.look({ edges }));
+  private readonly flying = check("Leave out flying pixels",
+    "Those between the surfaces at a depth edge, where there is nothing", (left) => this.app.look({ flying: !left }));
   private pixels: Pixels | null = null;
   private renderer: Renderer | null = null;
   private drawn: unknown[] = [];
@@ -56,7 +56,7 @@ export class Cloud {
     this.element = h("section", { class: "pane cloud", "aria-label": "Point cloud" },
       h("header", {}, h("h2", {}, "Cloud"), this.source.element, reset),
       this.area,
-      h("footer", {}, this.cut.element, this.edges.element));
+      h("footer", {}, this.cut.element, this.flying.element));
     this.start();
     this.listen();
     new ResizeObserver(() => this.redraw()).observe(this.area);
@@ -85,7 +85,7 @@ export class Cloud {
   show(state: State): void {
     const { answer, view, draft, used, selected, cursor, scene, fitting } = state;
     this.source.set(view.cloud);
-    this.edges.set(view.edges);
+    this.flying.set(!view.flying);
     const high = answer?.highDeviation ?? 1;
     this.cut.set(view.cut === null ? STEPS : Math.min(STEPS - 1, Math.round(STEPS * Math.sqrt(view.cut / high))));
     const { clientWidth: width, clientHeight: height } = this.area;
@@ -106,7 +106,7 @@ export class Cloud {
     const density = sized(this.canvas, width, height);
     const camera = this.app.camera();
     this.eye = eye(view.orbit, this.middle, this.tangent(), width, height);
-    const pixels = this.chosen(answer, camera, view.edges, view.cut);
+    const pixels = this.chosen(answer, camera, view.flying, view.cut);
     renderer.load(answer.layers.width, answer.layers.height, pixels.depth, answer.deviation, scene.picture);
     const deviation = view.cloud === "deviation";
     const look = {
@@ -119,7 +119,7 @@ export class Cloud {
       cut: view.cut ?? 3e38,
     };
     renderer.draw(look, this.marks(state), this.lines(state));
-    this.edges.note(view.edges ? share(pixels.atEdges, pixels.depth.length) : "");
+    this.flying.note(view.flying ? "" : share(pixels.flying, pixels.depth.length));
     this.say(this.why(pixels));
     if (look.thinning > 1) return;
     const started = performance.now();
@@ -127,20 +127,21 @@ export class Cloud {
   }
 
   /** The pixels of the cloud, which are found anew where what they depend on has changed. */
-  private chosen(answer: Answer, camera: Intrinsics, edges: boolean, cut: number | null): Pixels {
+  private chosen(answer: Answer, camera: Intrinsics, flying: boolean, cut: number | null): Pixels {
     const { depth, width, height } = answer.layers;
-    const key = [depth, edges && camera.fx, edges && camera.fy, cut, cut === null || answer.deviation];
+    const key = [depth, flying || camera.fx, flying || camera.fy, cut, cut === null || answer.deviation];
     if (this.pixels && key.every((part, i) => part === this.pixels!.key[i])) return this.pixels;
-    const kept = edges ? withoutEdges(depth, width, height, camera) : { depth, left: 0 };
-    const below = (i: number) => cut === null || !answer.deviation || !(answer.deviation[i]! > cut);
+    const out = flying ? null : flyingPixels(depth, width, height, camera);
+    const kept = out ? depth.map((metres, i) => (out[i] ? 0 : metres)) : depth;
+    const isKept = (i: number) => kept[i]! > 0 && (cut === null || !answer.deviation || !(answer.deviation[i]! > cut));
     let many = 0;
-    for (let i = 0; i < depth.length; i++) if (kept.depth[i]! > 0 && below(i)) many++;
+    for (let i = 0; i < depth.length; i++) if (isKept(i)) many++;
     const step = Math.max(1, Math.floor(many / SAMPLE));
     const sample: Point[] = [];
     for (let i = 0, at = 0; i < depth.length; i++) {
-      if (kept.depth[i]! > 0 && below(i) && at++ % step === 0) sample.push({ u: i % width, v: Math.floor(i / width), depth: kept.depth[i]! });
+      if (isKept(i) && at++ % step === 0) sample.push({ u: i % width, v: Math.floor(i / width), depth: kept[i]! });
     }
-    return (this.pixels = { key, depth: kept.depth, atEdges: kept.left, isCut: cut !== null, sample });
+    return (this.pixels = { key, depth: kept, flying: out?.reduce((sum, flies) => sum + flies, 0) ?? 0, isCut: cut !== null, sample });
   }
 
   /** Why nothing can be seen; null if something can. */
@@ -293,9 +294,10 @@ export class Cloud {
 
 interface Pixels {
   readonly key: readonly unknown[];
-  /** 0 where a pixel is left out at an edge. */
+  /** 0 where a flying pixel is left out. */
   readonly depth: Float32Array;
-  readonly atEdges: number;
+  /** How many are. */
+  readonly flying: number;
   readonly isCut: boolean;
   /** Some of those that are kept, evenly. */
   readonly sample: readonly Point[];

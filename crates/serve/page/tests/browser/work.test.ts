@@ -171,24 +171,24 @@ test("another image has a cut and a view of its own, and a cloud that is empty s
   await page.keyboard.up("Shift");
   await page.waitForFunction(() => document.querySelector(".cloud .missing:not([hidden])")?.textContent?.includes("out of sight"));
   await slider(page, "Cut at a deviation").fill("30");
-  await page.getByLabel("Leave out edges").uncheck();
-  await settings(page, /cut=.*edges=no/);
+  await page.getByLabel("Leave out flying pixels").uncheck();
+  await settings(page, /cut=.*flying=yes/);
   await openImage(page, join(ROOM, "rgb.png"));
   await setDepth(page, 100, 100, 3);
   await settled(page);
   const fields = await settings(page, /image=rgb/);
-  assert.deepEqual(["cut", "orbit", "edges"].map((name) => fields.get(name)), [null, null, null]);
+  assert.deepEqual(["cut", "orbit", "flying"].map((name) => fields.get(name)), [null, null, null]);
   assert.ok(await why.isHidden());
 });
 
-test("edges are left out of the cloud, and counted", async () => {
+test("flying pixels are left out of the cloud, and counted", async () => {
   await openDemo(page);
   const note = page.locator(".cloud .check .amount");
   const share = Number.parseFloat((await note.textContent())!);
-  assert.ok(share > 0.2 && share < 30, `${share} %`);
+  assert.ok(share > 0.2 && share < 20, `${share} %`);
   await page.mouse.move(5, 5);
   const without = await page.locator(".cloud canvas").screenshot();
-  await page.getByLabel("Leave out edges").uncheck();
+  await page.getByLabel("Leave out flying pixels").uncheck();
   await page.waitForFunction(() => document.querySelector(".cloud .check .amount")?.textContent === "");
   assert.ok(!(await page.locator(".cloud canvas").screenshot()).equals(without));
 });

@@ -1,10 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { assumed } from "../../src/model/camera.ts";
-import { withoutEdges } from "../../src/model/edges.ts";
+import { flyingPixels } from "../../src/model/flying.ts";
 import { renewed, VIEW } from "../../src/model/settings.ts";
-
-const CAMERA = { fx: 500, fy: 500, cx: 0, cy: 0 };
 
 test("an assumed camera sees the width of the image under its field of view", () => {
   const { fx, fy, cx, cy } = assumed({ width: 304, height: 228 }, 60);
@@ -12,35 +10,42 @@ test("an assumed camera sees the width of the image under its field of view", ()
   assert.deepEqual([fy, cx, cy], [fx, 151.5, 113.5]);
 });
 
-test("flying pixels are left out, and slanted surfaces are not", () => {
-  // A wall at 2 m, one at 4 m, and a pixel between them; a row without depth below.
-  const row = [2, 2, 2, 3, 4, 4, 4];
-  const map = Float32Array.from([...row, ...row, 0, 0, 0, 0, 0, 0, 0]);
-  const { depth, left } = withoutEdges(map, 7, 3, CAMERA);
-  assert.deepEqual([...depth.slice(0, 7)], [2, 2, 0, 0, 0, 4, 4]);
-  assert.deepEqual([...depth.slice(7, 14)], [2, 2, 0, 0, 0, 4, 4]);
-  assert.equal(left, 6);
+const [WIDTH, HEIGHT] = [80, 60];
+const CAMERA = { fx: 400, fy: 400, cx: 0, cy: 0 };
 
-  // A floor 1.2 m below the camera, seen at atan(1.2 / depth): 5 degrees are at 13.7 m.
-  const rows = Array.from({ length: 400 }, (_, i) => (1.2 * CAMERA.fy) / (i + 30));
-  const floor = withoutEdges(Float32Array.from(rows), 1, 400, CAMERA);
-  const far = rows.filter((_, i) => floor.depth[i] === 0);
-  assert.ok(far.every((depth) => depth > 13.2) && rows.every((depth, i) => depth < 14.2 || floor.depth[i] === 0));
-  assert.equal(floor.left, far.length);
+/** The columns and rows of flying pixels of a map. */
+function flying(depth: (x: number, y: number) => number): [number, number][] {
+  const map = Float32Array.from({ length: WIDTH * HEIGHT }, (_, i) => depth(i % WIDTH, Math.floor(i / WIDTH)));
+  return [...flyingPixels(map, WIDTH, HEIGHT, CAMERA)].flatMap((flies, i) => (flies ? [[i % WIDTH, Math.floor(i / WIDTH)]] : []));
+}
+
+test("a ramp between two walls flies, and the walls do not", () => {
+  // From 2 m to 4 m, linear over some pixels.
+  for (const width of [3, 6, 9]) {
+    const share = (x: number) => Math.min(1, Math.max(0, (x - 40) / width + 0.5));
+    for (const [name, found] of [
+      ["column", flying((x) => 2 + 2 * share(x)).map(([x]) => x)],
+      ["row", flying((_, y) => 2 + 2 * share(y + 10)).map(([, y]) => y + 10)],
+    ] as const) {
+      for (let at = 12; at < 68; at++) {
+        const count = found.filter((place) => place === at).length;
+        const across = name === "row" ? WIDTH : HEIGHT;
+        if (share(at) > 0.1 && share(at) < 0.9) assert.equal(count, across, `${name} ${at} of a ramp of ${width}`);
+        else if (share(at) === 0 || share(at) === 1) assert.ok(Math.abs(at - 40) < width / 2 + 1.5 || count === 0, `${name} ${at} of a wall`);
+      }
+    }
+  }
 });
 
-test("twice the pixels of the same surface are left out or kept alike", () => {
-  const across = (many: number, fx: number) =>
-    withoutEdges(Float32Array.from({ length: many }, (_, i) => 2 + (i / many) * 0.5), many, 1, { ...CAMERA, fx }).left;
-  // Half a metre in depth over a tenth of a metre across is seen at 11 degrees; over a fiftieth, at 2.
-  assert.equal(across(50, 1000), 0);
-  assert.equal(across(100, 2000), 0);
-  assert.equal(across(10, 1000), 10);
-  assert.equal(across(20, 2000), 20);
+test("planes seen from the side do not fly, nor sharp edges, nor what has no depth beside it", () => {
+  // A floor 0.3 m below the camera, up to 24 m away: seen at 89.3 degrees.
+  assert.deepEqual(flying((_, y) => (0.3 * CAMERA.fy) / (y + 5)), []);
+  assert.deepEqual(flying((x) => (x < 40 ? 2 : 4)), []);
+  assert.deepEqual(flying((x) => (x === 40 ? 3 : 0)), []);
 });
 
 test("another image has a cut and a view of its own", () => {
   const orbit = { ...VIEW.orbit, yaw: 2 };
-  const view = { ...VIEW, cut: 0.04, edges: false, orbit, low: 1, high: 2, field: 90, theme: "dark", layer: "deviation", opacity: 0.5 } as const;
+  const view = { ...VIEW, cut: 0.04, flying: true, orbit, low: 1, high: 2, field: 90, theme: "dark", layer: "deviation", opacity: 0.5 } as const;
   assert.deepEqual(renewed(view), { ...VIEW, theme: "dark", layer: "deviation", opacity: 0.5 });
 });
