@@ -3,10 +3,10 @@
 use crate::config::Limits;
 use crate::fault::{Fault, Kind};
 use crate::options::Options;
-use crate::points::{Points, too_many};
+use crate::points::{self, too_many};
 use crate::upload::Upload;
 use image::RgbImage;
-use lsdc_core::{Channels, Image, Observation};
+use lsdc_core::{Channels, Image, Observation, Observations};
 use lsdc_files::{
     Camera, Orientation, Sparse, Unit, has_ending, image_size, read_upright, reading_at_most,
 };
@@ -51,7 +51,10 @@ impl Frame {
             rgb,
             orientation,
             camera,
-            remarks,
+            remarks: remarks
+                .iter()
+                .map(|remark| upload.in_words(remark))
+                .collect(),
         })
     }
 
@@ -79,7 +82,7 @@ impl Frame {
         let path = upload.need("points")?;
         if is_list(path) {
             let json = std::fs::read(path).map_err(|_| Fault::failed())?;
-            return Ok(self.listed(Points::parse(&json, limits.points)?, options));
+            return Ok(self.listed(points::parse(&json, limits.points)?, options));
         }
         if is_cloud(path) && self.camera.is_none() {
             let what = "points in space need the part `camera`, to be projected into the image";
@@ -96,16 +99,19 @@ impl Frame {
         };
         let mut points = reading_at_most(limits.unfolded, read)?;
         if points.points.len() > limits.points {
-            return Err(too_many(points.points.len(), limits.points));
+            return Err(too_many(limits.points));
         }
-        points.points = with_sigma(points.points.iter(), options.sigma);
+        points.points = with_sigma(points.points, options.sigma);
+        for remark in &mut points.remarks {
+            *remark = upload.in_words(remark);
+        }
         Ok(points)
     }
 
     /// Points of a list, which are taken as they are.
-    pub(crate) fn listed(&self, points: Points, options: &Options) -> Sparse {
+    pub(crate) fn listed(&self, points: Observations, options: &Options) -> Sparse {
         Sparse {
-            points: with_sigma(points.0.iter(), options.sigma),
+            points: with_sigma(points, options.sigma),
             size: self.size(),
             unit: Unit::METRE,
             guessed: false,
@@ -142,15 +148,15 @@ fn is_cloud(path: &Path) -> bool {
         .any(|ending| has_ending(path, ending))
 }
 
-fn with_sigma<'a>(
-    points: impl Iterator<Item = &'a Observation>,
-    sigma: Option<f32>,
-) -> lsdc_core::Observations {
-    let points = points.map(|point| Observation {
+fn with_sigma(points: Observations, sigma: Option<f32>) -> Observations {
+    if sigma.is_none() {
+        return points;
+    }
+    let with = |point: &Observation| Observation {
         sigma: point.sigma.or(sigma),
         ..*point
-    });
-    points.collect()
+    };
+    points.iter().map(with).collect()
 }
 
 /// A camera from its file, or four numbers. (A name of another file would be read by `Camera::from_str`.)
