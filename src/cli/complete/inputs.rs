@@ -239,7 +239,9 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
         }
     } else if !args.sparse.is_dir() {
         let what = "is no folder of points and no model of COLMAP";
-        return Err(Error::format(&args.sparse, what));
+        return Err(Error::format(&args.sparse, what).hint(
+            "for several images give a folder with a file of points for each, or a list; for one image give its path",
+        ));
     }
     let mut jobs = Jobs::new(args, failures);
     let found = images(args, output)?;
