@@ -124,8 +124,21 @@ fn dataset(args: &Inspect) -> Result<Exit> {
 fn lines(contents: &Contents) -> Vec<String> {
     let mut lines = Vec::new();
     match contents {
-        Contents::Image { size, kind } => {
+        Contents::Image {
+            size,
+            kind,
+            orientation,
+            remarks,
+        } => {
             lines.push(format!("image     {}x{}, {kind}", size.0, size.1));
+            if !orientation.is_upright() {
+                let (width, height) = orientation.upright();
+                let exif = orientation.exif();
+                lines.push(format!(
+                    "upright   {width}x{height} (EXIF orientation {exif})"
+                ));
+            }
+            lines.extend(remarks.iter().map(|remark| format!("warning   {remark}")));
         }
         Contents::Map(map) => {
             let depth = &map.depth;
@@ -237,8 +250,15 @@ fn counts(sorted: &[f32]) -> [usize; BARS] {
 
 fn described(path: &Path, contents: &Contents) -> Value {
     let mut value = match contents {
-        Contents::Image { size, kind } => json!({
+        Contents::Image {
+            size,
+            kind,
+            orientation,
+            remarks,
+        } => json!({
             "is": "image", "width": size.0, "height": size.1, "kind": kind,
+            "orientation": orientation.exif(),
+            "upright": [orientation.upright().0, orientation.upright().1], "remarks": remarks,
         }),
         Contents::Map(map) => json!({
             "is": "map", "width": map.depth.width(), "height": map.depth.height(),

@@ -242,7 +242,7 @@ fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
 
 /// The guide of a frame, which must show the same part of the image.
 fn guide(source: &GuideSource, frame: &Frame) -> Result<DepthGuide> {
-    let guide = source.read_for(&frame.id)?;
+    let (guide, _) = source.read_for(&frame.id)?;
     let [of_guide, of_frame] = [
         (guide.width(), guide.height()),
         (frame.depth.width(), frame.depth.height()),

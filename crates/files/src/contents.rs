@@ -1,12 +1,14 @@
 //! What is in a file that nobody has described.
 
 use super::files::{
-    CLOUDS, Columns, IMAGES, Table, Visit, has_ending, image_kind, is_grey_tiff, read_cloud,
+    CLOUDS, Columns, IMAGES, Table, Visit, has_ending, image_kind, images_below, is_grey_tiff,
+    read_cloud, read_upright,
 };
 use super::sparse::is_table;
 use super::stored::{DEPTHS, KnownUnit, Stored, StoredMap, read_stored};
-use super::{Camera, Colmap, DepthMap, Unit};
+use super::{Camera, Colmap, DepthMap, Orientation, Unit};
 use crate::error::{Error, Result};
+use crate::foreign::check_foreign;
 use std::path::Path;
 
 /// What a file holds, by its ending and its first bytes.
@@ -18,6 +20,10 @@ pub enum Contents {
         size: (usize, usize),
         /// Bits and channels.
         kind: String,
+        /// How it is turned upright.
+        orientation: Orientation,
+        /// What should be checked.
+        remarks: Vec<String>,
     },
     /// Depths by pixel.
     Map(Box<StoredMap>),
@@ -60,13 +66,17 @@ impl Contents {
     pub fn read(path: &Path, unit: Option<Unit>) -> Result<Self> {
         let is = |ending: &str| has_ending(path, ending);
         if path.is_dir() {
-            return Colmap::read(path).map(Self::Model);
+            return Colmap::read(path)
+                .map(Self::Model)
+                .map_err(|e| of_images(path, e));
         }
+        check_foreign(path)?;
         if CLOUDS.into_iter().any(is) {
             return read_bounds(&mut |visit| read_cloud(path, visit));
         }
         if CAMERAS.into_iter().any(is) {
-            return Camera::read(path).map(|camera| Self::Camera(Box::new(camera)));
+            let camera = Camera::read(path).map_err(|e| of_report(path, e))?;
+            return Ok(Self::Camera(Box::new(camera)));
         }
         let grey = (is("tif") || is("tiff")) && is_grey_tiff(path)?;
         if IMAGES.into_iter().any(is) && !grey {
@@ -80,14 +90,21 @@ impl Contents {
                     ""
                 };
                 let kind = format!("{bits} bits, {channels} channels{alpha}");
-                return Ok(Self::Image { size, kind });
+                let image = read_upright(path)?;
+                return Ok(Self::Image {
+                    size,
+                    kind,
+                    orientation: image.orientation,
+                    remarks: image.doubts.iter().map(ToString::to_string).collect(),
+                });
             }
         }
         if !DEPTHS.into_iter().any(is) {
-            return Err(Error::format(path, "is of no kind that is known"));
+            return Err(Error::format(path, "is of no kind that is known")
+                .hint("images, depth maps, tables and clouds of points, cameras, weights and recordings are read"));
         }
         // As no image tells otherwise, three or four columns are a table.
-        match read_stored(path, unit, |array| is_table(array, &[]))? {
+        match read_stored(path, unit.into(), |array| is_table(array, &[]))? {
             Stored::Map(map) => Ok(Self::Map(Box::new(map))),
             Stored::Table(table, _) if table.columns == Columns::Space => {
                 read_bounds(&mut |visit| {
@@ -134,6 +151,37 @@ impl Contents {
             _ => None,
         }
     }
+}
+
+/// The error of a folder that is no model, with what to do if it holds images.
+fn of_images(folder: &Path, error: Error) -> Error {
+    match images_below(folder) {
+        Ok(images) if !images.is_empty() => error.hint(format!(
+            "the folder holds {} images, which are inspected as files: lsdc inspect {}",
+            images.len(),
+            images[0].display()
+        )),
+        _ => error,
+    }
+}
+
+/// The error of a file that is no camera, with what it is if it is a report.
+fn of_report(path: &Path, error: Error) -> Error {
+    let text = std::fs::read(path).unwrap_or_default();
+    let value: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
+    let has = |name: &str| value.get(name).is_some();
+    if has_ending(path, "json")
+        && !has("fx")
+        && !has("K")
+        && !has("camera_matrix")
+        && value.is_object()
+    {
+        return error.hint(
+            "cameras are JSON files with fx, fy, cx and cy; reports of `lsdc eval` are shown by `lsdc report`, those of \
+             `lsdc complete` are plain JSON",
+        );
+    }
+    error
 }
 
 /// The endings of cameras.
@@ -193,7 +241,10 @@ mod tests {
             assert_eq!(found.map(), Some(&map), "{name}");
             assert_eq!(found.depths().len(), 9);
         }
-        let Contents::Image { size: (4, 3), kind } = read("image.png") else {
+        let Contents::Image {
+            size: (4, 3), kind, ..
+        } = read("image.png")
+        else {
             panic!("no image");
         };
         assert!(kind.starts_with("8 bits, 3 channels"), "{kind}");

@@ -1,7 +1,8 @@
 //! Dense predictions of depth by other programs, as guides of a completion.
 
-use super::files::{has_ending, read_array, read_npz};
-use super::stored::{Stored, read_stored};
+use super::files::{has_ending, stored_unit};
+use super::stored::{KnownUnit, read_raster};
+use crate::doubts::{Doubt, marks_in_guide};
 use crate::error::{Error, Result};
 use lsdc_core::{DepthGuide, GuideKind};
 use std::fmt::{Display, Formatter};
@@ -94,39 +95,63 @@ impl GuideSource {
     ///
     /// # Errors
     /// As [`Self::file_for`] and [`Self::read`].
-    pub fn read_for(&self, frame: &str) -> Result<DepthGuide> {
+    pub fn read_for(&self, frame: &str) -> Result<(DepthGuide, Vec<Doubt>)> {
         // Whatever follows the last dot of an image's name is taken for its ending.
         self.read(&self.file_for(Path::new(&format!("{frame}.")))?)
     }
 
-    /// Reads a file as a guide. Values of 0 in files other than NumPy's mean that there is none.
+    /// Reads a file as a guide, and what should be checked of it. Values of 0 in files other than NumPy's mean that
+    /// there is none, as do marks of no measurement (but for logarithms).
     ///
     /// # Errors
     /// A file that cannot be read, is no map, or holds no two different values.
-    pub fn read(&self, file: &Path) -> Result<DepthGuide> {
-        let guide = if has_ending(file, "npy") || has_ending(file, "npz") {
-            let array = if has_ending(file, "npy") {
-                read_array(file)?
-            } else {
-                read_npz(file)?.0
-            };
-            DepthGuide::new(self.kind, array.columns, array.rows, &array.values)
-        } else if self.kind == GuideKind::Log {
+    pub fn read(&self, file: &Path) -> Result<(DepthGuide, Vec<Doubt>)> {
+        let numpy = has_ending(file, "npy") || has_ending(file, "npz");
+        if self.kind == GuideKind::Log && !numpy {
             return Err(Error::format(
                 file,
                 "cannot hold logarithms of depths, which may be negative",
             )
             .hint("save them with `numpy.save`"));
+        }
+        let Some((mut raster, _)) = read_raster(file).map_err(|e| self.advised(e))? else {
+            return Err(Error::format(file, "is a table of points, not a map"));
+        };
+        let mut doubts = std::mem::take(&mut raster.doubts);
+        doubts.retain(|doubt| !doubt.is_distance());
+        if self.kind != GuideKind::Log {
+            let (numbers, declared) = (raster.numbers, raster.declared);
+            doubts.extend(marks_in_guide(&mut raster.values, numbers, declared));
+        }
+        let (columns, rows) = (raster.columns, raster.rows);
+        let values = if numpy {
+            raster.values
         } else {
             // Units do not matter.
-            let Stored::Map(map) = read_stored(file, None, |_| false)? else {
-                return Err(Error::format(file, "is a table of points, not a map"));
-            };
-            let value = |v: &f32| if *v > 0.0 { *v } else { f32::NAN };
-            let values: Vec<f32> = map.depth.values().iter().map(value).collect();
-            DepthGuide::new(self.kind, map.depth.width(), map.depth.height(), &values)
+            let unit = KnownUnit::new(stored_unit(file), raster.numbers).unit;
+            let value = |v: f32| if v > 0.0 { v } else { f32::NAN };
+            let map = raster.scaled(unit.metres())?;
+            map.into_values().into_iter().map(value).collect()
         };
-        guide.map_err(|e| Error::of_core(e, format!("`{}`", file.display())))
+        let guide = DepthGuide::new(self.kind, columns, rows, &values)
+            .map_err(|e| Error::of_core(e, format!("`{}`", file.display())))?;
+        Ok((guide, doubts))
+    }
+
+    /// The error of a file that cannot be read, with the kinds of guides if a colon may name one.
+    fn advised(&self, error: Error) -> Error {
+        let named = self
+            .path
+            .to_string_lossy()
+            .rsplit_once(':')
+            .is_some_and(|(path, _)| Path::new(path).exists());
+        if !named {
+            return error;
+        }
+        error.hint(format!(
+            "a guide is FILE or FILE:KIND, with one of these kinds: {}",
+            KINDS.map(|(name, _)| name).join(", ")
+        ))
     }
 }
 
@@ -151,6 +176,30 @@ mod tests {
     }
 
     #[test]
+    fn an_unknown_kind_lists_the_kinds() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("g.npy");
+        write_npy(&file, &DepthMap::new(2, 1, vec![1.0, 3.0]).unwrap()).unwrap();
+        let source: GuideSource = format!("{}:disp", file.display()).parse().unwrap();
+        let error = source.read(&source.path).unwrap_err();
+        assert!(
+            error.advice().unwrap().contains("depth, disparity, log"),
+            "{error:?}"
+        );
+    }
+
+    #[test]
+    fn marks_of_no_prediction_become_gaps() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("g.npy");
+        let values = (0..100).map(|i| if i < 30 { 1e10 } else { 1.0 + i as f32 });
+        write_npy(&file, &DepthMap::new(10, 10, values.collect()).unwrap()).unwrap();
+        let source: GuideSource = file.to_str().unwrap().parse().unwrap();
+        let (guide, doubts) = source.read(&file).unwrap();
+        assert_eq!((guide.missing(), doubts.len()), (30, 1));
+    }
+
+    #[test]
     fn a_folder_holds_guides_by_the_names_of_images() {
         let folder = tempfile::tempdir().unwrap();
         let map = DepthMap::new(2, 1, vec![1.0, 3.0]).unwrap();
@@ -163,7 +212,7 @@ mod tests {
         std::fs::copy(&file, folder.path().join("left.npz")).unwrap();
         let twice = source.file_for(Path::new("left.jpg")).unwrap_err();
         assert!(twice.to_string().contains("may both"), "{twice}");
-        assert_eq!(source.read(&file).unwrap().missing(), 0);
+        assert_eq!(source.read(&file).unwrap().0.missing(), 0);
         let flat = folder.path().join("flat.npy");
         write_npy(&flat, &DepthMap::new(2, 1, vec![2.0, 2.0]).unwrap()).unwrap();
         let error = source.read(&flat).unwrap_err().to_string();

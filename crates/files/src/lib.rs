@@ -19,12 +19,16 @@ mod cloud;
 mod colmap;
 mod columns;
 mod contents;
+mod depth_kind;
 mod described;
+pub mod doubts;
 pub mod error;
 mod files;
+mod foreign;
 mod grid;
 mod guide;
 mod orientation;
+mod raster;
 mod sparse;
 mod stored;
 mod unit;
@@ -33,15 +37,17 @@ pub use camera::{Camera, CameraInfo};
 pub use cloud::Cloud;
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
+pub use depth_kind::{DepthKind, StoredAs};
 pub use described::{DescribedCloud, DescribedDepth, DescribedFit};
 pub use files::{
-    Colored, Hdf5, Unfinished, check_writable, encode_depth_png, encode_exr, encode_npy,
+    Colored, Hdf5, Unfinished, Upright, check_writable, encode_depth_png, encode_exr, encode_npy,
     encode_npz, encode_ply, from_planes, has_ending, image_size, images_below, is_image, png_unit,
     raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_pair, read_rgb,
     read_upright, reading_at_most, remove_leftovers, stored_unit, write_atomically,
     write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz, write_pfm,
     write_ply, write_rgb, write_tiff,
 };
+pub use foreign::check_foreign;
 pub use guide::{GUIDE_ENDINGS, GuideSource};
 pub use lsdc_core::{DepthMap, Point};
 pub use orientation::Orientation;

@@ -1,11 +1,14 @@
 //! Depths as files hold them, before they meet an image: maps, and tables of points.
 
 use super::files::{
-    Array, CLOUDS, Columns, Numbers, Row, Table, has_ending, read_array, read_exr, read_grey,
-    read_h5, read_npz, read_pfm, read_table, read_tiff, stored_unit,
+    CLOUDS, Columns, Row, Table, has_ending, read_array, read_exr, read_grey, read_h5, read_npz,
+    read_pfm, read_table, read_tiff, stored_unit,
 };
-use super::{DepthMap, Unit};
+use super::{DepthMap, StoredAs, Unit};
+use crate::doubts::{Doubt, Numbers, implausible_unit, is_ray_distance};
 use crate::error::{Error, Result};
+use crate::foreign::check_foreign;
+use crate::raster::Raster;
 use std::path::Path;
 
 /// A map of depths.
@@ -41,7 +44,7 @@ impl KnownUnit {
     /// What was said, or else millimetres for integers and metres for other numbers.
     pub(super) fn new(said: Option<Unit>, numbers: Numbers) -> Self {
         let usual = match numbers {
-            Numbers::Bytes | Numbers::Integers => Unit::MILLIMETRE,
+            Numbers::Integers { .. } => Unit::MILLIMETRE,
             Numbers::Floats | Numbers::Booleans => Unit::METRE,
         };
         Self {
@@ -55,28 +58,20 @@ impl KnownUnit {
     }
 
     /// Why the guess may be wrong, by the depths in metres that it leads to.
-    pub(super) fn doubt(self, mut depths: Vec<f32>) -> Option<String> {
-        /// No median of the depths of an image is so large, or so small.
-        const FAR: f32 = 200.0;
-        const NEAR: f32 = 0.02;
+    pub(super) fn doubt(self, depths: Vec<f32>) -> Option<String> {
         let numbers = self.guessed_from?;
         if depths.is_empty() {
             return None;
         }
-        let middle = depths.len() / 2;
-        let median = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
         let unit = self.unit;
         match numbers {
             Numbers::Booleans => Some(
                 "true and false are taken for depths of 1 and none: is this a mask?".to_owned(),
             ),
-            Numbers::Bytes => Some(format!(
+            _ if numbers.are_bytes() => Some(format!(
                 "integers of 8 bits are taken for {unit}, at most 0.255 m; --depth-unit says otherwise"
             )),
-            _ if !(NEAR..=FAR).contains(&median) => Some(format!(
-                "the median depth is {median} m if these are {unit}; --depth-unit says otherwise"
-            )),
-            _ => None,
+            _ => implausible_unit(unit, depths).map(|doubt| doubt.to_string()),
         }
     }
 }
@@ -95,43 +90,64 @@ pub(super) fn endings() -> impl Iterator<Item = &'static str> {
 /// stands where none is given.
 pub(super) fn read_stored(
     path: &Path,
-    said: Option<Unit>,
-    is_table: impl Fn(&Array) -> bool,
+    how: StoredAs,
+    is_table: impl Fn(&Raster) -> bool,
 ) -> Result<Stored> {
-    let is = |ending: &str| has_ending(path, ending);
-    let said = said.or_else(|| stored_unit(path));
-    let known = |numbers| KnownUnit::new(said, numbers);
-    let metres = |numbers| known(numbers).unit.metres();
-    let floats = || metres(Numbers::Floats);
-    let (depth, sigma, numbers) = if is("png") || is("pgm") {
-        let (depth, numbers) = read_grey(path, metres)?;
-        (depth, None, numbers)
-    } else if is("tif") || is("tiff") {
-        let (depth, numbers) = read_tiff(path, metres)?;
-        (depth, None, numbers)
-    } else if is("exr") {
-        let (depth, sigma) = read_exr(path, floats())?;
-        (depth, sigma, Numbers::Floats)
-    } else if is("pfm") {
-        (read_pfm(path, floats())?, None, Numbers::Floats)
-    } else if is("h5") || is("hdf5") {
-        (read_h5(path, floats())?, None, Numbers::Floats)
-    } else if is("csv") || is("txt") || is("xyz") {
+    let in_file = how.unit.is_none().then(|| stored_unit(path)).flatten();
+    let known = |numbers| KnownUnit::new(how.unit.or(in_file), numbers);
+    let Some((raster, sigma)) = read_raster(path)? else {
         return Ok(Stored::Table(read_table(path)?, known(Numbers::Floats)));
-    } else if is("npy") || is("npz") {
-        let (array, sigma) = if is("npy") {
-            (read_array(path)?, None)
-        } else {
-            read_npz(path)?
-        };
-        let numbers = array.numbers;
-        if is_table(&array) {
-            return Ok(Stored::Table(table(&array), known(numbers)));
-        }
-        let scale = metres(numbers);
-        let sigma = sigma.map(|sigma| map(&sigma, scale)).transpose()?;
-        (map(&array, scale)?, sigma, numbers)
+    };
+    let known = known(raster.numbers);
+    if is_table(&raster) {
+        return Ok(Stored::Table(table(&raster), known));
+    }
+    let metres = known.unit.metres();
+    let sigma = sigma.map(|mut sigma| sigma.scaled(metres)).transpose()?;
+    let (depth, mut doubts) = if in_file.is_some() {
+        raster.depth(metres)?
     } else {
+        raster.depth_in(known)?
+    };
+    if let Some(sigma) = &sigma {
+        check_sizes(path, &depth, sigma)?;
+    }
+    doubts.extend(named_distance(path).filter(|_| !doubts.iter().any(Doubt::is_distance)));
+    doubts.retain(|doubt| how.kind.is_none() || !doubt.is_distance());
+    let depths = depth.points().map(|point| point.depth).collect();
+    let unit = known.doubt(depths);
+    let doubts = doubts.iter().map(ToString::to_string);
+    Ok(Stored::Map(StoredMap {
+        remarks: doubts.chain(unit).collect(),
+        depth,
+        sigma,
+        unit: known.unit,
+        guessed: known.is_guessed(),
+    }))
+}
+
+/// Reads the numbers of a file by its ending, and their standard deviations; nothing of tables.
+pub(super) fn read_raster(path: &Path) -> Result<Option<(Raster, Option<Raster>)>> {
+    let is = |ending: &str| has_ending(path, ending);
+    let alone = |raster: Raster| (raster, None);
+    let found = if is("png") || is("pgm") {
+        read_grey(path).map(alone)
+    } else if is("tif") || is("tiff") {
+        read_tiff(path).map(alone)
+    } else if is("exr") {
+        read_exr(path)
+    } else if is("pfm") {
+        read_pfm(path).map(alone)
+    } else if is("h5") || is("hdf5") {
+        read_h5(path).map(alone)
+    } else if is("npy") {
+        read_array(path).map(alone)
+    } else if is("npz") {
+        read_npz(path)
+    } else if is("csv") || is("txt") || is("xyz") {
+        return Ok(None);
+    } else {
+        check_foreign(path)?;
         let known: Vec<&str> = endings().collect();
         return Err(
             Error::format(path, "is no kind of depth file").hint(format!(
@@ -140,18 +156,22 @@ pub(super) fn read_stored(
             )),
         );
     };
-    if let Some(sigma) = &sigma {
-        check_sizes(path, &depth, sigma)?;
-    }
-    let known = known(numbers);
-    let depths = depth.points().map(|point| point.depth).collect();
-    Ok(Stored::Map(StoredMap {
-        remarks: known.doubt(depths).into_iter().collect(),
-        depth,
-        sigma,
-        unit: known.unit,
-        guessed: known.is_guessed(),
-    }))
+    found.map(Some)
+}
+
+/// A doubt if a file is called as distances along the ray are, or as those of Hypersim.
+fn named_distance(path: &Path) -> Option<Doubt> {
+    let name = path.file_stem()?.to_string_lossy();
+    let hypersim =
+        name.ends_with("depth_meters") && (has_ending(path, "hdf5") || has_ending(path, "h5"));
+    let name = if hypersim {
+        format!("`{name}` is called as a file of Hypersim, which")
+    } else if is_ray_distance(&name) {
+        format!("a file called `{name}`")
+    } else {
+        return None;
+    };
+    Some(Doubt::RayDistance { name })
 }
 
 fn check_sizes(path: &Path, depth: &DepthMap, sigma: &DepthMap) -> Result<()> {
@@ -168,13 +188,7 @@ fn check_sizes(path: &Path, depth: &DepthMap, sigma: &DepthMap) -> Result<()> {
     ))
 }
 
-fn map(array: &Array, scale: f64) -> Result<DepthMap> {
-    let metres = |value: &f32| (f64::from(*value) * scale) as f32;
-    let values = array.values.iter().map(metres).collect();
-    Ok(DepthMap::new(array.columns, array.rows, values)?)
-}
-
-fn table(array: &Array) -> Table {
+fn table(array: &Raster) -> Table {
     let rows = array.values.chunks_exact(array.columns).enumerate();
     let row = |(number, row): (usize, &[f32])| Row {
         number,
@@ -203,7 +217,7 @@ mod tests {
     fn every_ending_that_is_said_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let error = |name: &str| {
-            let read = read_stored(&folder.path().join(name), None, |_| false);
+            let read = read_stored(&folder.path().join(name), StoredAs::default(), |_| false);
             read.err().map(|error| error.to_string())
         };
         for ending in DEPTHS {
@@ -220,12 +234,12 @@ mod tests {
 
     #[test]
     fn implausible_units_are_doubted() {
-        assert!(doubted(Numbers::Bytes, &[0.1, 0.2]));
+        assert!(doubted(Numbers::unsigned(8), &[0.1, 0.2]));
         assert!(doubted(Numbers::Booleans, &[1.0, 1.0]));
         assert!(doubted(Numbers::Floats, &[1785.0, 2900.0, 6042.0]));
-        assert!(doubted(Numbers::Integers, &[0.002, 0.004, 0.005]));
+        assert!(doubted(Numbers::unsigned(16), &[0.002, 0.004, 0.005]));
         assert!(!doubted(Numbers::Floats, &[1.7, 2.9, 6.0]));
-        assert!(!doubted(Numbers::Integers, &[1.7, 2.9, 6.0]));
+        assert!(!doubted(Numbers::unsigned(16), &[1.7, 2.9, 6.0]));
         assert!(!doubted(Numbers::Floats, &[]));
         let said = KnownUnit::new(Some(Unit::METRE), Numbers::Floats);
         assert_eq!(said.doubt(vec![5000.0]), None);

@@ -8,7 +8,8 @@ use crate::upload::Upload;
 use image::RgbImage;
 use lsdc_core::{Channels, Image, Observation, Observations};
 use lsdc_files::{
-    Camera, Orientation, Sparse, Unit, has_ending, image_size, read_upright, reading_at_most,
+    Camera, Orientation, Sparse, Unit, Upright, has_ending, image_size, read_upright,
+    reading_at_most,
 };
 use std::path::Path;
 
@@ -36,8 +37,12 @@ impl Frame {
             let what = format!("{width}x{height} pixels are more than the {most} that are taken");
             return Err(Fault::too_large(what).hint("send a smaller image"));
         }
-        let (rgb, orientation) = reading_at_most(limits.unfolded, || read_upright(path))?;
-        let mut remarks = Vec::new();
+        let Upright {
+            rgb,
+            orientation,
+            doubts,
+        } = reading_at_most(limits.unfolded, || read_upright(path))?;
+        let mut remarks: Vec<String> = doubts.iter().map(ToString::to_string).collect();
         let camera = match upload.get("camera") {
             None => None,
             Some(path) => {

@@ -2,7 +2,7 @@
 
 use super::values::{Format, range, size, typed};
 use super::{FitFlags, Model, Recorded, Settings};
-use crate::data::{Camera, GuideSource, Shard, Unit};
+use crate::data::{Camera, DepthKind, GuideSource, Shard, Unit};
 use crate::predict::{Method, Preserve};
 use crate::sample::Size;
 use clap::Args as ClapArgs;
@@ -41,6 +41,16 @@ pub(in crate::cli) struct Complete {
     /// COLMAP].
     #[arg(long, value_parser = typed::<Unit>, value_name = "UNIT", help_heading = "Input")]
     pub(in crate::cli) depth_unit: Option<Unit>,
+    /// What the depths of maps and of tables of pixels measure: z (depth along the optical axis) or ray (distance
+    /// from the optical centre along the ray of the pixel, as of Hypersim; needs --camera) [default: z].
+    #[arg(
+        long,
+        value_parser = typed::<DepthKind>,
+        value_name = "KIND",
+        help_heading = "Input",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) depth_kind: Option<DepthKind>,
     /// Camera intrinsics and pose, to project point clouds and back-project pixels: a file (TOML or JSON with
     /// fx, fy, cx, cy, distortion, pose, or a ROS calibration in YAML), or FX,FY,CX,CY in pixels. If EXIF
     /// rotates the image, they refer to the pixels as stored, unless their size matches only the upright

@@ -5,7 +5,7 @@ use super::failures::Failures;
 use super::recorded::Recorded;
 use crate::cli::args::Format;
 use crate::cli::ui;
-use crate::data::{self, Camera, Colmap, Sparse, View};
+use crate::data::{self, Camera, Colmap, Sparse, StoredAs, Upright, View, check_foreign};
 use crate::error::{Error, Result};
 use image::RgbImage;
 use lsdc_core::DepthGuide;
@@ -87,9 +87,11 @@ impl Job {
             Points::File(_) | Points::View(_) => self.load_files(args)?,
         };
         if let (Some(source), Some(file)) = (&args.guide, &self.guide) {
-            let guide = source.read(file)?;
+            let (guide, read) = source.read(file)?;
             let size = (loaded.rgb.width() as usize, loaded.rgb.height() as usize);
-            loaded.points.remarks.extend(doubts(&guide, size));
+            let read = read.iter().map(|doubt| format!("of the guide: {doubt}"));
+            let doubts = doubts(&guide, size).into_iter().chain(read);
+            loaded.points.remarks.extend(doubts);
             loaded.guide = Some(guide);
         }
         loaded.reading = started.elapsed();
@@ -97,8 +99,12 @@ impl Job {
     }
 
     fn load_files(&self, args: &Complete) -> Result<Loaded> {
-        let (rgb, image) = data::read_upright(&self.image)?;
-        let mut assumed = Vec::new();
+        let Upright {
+            rgb,
+            orientation: image,
+            doubts,
+        } = data::read_upright(&self.image)?;
+        let mut assumed: Vec<String> = doubts.iter().map(ToString::to_string).collect();
         let camera = match (&args.camera, &self.points) {
             (Some(camera), _) => {
                 let (camera, remark) = camera.for_image(&image)?;
@@ -109,7 +115,13 @@ impl Job {
             (None, _) => None,
         };
         let mut points = match &self.points {
-            Points::File(path) => Sparse::read(path, args.depth_unit, camera.as_ref(), image)?,
+            Points::File(path) => {
+                let how = StoredAs {
+                    unit: args.depth_unit,
+                    kind: args.depth_kind,
+                };
+                Sparse::read_as(path, how, camera.as_ref(), image)?
+            }
             Points::View(view) => Sparse::of_view(view, image, args.depth_unit)?,
             Points::Recorded(..) => return Err(Error::config("a message is in no file")),
         };
@@ -161,6 +173,8 @@ pub(super) fn is_one(args: &Complete) -> bool {
 pub(super) fn one(args: &Complete) -> Result<Job> {
     let image = args.rgb[0].clone();
     let sparse = &args.sparse;
+    check_foreign(&image)?;
+    check_foreign(sparse)?;
     let points = if Colmap::is_at(sparse) {
         let views = Colmap::read(sparse)?.views;
         Points::View(Box::new(view_of(&image, &views).cloned().ok_or_else(
@@ -192,6 +206,12 @@ fn guide_of(args: &Complete, name: &Path) -> Result<Option<PathBuf>> {
 pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Result<Vec<Job>> {
     let holds = |name: &Path| args.shard.holds(&name.to_string_lossy());
     if args.rgb.is_empty() {
+        check_foreign(&args.sparse)?;
+        if args.depth_kind.is_some() {
+            return Err(Error::config(
+                "--depth-kind is for maps and tables in files, not for recordings",
+            ));
+        }
         let recorded = Arc::new(Recorded::open(args)?);
         recorded.tell(args.json);
         let mut jobs = Jobs::new(args, failures);
@@ -219,7 +239,9 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
         }
     } else if !args.sparse.is_dir() {
         let what = "is no folder of points and no model of COLMAP";
-        return Err(Error::format(&args.sparse, what));
+        return Err(Error::format(&args.sparse, what).hint(
+            "for several images give a folder with a file of points for each, or a list; for one image give its path",
+        ));
     }
     let mut jobs = Jobs::new(args, failures);
     let found = images(args, output)?;
@@ -399,6 +421,7 @@ fn images(args: &Complete, output: &Path) -> Result<Vec<Found>> {
                 found.push(Found::flat(image));
             }
         } else {
+            check_foreign(path)?;
             found.push(Found::flat(path.clone()));
         }
         if found.len() == before {

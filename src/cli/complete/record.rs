@@ -222,6 +222,7 @@ fn settings(args: &Complete) -> Result<Value> {
         "guide": args.guide.as_ref().map(|guide| format!("{:?}", guide.kind)),
         "temporal": args.temporal,
         "depth_unit": args.depth_unit.map(|unit| unit.to_string()),
+        "depth_kind": args.depth_kind.map(|kind| kind.to_string()),
         "recording": recorded::settings(args),
         "camera": args.camera.as_ref().map(|camera| format!("{camera:?}")),
         "size": args.size,

@@ -1,63 +1,234 @@
-//! `OpenEXR` images with depths.
+//! `OpenEXR` images with depths: any part, any channel whose name says depth, placed in the display window.
 
-use super::{check_pixels, write_atomically};
+use super::{check_pixels, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
+use crate::doubts::{Doubt, Numbers, channel_rank, is_ray_distance, quoted};
 use crate::error::{Cause, Error, Result};
+use crate::raster::Raster;
 use exr::meta::MetaData;
+use exr::meta::attribute::IntegerBounds;
 use exr::prelude::{
-    AnyChannel, AnyChannels, FlatSamples, Image, ReadChannels as _, ReadLayers as _, Vec2,
+    AnyChannel, AnyChannels, FlatSamples, Image, Layer, ReadChannels as _, ReadLayers as _, Vec2,
     WritableImage as _, read,
 };
 use std::io::Cursor;
 use std::path::Path;
 
-/// What the channel of depths is called, the first that is there counts; a single channel may have
-/// any name.
-const DEPTHS: [&str; 7] = ["Z", "depth", "Depth", "Y", "V", "R", "distance"];
-/// What that of standard deviations is called.
+/// What the channel of standard deviations is called.
 const SIGMA: &str = "sigma";
 
-/// Reads the first layer: metres = value x `scale`; and its standard deviations, if it has them.
-pub(crate) fn read_exr(path: &Path, scale: f64) -> Result<(DepthMap, Option<DepthMap>)> {
-    let damaged = |e: exr::error::Error| Error::format(path, "is not a readable EXR").because(e);
+/// Single channels that hold values, if no colour is there: luminance, and the value pass of Blender.
+const VALUES: [&str; 2] = ["Y", "V"];
+
+/// Bytes of a display window that are taken of any file: 4K.
+const DISPLAY: u64 = 32 << 20;
+
+type Part = Layer<AnyChannels<FlatSamples>>;
+
+/// A channel of a part.
+struct Channel<'a> {
+    part: &'a Part,
+    channel: &'a AnyChannel<FlatSamples>,
+    /// With the name of the part, if there are several.
+    name: String,
+}
+
+/// Reads the channel of depths, and that of standard deviations of the same part, if it has one.
+pub(crate) fn read_exr(path: &Path) -> Result<(Raster, Option<Raster>)> {
+    let damaged = |e: exr::error::Error| {
+        Error::format(path, "is not a readable EXR")
+            .because(e)
+            .hint("check that the file is complete; deep data are not read")
+    };
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    let length = bytes.len() as u64;
     let meta = MetaData::read_from_buffered(Cursor::new(&bytes), true).map_err(damaged)?;
+    let mut total = 0_u64;
     for header in &meta.headers {
         let pixels = header.layer_size.area() as u64;
         let each = header.channels.bytes_per_pixel as u64;
         let Vec2(width, height) = header.layer_size;
         let size = (width as u32, height as u32);
-        let length = bytes.len() as u64;
-        check_pixels(path, size, pixels.saturating_mul(each), length)?;
+        total = total.saturating_add(pixels.saturating_mul(each));
+        check_pixels(path, size, total, length)?;
     }
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
         .all_channels()
-        .first_valid_layer()
+        .all_layers()
         .all_attributes()
         .non_parallel()
         .from_buffered(Cursor::new(&bytes))
         .map_err(damaged)?;
-    let Vec2(width, height) = image.layer_data.size;
-    let channels = &image.layer_data.channel_data.list;
-    let find = |name: &str| channels.iter().find(|c| c.name.eq(name));
-    let only = channels.first().filter(|_| channels.len() == 1);
-    let depths = DEPTHS.iter().find_map(|name| find(name)).or(only);
-    let depths = depths.ok_or_else(|| {
-        let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
-        Error::format(
-            path,
-            format!("holds channels {names:?}, none of which says depth"),
-        )
-        .hint("call the channel of depths Z")
-    })?;
-    let map = |channel: &AnyChannel<FlatSamples>| {
-        let values = channel.sample_data.values_as_f32();
-        let values = values.map(|v| (f64::from(v) * scale) as f32);
-        DepthMap::new(width, height, values.collect())
+    let channels = channels(&image.layer_data);
+    let Some(depths) = depths(&channels) else {
+        let names: Vec<String> = channels.into_iter().map(|channel| channel.name).collect();
+        let what = format!("no depth channel. Channels: {}", quoted(&names));
+        return Err(Error::format(path, what).hint("call the channel of depths Z or depth"));
     };
-    Ok((map(depths)?, find(SIGMA).map(map).transpose()?))
+    let display = image.attributes.display_window;
+    let mut raster = depths.raster(path, display, length)?;
+    let sigma = depths
+        .part
+        .channel_data
+        .list
+        .iter()
+        .find(|other| other.name.eq(SIGMA));
+    let sigma = sigma.map(|channel| Channel {
+        channel,
+        name: SIGMA.to_owned(),
+        ..*depths
+    });
+    let sigma = sigma
+        .map(|sigma| sigma.raster(path, display, length))
+        .transpose()?;
+    if is_ray_distance(&depths.name) {
+        let name = format!("a channel called `{}`", depths.name);
+        raster.doubts.push(Doubt::RayDistance { name });
+    }
+    let is_sigma =
+        |other: &Channel<'_>| std::ptr::eq(other.part, depths.part) && other.channel.name.eq(SIGMA);
+    let others = channels
+        .iter()
+        .filter(|other| !std::ptr::eq(*other, depths) && !is_sigma(other));
+    let others: Vec<String> = others.map(|other| other.name.clone()).collect();
+    if !others.is_empty() {
+        raster.doubts.push(Doubt::Chosen {
+            what: "channel",
+            name: format!("`{}`", depths.name),
+            others,
+        });
+    }
+    Ok((raster, sigma))
+}
+
+/// All channels of all parts.
+fn channels(parts: &[Part]) -> Vec<Channel<'_>> {
+    let several = parts.len() > 1;
+    let mut channels = Vec::new();
+    for (number, part) in parts.iter().enumerate() {
+        let own = part.attributes.layer_name.as_ref().map(ToString::to_string);
+        for channel in &part.channel_data.list {
+            let name = channel.name.to_string();
+            let part_name = own.clone().unwrap_or_else(|| format!("part {number}"));
+            // Parts are often called as the beginning of their channels.
+            let name = if !several || name.starts_with(&part_name) {
+                name
+            } else {
+                format!("{part_name}.{name}")
+            };
+            channels.push(Channel {
+                part,
+                channel,
+                name,
+            });
+        }
+    }
+    channels
+}
+
+/// The channel that says depth best; or else the only one, one of values without colour, or the first of R, G and B
+/// that are equal.
+fn depths<'a, 'b>(channels: &'b [Channel<'a>]) -> Option<&'b Channel<'a>> {
+    let sibling = |name: &str, last: char| {
+        let prefix = name.strip_suffix(['z', 'Z'])?;
+        let wanted = format!("{prefix}{last}");
+        channels
+            .iter()
+            .any(|other| other.name.eq_ignore_ascii_case(&wanted))
+            .then_some(())
+    };
+    let rank = |channel: &Channel<'_>| {
+        let rank = channel_rank(&channel.name)?;
+        // X, Y and Z are coordinates, normals or speeds.
+        let vector = sibling(&channel.name, 'x').is_some() && sibling(&channel.name, 'y').is_some();
+        let says_more = channel_rank(channel.name.trim_end_matches(['z', 'Z'])).is_some();
+        (!vector || says_more || channel.name.len() == 1).then_some((vector, rank))
+    };
+    let ranked = channels
+        .iter()
+        .filter_map(|channel| Some((rank(channel)?, channel)));
+    if let Some((_, best)) = ranked.min_by_key(|(rank, _)| *rank) {
+        return Some(best);
+    }
+    if let [only] = channels {
+        return Some(only);
+    }
+    let called = |name: &str| {
+        channels
+            .iter()
+            .find(|channel| channel.channel.name.eq(name))
+    };
+    let [red, green, blue] = ["R", "G", "B"].map(called);
+    let colour = red.or(green).or(blue).or_else(|| called("RY"));
+    if colour.is_none() {
+        return VALUES.iter().find_map(|name| called(name));
+    }
+    let samples =
+        |channel: Option<&Channel<'_>>| channel.map(|channel| channel.channel.sample_data.clone());
+    let (first, second, third) = (samples(red)?, samples(green)?, samples(blue)?);
+    (first == second && second == third)
+        .then_some(red)
+        .flatten()
+}
+
+impl Channel<'_> {
+    /// The numbers, in the place of their data window within the display window.
+    fn raster(&self, path: &Path, display: IntegerBounds, length: u64) -> Result<Raster> {
+        let Vec2(width, height) = self.part.size;
+        let samples = &self.channel.sample_data;
+        if samples.len() != width * height {
+            let what = format!("channel `{}` has fewer samples than pixels", self.name);
+            return Err(Error::format(path, what).hint("write the depths at full resolution"));
+        }
+        let numbers = match samples {
+            FlatSamples::U32(_) => Numbers::unsigned(32),
+            FlatSamples::F16(_) | FlatSamples::F32(_) => Numbers::Floats,
+        };
+        let values: Vec<f32> = samples.values_as_f32().collect();
+        let Vec2(left, top) = self.part.attributes.layer_position - display.position;
+        let Vec2(across, down) = display.size;
+        if (left, top) == (0, 0) && (across, down) == (width, height) {
+            return Ok(Raster::new((width, height), values, numbers));
+        }
+        let bytes = (across as u64)
+            .saturating_mul(down as u64)
+            .saturating_mul(4);
+        let what = format!("the display window of {across}x{down} pixels");
+        check_unfolded(
+            path,
+            &what,
+            bytes,
+            if plausible(bytes, length) {
+                u64::MAX
+            } else {
+                DISPLAY
+            },
+        )?;
+        let (left, top) = (i64::from(left), i64::from(top));
+        let mut placed = vec![0.0; across * down];
+        let mut inside = 0;
+        for (y, row) in (top..).zip(values.chunks_exact(width)) {
+            for (x, &value) in (left..).zip(row) {
+                let place = (usize::try_from(x), usize::try_from(y));
+                if let (Ok(x), Ok(y)) = place
+                    && x < across
+                    && y < down
+                {
+                    placed[y * across + x] = value;
+                    inside += 1;
+                }
+            }
+        }
+        let mut raster = Raster::new((across, down), placed, numbers);
+        raster.doubts.push(Doubt::Window {
+            window: [left, top, width as i64, height as i64],
+            picture: (across, down),
+            outside: width * height - inside,
+        });
+        Ok(raster)
+    }
 }
 
 /// Writes depths in metres as channel Z, 32-bit floats, and standard deviations as channel sigma.
@@ -89,4 +260,129 @@ pub fn encode_exr(depth: &DepthMap, sigma: Option<&DepthMap>) -> Result<Vec<u8>>
         .to_buffered(&mut bytes)
         .map_err(|e| Error::new(Cause::Write, "cannot make an EXR image").because(e))?;
     Ok(bytes.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use exr::prelude::{Encoding, ImageAttributes, LayerAttributes, Text};
+
+    /// Writes parts, each with its name, place and channels of 2x2 values, into a display window.
+    fn write(
+        parts: &[(&str, (i32, i32), &[(&str, f32)])],
+        display: (usize, usize),
+    ) -> tempfile::NamedTempFile {
+        let layer = |(name, place, channels): &(&str, (i32, i32), &[(&str, f32)])| {
+            let list = channels.iter().map(|(name, first)| {
+                let values = (0..4).map(|i| first + i as f32).collect();
+                AnyChannel::new(*name, FlatSamples::F32(values))
+            });
+            let mut attributes = LayerAttributes::named(Text::from(*name));
+            attributes.layer_position = Vec2(place.0, place.1);
+            let list = AnyChannels::sort(list.collect());
+            Layer::new((2, 2), attributes, Encoding::UNCOMPRESSED, list)
+        };
+        let bounds = IntegerBounds::new((0, 0), display);
+        let layers: Vec<_> = parts.iter().map(layer).collect();
+        let image = Image::from_layers(ImageAttributes::new(bounds), layers);
+        let file = tempfile::Builder::new().suffix(".exr").tempfile().unwrap();
+        image.write().non_parallel().to_file(file.path()).unwrap();
+        file
+    }
+
+    fn read_one(channels: &[(&str, f32)]) -> Result<(Raster, Option<Raster>)> {
+        read_exr(write(&[("only", (0, 0), channels)], (2, 2)).path())
+    }
+
+    #[test]
+    fn a_data_window_is_placed_in_the_display_window() {
+        let file = write(&[("only", (1, 2), &[("Z", 5.0)])], (4, 3));
+        let (found, _) = read_exr(file.path()).unwrap();
+        assert_eq!((found.columns, found.rows), (4, 3));
+        let mut expected = [0.0; 12];
+        expected[9..11].copy_from_slice(&[5.0, 6.0]);
+        assert_eq!(found.values, expected);
+        let window = Doubt::Window {
+            window: [1, 2, 2, 2],
+            picture: (4, 3),
+            outside: 2,
+        };
+        assert_eq!(found.doubts, [window]);
+        // Larger than the display window, as renders with overscan are.
+        let file = write(&[("only", (-1, -1), &[("Z", 5.0)])], (1, 1));
+        assert_eq!(read_exr(file.path()).unwrap().0.values, [8.0]);
+    }
+
+    #[test]
+    fn the_channel_that_says_depth_is_read_and_named() {
+        for (channels, first) in [
+            (&[("R", 1.0), ("G", 2.0), ("Z", 7.0)][..], 7.0),
+            (
+                &[("ViewLayer.Combined.R", 1.0), ("ViewLayer.Depth.Z", 7.0)],
+                7.0,
+            ),
+            (
+                &[
+                    ("L.Normal.X", 1.0),
+                    ("L.Normal.Y", 2.0),
+                    ("L.Normal.Z", 3.0),
+                    ("L.Depth.Z", 7.0),
+                ],
+                7.0,
+            ),
+            (&[("Depth.V", 7.0), ("Combined.R", 1.0)], 7.0),
+            (&[("A", 1.0), ("Y", 7.0)], 7.0),
+            (&[("R", 7.0)], 7.0),
+            (&[("B", 7.0), ("G", 7.0), ("R", 7.0)], 7.0),
+        ] {
+            let (found, _) = read_one(channels).unwrap();
+            assert_eq!(found.values[0], first, "{channels:?}");
+            assert_eq!(
+                found.doubts.len(),
+                usize::from(channels.len() > 1),
+                "{channels:?}"
+            );
+        }
+        let (found, sigma) = read_one(&[("Z", 7.0), ("sigma", 1.0)]).unwrap();
+        assert_eq!((found.doubts.len(), sigma.unwrap().values[0]), (0, 1.0));
+        let (found, _) = read_one(&[("distance", 7.0)]).unwrap();
+        assert!(matches!(found.doubts[..], [Doubt::RayDistance { .. }]));
+    }
+
+    #[test]
+    fn parts_are_searched_for_depth() {
+        let parts = [
+            ("colour", (0, 0), &[("R", 1.0), ("G", 2.0)][..]),
+            ("depth", (1, 0), &[("V", 7.0)]),
+        ];
+        let (found, _) = read_exr(write(&parts, (3, 2)).path()).unwrap();
+        assert_eq!(found.values, [0.0, 7.0, 8.0, 0.0, 9.0, 10.0]);
+        assert_eq!(found.doubts.len(), 2, "{:?}", found.doubts);
+    }
+
+    #[test]
+    fn colour_is_no_depth() {
+        let error = read_one(&[("R", 1.0), ("G", 2.0), ("B", 3.0)]).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("no depth channel. Channels: `B`, `G`, `R`"),
+            "{error}"
+        );
+        let error = read_one(&[("N.X", 1.0), ("N.Y", 2.0), ("N.Z", 3.0)]).unwrap_err();
+        assert!(error.to_string().contains("no depth channel"), "{error}");
+    }
+
+    #[test]
+    fn a_file_that_was_cut_off_is_refused() {
+        let depth =
+            DepthMap::new(40, 30, (0..1200).map(|i| 1.0 + (i as f32).sin()).collect()).unwrap();
+        let bytes = encode_exr(&depth, None).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        for share in [0.2, 0.6, 0.95] {
+            std::fs::write(&path, &bytes[..(bytes.len() as f64 * share) as usize]).unwrap();
+            assert!(read_exr(&path).is_err(), "{share}");
+        }
+    }
 }

@@ -2,9 +2,13 @@
 
 use super::{LARGEST, check_unfolded, plausible};
 use crate::DepthMap;
+use crate::doubts::{Doubt, Numbers, channel_rank, is_ray_distance, quoted};
 use crate::error::{Error, Result};
+use crate::raster::Raster;
 use half::f16;
-use hdf5_pure::{Chunk, ChunkIndex, DType, Dataset, Datatype, DatatypeByteOrder, File, Object};
+use hdf5_pure::{
+    AttrValue, Chunk, ChunkIndex, DType, Dataset, Datatype, DatatypeByteOrder, File, Object,
+};
 use image::{Rgb, RgbImage};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -325,33 +329,189 @@ pub fn from_planes(
     }))
 }
 
-/// What an array of depths is called, the first that is there counts; an only array may have any name.
+/// What an array of depths is called, the first that is there counts; else a name that says depth, or the only array of
+/// numbers in rows.
 const DEPTHS: [&str; 4] = ["depth", "depths", "sparse", "dataset"];
 
-/// Reads an array of floats of shape `(height, width)` as depth: metres = value x `scale`.
-pub(crate) fn read_h5(path: &Path, scale: f64) -> Result<DepthMap> {
+/// What attributes of arrays call the value of no measurement (netCDF, CF conventions), and their scale.
+const MARKS: [&str; 3] = ["_FillValue", "missing_value", "nodata"];
+const SCALE: &str = "scale_factor";
+
+/// Reads the numbers of an array of shape `(height, width)`, with or without axes of length 1.
+pub(crate) fn read_h5(path: &Path) -> Result<Raster> {
     let file = Hdf5::open(path)?;
-    let names = file.names()?;
-    let known = DEPTHS.iter().find(|name| names.iter().any(|n| n == *name));
-    let only = names.first().filter(|_| names.len() == 1);
-    let name = known.copied().or(only.map(String::as_str)).ok_or_else(|| {
-        let found = names.join(", ");
-        Error::format(path, format!("holds {found}, none of which says depth"))
-            .hint("call the array of depths `depth`")
-    })?;
-    let [height, width] = file.shape(name)?[..] else {
-        return Err(Error::format(
-            path,
-            format!("`{name}` has another shape than (height, width)"),
-        ));
+    let names = file.maps()?;
+    let known = DEPTHS
+        .iter()
+        .find_map(|known| names.iter().find(|name| name == known));
+    let named = || {
+        let ranked = names
+            .iter()
+            .filter_map(|name| Some((channel_rank(name)?, name)));
+        ranked.min().map(|(_, name)| name)
     };
-    let values = file.rows_f32(name, &[width], 0, height)?;
-    let metres = |value: f32| (f64::from(value) * scale) as f32;
-    Ok(DepthMap::new(
-        width,
-        height,
-        values.into_iter().map(metres).collect(),
-    )?)
+    let only = || names.first().filter(|_| names.len() == 1);
+    let name = known.or_else(named).or_else(only).ok_or_else(|| {
+        let all = file.arrays().unwrap_or_default();
+        let what = if names.is_empty() {
+            format!(
+                "has no array of shape (height, width). Arrays: {}",
+                quoted(&all)
+            )
+        } else {
+            format!("has no array of depths. Arrays: {}", quoted(&names))
+        };
+        Error::format(path, what).hint("call the array of depths `depth`")
+    })?;
+    let mut raster = file.map(name)?;
+    let others: Vec<String> = names
+        .iter()
+        .filter(|other| *other != name)
+        .cloned()
+        .collect();
+    if !others.is_empty() {
+        raster.doubts.push(Doubt::Chosen {
+            what: "array",
+            name: format!("`{name}`"),
+            others,
+        });
+    }
+    if is_ray_distance(name) {
+        let name = format!("an array called `{name}`");
+        raster.doubts.push(Doubt::RayDistance { name });
+    }
+    Ok(raster)
+}
+
+impl Hdf5 {
+    /// The paths of all arrays, those at the root first.
+    fn arrays(&self) -> Result<Vec<String>> {
+        /// Files of depths have few levels and groups.
+        const LEVELS: usize = 6;
+        const GROUPS: usize = 1000;
+        let mut arrays = self.names()?;
+        let mut groups = vec![String::new()];
+        let mut visited = 0;
+        for _ in 0..LEVELS {
+            let mut below = Vec::new();
+            for path in std::mem::take(&mut groups) {
+                let group = if path.is_empty() {
+                    Ok(self.file.root())
+                } else {
+                    self.file.group(&path)
+                };
+                let group = group.map_err(|e| self.damaged(e))?;
+                let within = |name: &String| {
+                    format!("{path}{}{name}", if path.is_empty() { "" } else { "/" })
+                };
+                if !path.is_empty() {
+                    let names = group.datasets().map_err(|e| self.damaged(e))?;
+                    arrays.extend(names.iter().map(within));
+                }
+                let names = group.groups().map_err(|e| self.damaged(e))?;
+                below.extend(names.iter().map(within));
+                visited += 1;
+                if visited > GROUPS {
+                    return Ok(arrays);
+                }
+            }
+            below.sort_unstable();
+            groups = below;
+        }
+        Ok(arrays)
+    }
+
+    /// The arrays of numbers in rows and columns.
+    fn maps(&self) -> Result<Vec<String>> {
+        let mut maps = self.arrays()?;
+        maps.retain(|name| self.is_map(name));
+        Ok(maps)
+    }
+
+    fn is_map(&self, name: &str) -> bool {
+        let element = self.array(name).ok().and_then(|array| array.dtype().ok());
+        let half = self.half(name).is_ok_and(|half| half.is_some());
+        (half || element.is_some_and(|element| numbers(&element).is_some()))
+            && self.shape(name).is_ok_and(|shape| plane(&shape).is_some())
+    }
+
+    /// The numbers of an array in rows and columns.
+    fn map(&self, name: &str) -> Result<Raster> {
+        let shape = self.shape(name)?;
+        let Some((rows, columns)) = plane(&shape) else {
+            let what = format!("`{name}` has shape {shape:?}, expected (height, width)");
+            return Err(Error::format(&self.path, what));
+        };
+        let array = self.array(name)?;
+        let element = array.dtype().map_err(|e| self.damaged(e))?;
+        let stored = numbers(&element).unwrap_or(Numbers::Floats);
+        let values = if self.half(name)?.is_some() {
+            self.rows_f32(name, &shape[1..], 0, shape[0])?
+        } else {
+            let array = self.checked(name, &shape[1..], 0..shape[0], &[element])?;
+            let values = array.read_f32_rows(0, shape[0] as u64);
+            let values = values.map_err(|e| self.damaged(e))?;
+            self.counted(name, values, &shape[1..], shape[0])?
+        };
+        let mut raster = Raster::new((columns, rows), values, stored);
+        let attributes = array.attrs().unwrap_or_default();
+        let attribute = |name: &str| attributes.get(name).and_then(scalar);
+        let fill = || array.fill_value::<f64>().ok().flatten();
+        raster.declared = MARKS.iter().find_map(|name| attribute(name)).or_else(fill);
+        if let Some(scale) = attribute(SCALE).filter(|scale| *scale != 1.0) {
+            raster.doubts.push(Doubt::Scale(scale));
+        }
+        Ok(raster)
+    }
+}
+
+/// Rows and columns of a shape of two axes, but for others of length 1.
+fn plane(shape: &[usize]) -> Option<(usize, usize)> {
+    match shape {
+        &[rows, columns] | &[1, rows, columns] | &[rows, columns, 1] | &[1, 1, rows, columns]
+            if rows > 0 && columns > 0 =>
+        {
+            Some((rows, columns))
+        }
+        _ => None,
+    }
+}
+
+/// The type of numbers; nothing of other elements.
+fn numbers(element: &DType) -> Option<Numbers> {
+    Some(match element {
+        DType::F32 | DType::F64 => Numbers::Floats,
+        DType::U8 => Numbers::unsigned(8),
+        DType::U16 => Numbers::unsigned(16),
+        DType::U32 => Numbers::unsigned(32),
+        DType::U64 => Numbers::unsigned(64),
+        DType::I8 => Numbers::signed(8),
+        DType::I16 => Numbers::signed(16),
+        DType::I32 => Numbers::signed(32),
+        DType::I64 => Numbers::signed(64),
+        _ => return None,
+    })
+}
+
+/// The number of an attribute, alone or the first of an array.
+fn scalar(value: &AttrValue) -> Option<f64> {
+    Some(match value {
+        AttrValue::F32(v) => f64::from(*v),
+        AttrValue::F64(v) => *v,
+        AttrValue::I16(v) => f64::from(*v),
+        AttrValue::I32(v) => f64::from(*v),
+        AttrValue::I64(v) => *v as f64,
+        AttrValue::U8(v) => f64::from(*v),
+        AttrValue::U16(v) => f64::from(*v),
+        AttrValue::U32(v) => f64::from(*v),
+        AttrValue::F32Array(v) => f64::from(*v.first()?),
+        AttrValue::F64Array(v) => *v.first()?,
+        AttrValue::I16Array(v) => f64::from(*v.first()?),
+        AttrValue::I32Array(v) => f64::from(*v.first()?),
+        AttrValue::I64Array(v) => *v.first()? as f64,
+        AttrValue::U16Array(v) => f64::from(*v.first()?),
+        _ => return None,
+    })
 }
 
 #[cfg(test)]
@@ -384,8 +544,57 @@ mod tests {
         let array = builder.create_dataset("dataset");
         array.with_raw_data(element, bytes, 6).with_shape(&[2, 3]);
         builder.write(&path).unwrap();
-        let depth = read_h5(&path, 2.0).unwrap();
-        assert_eq!(depth.values(), [2.0, 3.0, 4.0, 0.0, 0.0, 1.0]);
-        assert_eq!(depth.ignored(), 1);
+        let found = read_h5(&path).unwrap();
+        assert_eq!(found.values, [1.0, 1.5, 2.0, 0.0, -2.0, 0.5]);
+        assert_eq!(found.doubts, []);
+    }
+
+    #[test]
+    fn integers_in_groups_are_read_with_their_mark_of_no_measurement() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("frame.h5");
+        let mut builder = FileBuilder::new();
+        builder
+            .create_dataset("rgb")
+            .with_u8_data(&[1; 18])
+            .with_shape(&[2, 3, 3]);
+        builder
+            .create_dataset("mask")
+            .with_u8_data(&[1; 6])
+            .with_shape(&[2, 3]);
+        let array = builder.create_dataset("depth");
+        array
+            .with_u16_data(&[1000, 2000, 9999, 0, 5, 6])
+            .with_shape(&[2, 3])
+            .with_fill_value(9999_u16);
+        builder.write(&path).unwrap();
+        let found = read_h5(&path).unwrap();
+        assert_eq!(found.values, [1000.0, 2000.0, 9999.0, 0.0, 5.0, 6.0]);
+        assert_eq!(
+            (found.numbers, found.declared),
+            (Numbers::unsigned(16), Some(9999.0))
+        );
+        let chosen = Doubt::Chosen {
+            what: "array",
+            name: "`depth`".to_owned(),
+            others: vec!["mask".to_owned()],
+        };
+        assert_eq!(found.doubts, [chosen]);
+    }
+
+    #[test]
+    fn files_without_an_array_of_depths_name_their_arrays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("frame.h5");
+        let mut builder = FileBuilder::new();
+        for name in ["red", "green"] {
+            builder
+                .create_dataset(name)
+                .with_f32_data(&[1.0; 6])
+                .with_shape(&[2, 3]);
+        }
+        builder.write(&path).unwrap();
+        let error = read_h5(&path).unwrap_err().to_string();
+        assert!(error.contains("Arrays: `green`, `red`"), "{error}");
     }
 }

@@ -2,6 +2,7 @@
 
 mod depth_png;
 mod exr;
+mod grey;
 mod hdf5;
 mod las;
 mod limit;
@@ -9,29 +10,32 @@ mod npy;
 mod npz;
 mod pcd;
 mod pfm;
+mod pgm;
 mod picture;
 mod ply;
 mod quiet;
 mod save;
 mod table;
+mod tags;
 mod tiff;
 mod velodyne;
 
 pub use depth_png::{encode_depth_png, png_unit, raised_in_png, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
 pub use exr::{encode_exr, write_exr};
+pub(super) use grey::read_grey;
 pub(crate) use hdf5::read_h5;
 pub use hdf5::{Hdf5, from_planes, read_pair};
 pub use limit::reading_at_most;
 use limit::{LARGEST, check_pixels, check_unfolded, plausible};
-pub(super) use npy::{Array, read_array};
+pub(super) use npy::read_array;
 pub use npy::{encode_npy, read_npy, write_npy};
 pub(super) use npz::read_npz;
 pub use npz::{encode_npz, write_npz};
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
-pub(super) use picture::{image_kind, read_grey};
-pub use picture::{image_size, read_depth_png, read_rgb, read_upright, write_rgb};
+pub(super) use picture::image_kind;
+pub use picture::{Upright, image_size, read_depth_png, read_rgb, read_upright, write_rgb};
 pub use ply::{Colored, encode_ply, write_ply};
 pub use save::{
     Unfinished, check_writable, remove_leftovers, write_atomically, write_folder_atomically,
@@ -43,17 +47,6 @@ pub(super) use tiff::{is_grey_tiff, read_tiff};
 use super::DepthMap;
 use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
-
-/// What a file stores numbers as.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Numbers {
-    Booleans,
-    /// Integers of 8 bits.
-    Bytes,
-    /// Integers of more bits.
-    Integers,
-    Floats,
-}
 
 /// The endings of colour images.
 pub(super) const IMAGES: [&str; 9] = [
@@ -132,8 +125,7 @@ pub fn read_depth(path: &Path, scale: f64) -> Result<DepthMap> {
     } else if has_ending(path, "png") {
         read_depth_png(path, scale)
     } else {
-        Err(Error::format(path, "is no kind of depth file")
-            .hint("depths are read from npy and PNG"))
+        Err(not_depth(path))
     }
 }
 
@@ -143,7 +135,19 @@ pub fn read_depth(path: &Path, scale: f64) -> Result<DepthMap> {
 /// # Errors
 /// As [`read_depth`].
 pub fn read_mask(path: &Path) -> Result<(usize, usize, Vec<bool>)> {
-    let map = read_depth(path, 1.0)?;
+    let mut raster = if has_ending(path, "npy") {
+        read_array(path)?
+    } else if has_ending(path, "png") {
+        read_grey(path)?
+    } else {
+        return Err(not_depth(path));
+    };
+    // Numbers that mark no measurement in a map are valid in a mask.
+    let map = raster.scaled(1.0)?;
     let valid = map.values().iter().map(|&v| v != 0.0).collect();
     Ok((map.width(), map.height(), valid))
+}
+
+fn not_depth(path: &Path) -> Error {
+    Error::format(path, "is no kind of depth file").hint("depths are read from npy and PNG")
 }

@@ -1,46 +1,35 @@
 //! NumPy `.npy` arrays of depths.
 
-use super::{Numbers, write_atomically};
+use super::write_atomically;
 use crate::DepthMap;
+use crate::doubts::Numbers;
 use crate::error::{Cause, Error, Result};
+use crate::raster::Raster;
 use npyz::{DType, NpyFile, Order, WriterBuilder as _};
 use std::io::Write;
 use std::path::Path;
-
-/// Numbers in rows.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Array {
-    pub(crate) rows: usize,
-    pub(crate) columns: usize,
-    /// Row by row.
-    pub(crate) values: Vec<f32>,
-    /// What they are stored as.
-    pub(crate) numbers: Numbers,
-}
 
 /// Reads a depth map of shape `[height, width]`, with or without an axis of length 1 before or behind
 /// them, as metres = value x `scale`.
 ///
 /// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, bool. NaN, infinite
-/// and negative values mean no measurement.
+/// and negative values mean no measurement, as do the marks of [`crate::doubts::leave_out_marks`].
 ///
 /// # Errors
 /// Not an `.npy` file, another shape or element type, or fewer bytes than the header declares.
 pub fn read_npy(path: &Path, scale: f64) -> Result<DepthMap> {
-    let array = read_array(path)?;
-    let metres = |value: f32| (f64::from(value) * scale) as f32;
-    let values = array.values.into_iter().map(metres).collect();
-    Ok(DepthMap::new(array.columns, array.rows, values)?)
+    let (depth, _) = read_array(path)?.depth(scale)?;
+    Ok(depth)
 }
 
 /// Reads an array of shape `[rows, columns]`, or with another axis of length 1 before or behind them.
-pub(crate) fn read_array(path: &Path) -> Result<Array> {
+pub(crate) fn read_array(path: &Path) -> Result<Raster> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     parse(path, &bytes)
 }
 
 /// The array in the bytes of an `.npy` file, or of one within the archive at `path`.
-pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Array> {
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let no_array = || {
         Error::format(path, "is not a NumPy array")
             .hint("save the depths with `numpy.save`, as a float32 array of shape (height, width)")
@@ -90,17 +79,15 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Array> {
     } else {
         stored
     };
-    Ok(Array {
-        rows,
-        columns,
-        values,
-        numbers: match element.trim_start_matches(['<', '>', '|', '=']) {
-            "b1" => Numbers::Booleans,
-            "u1" | "i1" => Numbers::Bytes,
-            other if other.starts_with(['u', 'i']) => Numbers::Integers,
-            _ => Numbers::Floats,
-        },
-    })
+    let (kind, length) = element.trim_start_matches(['<', '>', '|', '=']).split_at(1);
+    let bits = 8 * length.parse().unwrap_or(1);
+    let numbers = match kind {
+        "b" => Numbers::Booleans,
+        "u" => Numbers::unsigned(bits),
+        "i" => Numbers::signed(bits),
+        _ => Numbers::Floats,
+    };
+    Ok(Raster::new((columns, rows), values, numbers))
 }
 
 /// The length that the header declares, which npyz asks memory for before it reads. `None` if there

@@ -1,9 +1,11 @@
 //! NumPy `.npz` archives: ZIP files of `.npy` arrays.
 
 use super::npy::{encode, parse};
-use super::{Array, LARGEST, check_unfolded, plausible, write_atomically};
+use super::{LARGEST, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
+use crate::doubts::{Doubt, channel_rank, is_ray_distance, quoted};
 use crate::error::{Cause, Error, Result};
+use crate::raster::Raster;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read as _};
 use std::path::Path;
@@ -15,9 +17,9 @@ const DEPTHS: [&str; 5] = ["depth", "depths", "sparse", "points", "arr_0"];
 /// What standard deviations are called.
 const SIGMAS: [&str; 2] = ["sigma", "std"];
 
-/// The depths of an archive, and their standard deviations if it has them. An archive of a single
-/// array may call it anything.
-pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
+/// The depths of an archive, and their standard deviations if it has them. The array is called as in `DEPTHS`, or its
+/// name says depth otherwise; a single array may be called anything.
+pub(crate) fn read_npz(path: &Path) -> Result<(Raster, Option<Raster>)> {
     let damaged =
         |e: zip::result::ZipError| Error::format(path, "is no sound npz archive").because(e);
     let file = File::open(path).map_err(|e| Error::read(path, e))?;
@@ -32,11 +34,17 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
         known.find_map(|name| names.iter().find(|n| n == name).cloned())
     };
     let only = || names.first().filter(|_| names.len() == 1).cloned();
-    let depths = find(&DEPTHS).or_else(only).ok_or_else(|| {
-        Error::format(path, format!("holds {names:?}, none of which says depth"))
-            .hint("save the depths as `depth`, their deviations as `sigma`")
+    let named = || {
+        let ranked = names
+            .iter()
+            .filter_map(|name| Some((channel_rank(name)?, name)));
+        ranked.min().map(|(_, name)| name.clone())
+    };
+    let depths = find(&DEPTHS).or_else(named).or_else(only).ok_or_else(|| {
+        let what = format!("has no array of depths. Arrays: {}", quoted(&names));
+        Error::format(path, what).hint("save the depths as `depth`, their deviations as `sigma`")
     })?;
-    let mut read = |name: &str| -> Result<Array> {
+    let mut read = |name: &str| -> Result<Raster> {
         let entry = archive.by_name(&format!("{name}.npy")).map_err(damaged)?;
         let length = entry.size();
         if !plausible(length, size) {
@@ -53,8 +61,22 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Array, Option<Array>)> {
             .map_err(|e| damaged(e.into()))?;
         parse(path, &bytes)
     };
-    let array = read(&depths)?;
-    let sigma = find(&SIGMAS).map(|name| read(&name)).transpose()?;
+    let mut array = read(&depths)?;
+    let deviations = find(&SIGMAS);
+    let sigma = deviations.as_deref().map(&mut read).transpose()?;
+    if is_ray_distance(&depths) {
+        let name = format!("an array called `{depths}`");
+        array.doubts.push(Doubt::RayDistance { name });
+    }
+    let used = |name: &String| *name == depths || deviations.as_ref() == Some(name);
+    let others: Vec<String> = names.iter().filter(|name| !used(name)).cloned().collect();
+    if !others.is_empty() {
+        array.doubts.push(Doubt::Chosen {
+            what: "array",
+            name: format!("`{depths}`"),
+            others,
+        });
+    }
     Ok((array, sigma))
 }
 

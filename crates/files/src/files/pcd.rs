@@ -4,7 +4,7 @@ use super::{LARGEST, Visit, check_unfolded, plausible};
 use crate::error::{Error, Result};
 use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta};
 use std::fs::File;
-use std::io::{BufRead, BufReader, Seek as _};
+use std::io::{BufRead, BufReader, Cursor, Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 /// Visits every point.
@@ -13,7 +13,9 @@ pub(super) fn read_pcd(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
     let unreadable = |e| Error::read(path, e);
     let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
     let size = file.get_ref().metadata().map_err(unreadable)?.len();
-    let meta = PcdMeta::from_reader(&mut file).map_err(damaged)?;
+    let header = read_header(&mut file).map_err(unreadable)?;
+    let start = file.stream_position().map_err(unreadable)?;
+    let meta = PcdMeta::from_reader(&header[..]).map_err(damaged)?;
     check(path, &meta, &mut file, size)?;
     let place = ["x", "y", "z"].map(|axis| {
         // Padding is not kept in records.
@@ -23,12 +25,64 @@ pub(super) fn read_pcd(path: &Path, visit: &mut Visit<'_>) -> Result<()> {
     let [Some(x), Some(y), Some(z)] = place else {
         return Err(Error::format(path, "has points without x, y and z"));
     };
-    file.rewind().map_err(unreadable)?;
+    file.seek(SeekFrom::Start(start)).map_err(unreadable)?;
+    let file = Cursor::new(header).chain(file);
     for record in DynReader::from_reader(file).map_err(damaged)? {
         let DynRecord(fields) = record.map_err(damaged)?;
         visit([x, y, z].map(|field| fields.get(field).map_or(f64::NAN, first)));
     }
     Ok(())
+}
+
+/// The header without fields that count 0, which take no bytes: the padding of scans of Ouster's that `pcl_ros` wrote.
+/// The library would take one number for each.
+fn read_header(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
+    /// The lines with a word for each field.
+    const BY_FIELD: [&[u8]; 5] = [b"FIELDS", b"COLUMNS", b"SIZE", b"TYPE", b"COUNT"];
+    /// Headers are a dozen lines; anything else is no PCD, which is found later.
+    const MOST: u64 = 1 << 16;
+    let mut lines: Vec<Vec<u8>> = Vec::new();
+    let mut read = 0;
+    while read < MOST {
+        let mut line = Vec::new();
+        let length = file.take(MOST).read_until(b'\n', &mut line)?;
+        read += length as u64;
+        let last = length == 0 || line.trim_ascii_start().starts_with(b"DATA");
+        lines.push(line);
+        if last {
+            break;
+        }
+    }
+    let words = |line: &[u8]| -> Vec<Vec<u8>> {
+        let words = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty());
+        words.map(<[u8]>::to_vec).collect()
+    };
+    let named = |line: &[u8], name: &[u8]| words(line).first().is_some_and(|word| word == name);
+    let counts = lines
+        .iter()
+        .find(|line| named(line, b"COUNT"))
+        .map(|line| words(line));
+    let empty = |field: usize| {
+        counts
+            .as_ref()
+            .and_then(|counts| counts.get(field))
+            .is_some_and(|count| count == b"0")
+    };
+    let mut header = Vec::new();
+    for line in &lines {
+        if BY_FIELD.iter().any(|name| named(line, name)) {
+            let words = words(line);
+            let kept = words.iter().enumerate().filter(|(field, _)| !empty(*field));
+            let kept: Vec<&[u8]> = kept.map(|(_, word)| &word[..]).collect();
+            header.extend(kept.join(&b' '));
+            header.push(b'\n');
+        } else {
+            header.extend(line);
+        }
+    }
+    Ok(header)
 }
 
 /// Refuses what the library would believe: sizes that the file cannot have.
@@ -87,4 +141,39 @@ fn first(field: &Field) -> f64 {
         Field::F64(values) => values.first().copied(),
     };
     value.unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(bytes: &[u8]) -> Result<Vec<[f64; 3]>> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scan.pcd");
+        std::fs::write(&path, bytes).unwrap();
+        let mut points = Vec::new();
+        read_pcd(&path, &mut |point| points.push(point)).map(|()| points)
+    }
+
+    #[test]
+    fn fields_that_count_zero_take_no_bytes() {
+        let head = "# .PCD v0.7\nVERSION .7\nFIELDS x _ y z _ ring _\nSIZE 4 1 4 4 1 2 1\nTYPE F U F F U U U\n\
+            COUNT 1 0 1 1 3 1 0\nWIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA binary\n";
+        let point = |first: f32| {
+            let place = [first, first + 1.0, first + 2.0].map(f32::to_le_bytes);
+            [place.as_flattened(), &[9, 9, 9, 7, 0]].concat()
+        };
+        let bytes = [head.as_bytes(), &point(1.0), &point(10.0)].concat();
+        assert_eq!(read(&bytes).unwrap(), [[1.0, 2.0, 3.0], [10.0, 11.0, 12.0]]);
+        assert!(read(&bytes[..bytes.len() - 4]).is_err(), "cut off");
+    }
+
+    #[test]
+    fn headers_of_other_programs_are_read() {
+        let head = "VERSION 0.7\r\nCOLUMNS x y z\r\nSIZE 8 8 8\r\nTYPE F F F\r\nWIDTH 1\r\nHEIGHT 1\r\nPOINTS 1\r\n\
+            DATA ascii\r\n1.5 nan -2\r\n";
+        let found = read(head.as_bytes()).unwrap();
+        assert!(found[0][0] == 1.5 && found[0][1].is_nan() && found[0][2] == -2.0);
+        assert!(read(b"").is_err() && read(b"VERSION 0.7\n").is_err());
+    }
 }

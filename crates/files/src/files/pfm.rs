@@ -2,14 +2,17 @@
 
 use super::write_atomically;
 use crate::DepthMap;
+use crate::doubts::{Doubt, Numbers};
 use crate::error::{Error, Result};
+use crate::raster::Raster;
 use std::path::Path;
 
-/// Reads a grey map (`Pf`) as depth: metres = value x `scale`.
+/// Reads the numbers of a grey map (`Pf`). The scale factor of its header is reported and not applied, as files of the
+/// same unit carry any.
 ///
 /// # Errors
 /// A missing or damaged file, or a colour map (`PF`).
-pub(crate) fn read_pfm(path: &Path, scale: f64) -> Result<DepthMap> {
+pub(crate) fn read_pfm(path: &Path) -> Result<Raster> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let wrong = |what: &str| {
         Error::format(path, what).hint("grey float maps are read: Pf, width and height, -1.0")
@@ -24,8 +27,10 @@ pub(crate) fn read_pfm(path: &Path, scale: f64) -> Result<DepthMap> {
         rest = &after[1..];
         std::str::from_utf8(word).ok()
     };
-    if next() != Some("Pf") {
-        return Err(wrong("is no grey float map"));
+    match next() {
+        Some("Pf") => {}
+        Some("PF") => return Err(wrong("is a colour float map")),
+        _ => return Err(wrong("is no grey float map")),
     }
     let length = |word: Option<&str>| word?.parse::<usize>().ok();
     let (width, height) = (length(next()), length(next()));
@@ -42,16 +47,19 @@ pub(crate) fn read_pfm(path: &Path, scale: f64) -> Result<DepthMap> {
     }
     let (words, _) = rest.as_chunks::<4>();
     let value = |word: [u8; 4]| {
-        let value = if order < 0.0 {
+        if order < 0.0 {
             f32::from_le_bytes(word)
         } else {
             f32::from_be_bytes(word)
-        };
-        (f64::from(value) * scale) as f32
+        }
     };
     let rows = words[..width * height].chunks_exact(width).rev();
     let values = rows.flat_map(|row| row.iter().map(|&word| value(word)));
-    Ok(DepthMap::new(width, height, values.collect())?)
+    let mut raster = Raster::new((width, height), values.collect(), Numbers::Floats);
+    if !matches!(order.abs(), 0.0 | 1.0) {
+        raster.doubts.push(Doubt::Scale(order.abs()));
+    }
+    Ok(raster)
 }
 
 /// Writes a grey map in metres, little-endian.
@@ -75,6 +83,29 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_sign_of_the_scale_is_the_order_of_bytes_and_its_size_is_reported() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.pfm");
+        for (scale, bytes, doubts) in [
+            ("-1.0", 2.5_f32.to_le_bytes(), vec![]),
+            ("1", 2.5_f32.to_be_bytes(), vec![]),
+            (
+                "-0.003922",
+                2.5_f32.to_le_bytes(),
+                vec![Doubt::Scale(0.003_922)],
+            ),
+        ] {
+            let file = [format!("Pf\n1 1\n{scale}\n").as_bytes(), &bytes].concat();
+            std::fs::write(&path, file).unwrap();
+            let found = read_pfm(&path).unwrap();
+            assert_eq!((found.values, found.doubts), (vec![2.5], doubts));
+        }
+        std::fs::write(&path, b"PF\n1 1\n-1\n000000000000").unwrap();
+        let error = read_pfm(&path).unwrap_err().to_string();
+        assert!(error.contains("colour"), "{error}");
+    }
+
+    #[test]
     fn widths_and_heights_are_whole_numbers() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.pfm");
@@ -82,9 +113,9 @@ mod tests {
             let mut file = format!("Pf\n{size}\n-1.0\n").into_bytes();
             file.extend([0; 64]);
             std::fs::write(&path, file).unwrap();
-            read_pfm(&path, 1.0)
+            read_pfm(&path)
         };
-        assert_eq!(read("2 3").unwrap().values().len(), 6);
+        assert_eq!(read("2 3").unwrap().values.len(), 6);
         for size in ["2.5 3", "2 3.0", "-2 3", "0 3", "nan 3", "1e1 1"] {
             assert!(read(size).is_err(), "{size}");
         }

@@ -1,71 +1,61 @@
-//! Colour images, and reading 16-bit depth images.
+//! Colour images.
 
+use super::tags::Tags;
 use super::tiff::check_tags;
-use super::{Numbers, check_pixels, write_atomically};
+use super::{check_pixels, read_grey, write_atomically};
+use crate::doubts::{Doubt, check_jpeg, to_rgb8};
 use crate::error::{Error, Result};
+use crate::foreign::check_foreign;
 use crate::{DepthMap, Orientation};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
     ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, RgbImage,
 };
+use std::fs::File;
+use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
+
+/// A colour image, upright.
+#[derive(Clone, Debug)]
+pub struct Upright {
+    /// Its pixels, turned as its EXIF record asks.
+    pub rgb: RgbImage,
+    /// How it was turned.
+    pub orientation: Orientation,
+    /// What should be checked.
+    pub doubts: Vec<Doubt>,
+}
 
 /// Reads a JPEG, PNG, WebP, TIFF, BMP or PNM as 8-bit RGB, turned upright as its EXIF record asks.
 ///
 /// # Errors
 /// A missing, damaged or unknown file.
 pub fn read_rgb(path: &Path) -> Result<RgbImage> {
-    read_upright(path).map(|(image, _)| image)
+    read_upright(path).map(|image| image.rgb)
 }
 
-/// As [`read_rgb`], with how the image was turned.
+/// As [`read_rgb`], with how the image was turned, and what should be checked of it.
 ///
 /// # Errors
 /// A missing, damaged or unknown file.
-pub fn read_upright(path: &Path) -> Result<(RgbImage, Orientation)> {
-    let (image, orientation) = open(path)?;
-    Ok((image.into_rgb8(), orientation))
+pub fn read_upright(path: &Path) -> Result<Upright> {
+    let (image, orientation, pages) = open(path)?;
+    let (rgb, doubt) = to_rgb8(image);
+    Ok(Upright {
+        rgb,
+        orientation,
+        doubts: pages.into_iter().chain(doubt).collect(),
+    })
 }
 
-/// Reads a grey image of 8 or 16 bits as depth: metres = value x `scale` for such numbers, 0 = no
-/// measurement. Says too which they are.
-pub(crate) fn read_grey(
-    path: &Path,
-    scale: impl Fn(Numbers) -> f64,
-) -> Result<(DepthMap, Numbers)> {
-    let image = open(path)?.0;
-    if image.color().has_color() {
-        return Err(
-            Error::format(path, "is a colour image, expected grey depths")
-                .hint("depth images are grey and have 16 bits: PNG, TIFF or PGM"),
-        );
-    }
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    let numbers = if image.color().bytes_per_pixel() / image.color().channel_count() == 1 {
-        Numbers::Bytes
-    } else {
-        Numbers::Integers
-    };
-    let scale = scale(numbers);
-    let metres = |value: u16| (f64::from(value) * scale) as f32;
-    // The library would stretch 8 bits to 16.
-    let values = match image {
-        DynamicImage::ImageLuma8(grey) => grey.iter().map(|&v| metres(u16::from(v))).collect(),
-        DynamicImage::ImageLumaA8(grey) => grey
-            .pixels()
-            .map(|pixel| metres(u16::from(pixel.0[0])))
-            .collect(),
-        other => other.into_luma16().iter().map(|&v| metres(v)).collect(),
-    };
-    Ok((DepthMap::new(width, height, values)?, numbers))
-}
-
-/// Reads a 16-bit (or 8-bit) grey PNG as depth: metres = value x `scale`, 0 = no measurement.
+/// Reads a grey PNG as depth: metres = value x `scale`, 0 = no measurement, as are the marks of
+/// [`crate::doubts::leave_out_marks`].
 ///
 /// # Errors
 /// A missing or damaged file, or a colour image.
 pub fn read_depth_png(path: &Path, scale: f64) -> Result<DepthMap> {
-    read_grey(path, |_| scale).map(|(depth, _)| depth)
+    let (depth, _) = read_grey(path)?.depth(scale)?;
+    Ok(depth)
 }
 
 /// Writes an 8-bit colour PNG.
@@ -93,20 +83,37 @@ pub fn image_size(path: &Path) -> Result<(usize, usize)> {
 
 /// Width, height and what a pixel is made of, as stored.
 pub(crate) fn image_kind(path: &Path) -> Result<((usize, usize), ColorType)> {
-    let decoder = decoder(path)?;
+    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
+    let decoder = decoder(path, BufReader::new(file), size)?;
     let (width, height) = decoder.dimensions();
     Ok(((width as usize, height as usize), decoder.color_type()))
 }
 
-/// An image turned upright, and how.
-fn open(path: &Path) -> Result<(DynamicImage, Orientation)> {
-    let mut decoder = decoder(path)?;
+/// An image turned upright, how, and which page it is, if there are several.
+pub(super) fn open(path: &Path) -> Result<(DynamicImage, Orientation, Option<Doubt>)> {
+    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    check_jpeg(&bytes).map_err(|cut_off| {
+        Error::format(path, "is not a readable image")
+            .because(cut_off)
+            .hint("the file is incomplete; copy or write it again")
+    })?;
+    let pages = pages(path, &bytes)?;
+    let mut decoder = decoder(path, Cursor::new(&bytes), bytes.len() as u64)?;
     let damaged = |e: ImageError| damaged(path, e);
     let exif = decoder.orientation().map_err(damaged)?;
     let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     let size = (image.width() as usize, image.height() as usize);
     image.apply_orientation(exif);
-    Ok((image, Orientation::new(size, exif.to_exif())))
+    Ok((image, Orientation::new(size, exif.to_exif()), pages))
+}
+
+/// That a TIFF has several pages, of which the first is read.
+fn pages(path: &Path, bytes: &[u8]) -> Result<Option<Doubt>> {
+    if !matches!(image::guess_format(bytes), Ok(ImageFormat::Tiff)) {
+        return Ok(None);
+    }
+    Ok(Tags::of(path, bytes)?.chosen_page())
 }
 
 fn damaged(path: &Path, cause: ImageError) -> Error {
@@ -115,17 +122,25 @@ fn damaged(path: &Path, cause: ImageError) -> Error {
         .hint("JPEG, PNG, WebP, TIFF, BMP and PNM are read; check that the file is complete")
 }
 
-fn decoder(path: &Path) -> Result<impl ImageDecoder> {
-    let size = std::fs::metadata(path)
-        .map_err(|e| Error::read(path, e))?
-        .len();
-    let reader = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
+/// The decoder of an image of `size` bytes, by its first bytes or else its ending.
+fn decoder<'a, R>(path: &Path, from: R, size: u64) -> Result<impl ImageDecoder + 'a>
+where
+    R: BufRead + Seek + 'a,
+{
+    let mut reader = ImageReader::new(from);
+    if let Ok(format) = ImageFormat::from_path(path) {
+        reader.set_format(format);
+    }
+    let reader = reader
+        .with_guessed_format()
         .map_err(|e| Error::read(path, e))?;
     if reader.format() == Some(ImageFormat::Tiff) {
         check_tags(path)?;
     }
-    let decoder = reader.into_decoder().map_err(|e| damaged(path, e))?;
+    let decoder = reader.into_decoder().map_err(|e| {
+        let foreign = check_foreign(path).err();
+        foreign.unwrap_or_else(|| damaged(path, e))
+    })?;
     check_pixels(path, decoder.dimensions(), decoder.total_bytes(), size)?;
     Ok(decoder)
 }
@@ -133,6 +148,7 @@ fn decoder(path: &Path) -> Result<impl ImageDecoder> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::doubts::Numbers;
     use image::{ImageBuffer, ImageEncoder as _, LumaA, Rgb};
 
     /// The EXIF record that says an orientation and nothing else: a TIFF directory of one tag.
@@ -153,7 +169,11 @@ mod tests {
             encoder.set_exif_metadata(exif(orientation)).unwrap();
             image.write_with_encoder(encoder).unwrap();
             std::fs::write(&path, file).unwrap();
-            let (upright, found) = read_upright(&path).unwrap();
+            let Upright {
+                rgb: upright,
+                orientation: found,
+                ..
+            } = read_upright(&path).unwrap();
             assert_eq!(found, Orientation::new((5, 3), orientation));
             for (x, y, pixel) in image.enumerate_pixels() {
                 let [u, v] = found.turned([f64::from(x), f64::from(y)]);
@@ -169,8 +189,39 @@ mod tests {
         let image: ImageBuffer<LumaA<u8>, Vec<u8>> =
             ImageBuffer::from_fn(4, 3, |x, _| LumaA([10 * x as u8, 255]));
         image.save(&path).unwrap();
-        let (depth, numbers) = read_grey(&path, |_| 0.01).unwrap();
-        assert_eq!(numbers, Numbers::Bytes);
-        assert!((depth.at(3, 2) - 0.3).abs() < 1e-6);
+        let found = read_grey(&path).unwrap();
+        assert_eq!(found.numbers, Numbers::unsigned(8));
+        assert_eq!(found.values[3 + 2 * 4], 30.0);
+    }
+
+    #[test]
+    fn a_jpeg_that_was_cut_off_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("photo.jpg");
+        let photo = RgbImage::from_fn(64, 64, |x, y| {
+            Rgb([x as u8 * 3, y as u8 * 3, (x * y) as u8])
+        });
+        photo.save(&path).unwrap();
+        assert!(read_upright(&path).unwrap().doubts.is_empty());
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() * 2 / 3]).unwrap();
+        let error = read_rgb(&path).unwrap_err();
+        assert!(
+            error.with_causes().contains("cut off"),
+            "{}",
+            error.with_causes()
+        );
+    }
+
+    #[test]
+    fn ten_bits_in_sixteen_are_stretched_and_reported() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("infrared.png");
+        let image =
+            ImageBuffer::<image::Luma<u16>, _>::from_fn(64, 2, |x, _| image::Luma([x as u16 * 16]));
+        image.save(&path).unwrap();
+        let found = read_upright(&path).unwrap();
+        assert_eq!(found.rgb.get_pixel(63, 0).0, [251; 3]);
+        assert_eq!(found.doubts, [Doubt::Stretched { low: 0, high: 1023 }]);
     }
 }

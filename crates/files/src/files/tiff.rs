@@ -1,74 +1,105 @@
 //! TIFF images of one channel.
 
-use super::{Numbers, check_pixels, write_atomically};
+use super::tags::Tags;
+use super::{check_pixels, write_atomically};
 use crate::DepthMap;
+use crate::doubts::Numbers;
 use crate::error::{Cause, Error, Result};
+use crate::raster::Raster;
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read as _, Seek as _, SeekFrom};
+use std::io::{BufReader, Cursor};
 use std::path::Path;
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::Gray32Float;
 
-/// Reads an image of one channel, integers or floats of any width, as depth: metres = value x
-/// `scale` for such numbers. Says too which they are.
-pub(crate) fn read_tiff(
-    path: &Path,
-    scale: impl Fn(Numbers) -> f64,
-) -> Result<(DepthMap, Numbers)> {
+/// Tags of TIFF 6.0, and of GDAL.
+const PHOTOMETRIC: u64 = 262;
+const PLACE: [u64; 2] = [286, 287];
+const RESOLUTION: [u64; 2] = [282, 283];
+const NODATA: u64 = 42113;
+/// Values of `PHOTOMETRIC`.
+const WHITE_IS_ZERO: f64 = 0.0;
+const BLACK_IS_ZERO: u16 = 1;
+
+/// Reads the numbers of an image of one channel, integers or floats of 8 to 64 bits; of several pages the first.
+pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
     let damaged = |e: tiff::TiffError| {
         Error::format(path, "is not a readable TIFF")
             .because(e)
             .hint("uncompressed, deflated and LZW files of one channel are read")
     };
-    check_tags(path)?;
-    let file = File::open(path).map_err(|e| Error::read(path, e))?;
-    let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
-    let mut decoder = Decoder::new(BufReader::new(file)).map_err(damaged)?;
+    let mut bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    let size = bytes.len() as u64;
+    let tags = Tags::of(path, &bytes)?;
+    let place = PLACE.map(|tag| {
+        tags.number(tag, &bytes)
+            .filter(|v| v.is_finite())
+            .unwrap_or(0.0)
+    });
+    if place != [0.0, 0.0] {
+        let [x, y] = place;
+        let [across, down] = RESOLUTION.map(|tag| {
+            tags.number(tag, &bytes)
+                .filter(|v| v.is_finite())
+                .unwrap_or(1.0)
+        });
+        let what = format!(
+            "is a window at {}, {} of a larger picture (XPosition, YPosition)",
+            x * across,
+            y * down
+        );
+        return Err(Error::format(path, what)
+            .hint("write the whole picture, 0 where there is no measurement"));
+    }
+    // The library would turn the numbers of such an image around.
+    if tags.number(PHOTOMETRIC, &bytes) == Some(WHITE_IS_ZERO)
+        && let Some(value) = tags
+            .short(PHOTOMETRIC)
+            .and_then(|place| bytes.get_mut(place))
+    {
+        value.copy_from_slice(&tags.short_bytes(BLACK_IS_ZERO));
+    }
+    let mut decoder = Decoder::new(Cursor::new(&bytes)).map_err(damaged)?;
     let (width, height) = decoder.dimensions().map_err(damaged)?;
     let ColorType::Gray(bits) = decoder.colortype().map_err(damaged)? else {
         return Err(Error::format(path, "has more than one channel")
             .hint("depths are images of one channel"));
     };
+    if !matches!(bits, 8 | 16 | 32 | 64) {
+        return Err(Error::format(path, format!("holds numbers of {bits} bits"))
+            .hint("depths of 8, 16, 32 and 64 bits are read"));
+    }
     let area = u64::from(width) * u64::from(height);
-    let bytes = area.saturating_mul(u64::from(bits.div_ceil(8)));
-    check_pixels(path, (width, height), bytes, size)?;
+    let length = area.saturating_mul(u64::from(bits / 8));
+    check_pixels(path, (width, height), length, size)?;
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = bytes as usize;
-    limits.intermediate_buffer_size = (bytes as usize).max(1 << 20);
+    limits.decoding_buffer_size = length as usize;
+    limits.intermediate_buffer_size = (length as usize).max(1 << 20);
     let image = decoder.with_limits(limits).read_image().map_err(damaged)?;
-    let numbers = match image {
-        DecodingResult::F16(_) | DecodingResult::F32(_) | DecodingResult::F64(_) => Numbers::Floats,
-        DecodingResult::U8(_) | DecodingResult::I8(_) => Numbers::Bytes,
-        _ => Numbers::Integers,
-    };
-    let scale = scale(numbers);
-    macro_rules! metres {
+    macro_rules! floats {
         ($values:expr) => {
-            $values
-                .into_iter()
-                .map(|v| (f64::from(v) * scale) as f32)
-                .collect()
+            $values.into_iter().map(|v| v as f32).collect()
         };
     }
-    let values: Vec<f32> = match image {
-        DecodingResult::U8(v) => metres!(v),
-        DecodingResult::U16(v) => metres!(v),
-        DecodingResult::U32(v) => metres!(v),
-        DecodingResult::U64(v) => v.into_iter().map(|v| (v as f64 * scale) as f32).collect(),
-        DecodingResult::I8(v) => metres!(v),
-        DecodingResult::I16(v) => metres!(v),
-        DecodingResult::I32(v) => metres!(v),
-        DecodingResult::I64(v) => v.into_iter().map(|v| (v as f64 * scale) as f32).collect(),
-        DecodingResult::F16(v) => metres!(v),
-        DecodingResult::F32(v) => metres!(v),
-        DecodingResult::F64(v) => metres!(v),
+    let (values, numbers): (Vec<f32>, _) = match image {
+        DecodingResult::U8(v) => (floats!(v), Numbers::unsigned(8)),
+        DecodingResult::U16(v) => (floats!(v), Numbers::unsigned(16)),
+        DecodingResult::U32(v) => (floats!(v), Numbers::unsigned(32)),
+        DecodingResult::U64(v) => (floats!(v), Numbers::unsigned(64)),
+        DecodingResult::I8(v) => (floats!(v), Numbers::signed(8)),
+        DecodingResult::I16(v) => (floats!(v), Numbers::signed(16)),
+        DecodingResult::I32(v) => (floats!(v), Numbers::signed(32)),
+        DecodingResult::I64(v) => (floats!(v), Numbers::signed(64)),
+        DecodingResult::F16(v) => (v.into_iter().map(f32::from).collect(), Numbers::Floats),
+        DecodingResult::F32(v) => (v, Numbers::Floats),
+        DecodingResult::F64(v) => (floats!(v), Numbers::Floats),
     };
-    Ok((
-        DepthMap::new(width as usize, height as usize, values)?,
-        numbers,
-    ))
+    let mut raster = Raster::new((width as usize, height as usize), values, numbers);
+    raster.declared = tags.text(NODATA, &bytes).and_then(|text| text.parse().ok());
+    raster.doubts.extend(tags.chosen_page());
+    Ok(raster)
 }
 
 /// Whether an image has one channel, and so may hold depths.
@@ -79,47 +110,10 @@ pub(crate) fn is_grey_tiff(path: &Path) -> Result<bool> {
     Ok(matches!(colour, Ok(ColorType::Gray(_))))
 }
 
-/// Refuses tags with more numbers than the file has bytes, for which the library makes room unread
-/// (TIFF 6.0, section 2; `BigTIFF` has the same fields, wider).
+/// Refuses tags with more numbers than the file has bytes.
 pub(super) fn check_tags(path: &Path) -> Result<()> {
-    let unreadable = |e| Error::read(path, e);
-    let cut_off = |_| Error::format(path, "is cut off: it has no directory of tags");
-    let mut file = BufReader::new(File::open(path).map_err(unreadable)?);
-    let size = file.get_ref().metadata().map_err(unreadable)?.len();
-    let mut head = [0; 16];
-    file.read_exact(&mut head[..8]).map_err(cut_off)?;
-    let little = head.starts_with(b"II");
-    let number = |bytes: &[u8]| {
-        let add = |value: u64, byte: &u8| value << 8 | u64::from(*byte);
-        if little {
-            bytes.iter().rev().fold(0, add)
-        } else {
-            bytes.iter().fold(0, add)
-        }
-    };
-    let big = number(&head[2..4]) == 43;
-    // Lengths of the count of tags, of a tag, and of its count of numbers.
-    let (all, tag, count) = if big { (8, 20, 8) } else { (2, 12, 4) };
-    let start = if big {
-        file.read_exact(&mut head[8..]).map_err(cut_off)?;
-        number(&head[8..])
-    } else {
-        number(&head[4..8])
-    };
-    file.seek(SeekFrom::Start(start)).map_err(cut_off)?;
-    let mut bytes = [0; 20];
-    file.read_exact(&mut bytes[..all]).map_err(cut_off)?;
-    for _ in 0..number(&bytes[..all]) {
-        file.read_exact(&mut bytes[..tag]).map_err(cut_off)?;
-        let numbers = number(&bytes[4..4 + count]);
-        if numbers > size {
-            return Err(Error::format(
-                path,
-                format!("declares {numbers} numbers in a tag but is only {size} bytes long"),
-            ));
-        }
-    }
-    Ok(())
+    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    Tags::of(path, &bytes).map(|_| ())
 }
 
 /// Writes 32-bit floats in metres.

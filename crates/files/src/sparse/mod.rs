@@ -3,11 +3,14 @@
 mod points;
 
 use super::columns::meaning;
-use super::files::{Array, CLOUDS, Columns, Numbers, Row, Table, has_ending, read_cloud};
+use super::depth_kind::along_axis;
+use super::files::{CLOUDS, Columns, Row, Table, has_ending, read_cloud};
 use super::grid::{is_plausible, nearest_pixels, pixel, rescaled, same_shape};
 use super::stored::{KnownUnit, Stored, StoredMap, endings, read_stored};
-use super::{Camera, DepthMap, Orientation, Unit, View};
+use super::{Camera, DepthKind, DepthMap, Orientation, StoredAs, Unit, View};
+use crate::doubts::{Known, Numbers, leave_out_marks};
 use crate::error::{Error, Result};
+use crate::raster::Raster;
 use lsdc_core::cloud::{fronts, is_behind};
 use lsdc_core::{Observation, Observations};
 use points::Points;
@@ -24,7 +27,7 @@ pub struct Sparse {
     pub unit: Unit,
     /// `true` if the unit was inferred.
     pub guessed: bool,
-    /// Points without a positive and finite depth, or with an unusable standard deviation.
+    /// Points without a positive and finite depth.
     pub ignored: usize,
     /// Points outside the image.
     pub outside: usize,
@@ -62,13 +65,27 @@ impl Sparse {
         camera: Option<&Camera>,
         image: impl Into<Orientation>,
     ) -> Result<Self> {
+        Self::read_as(path, unit.into(), camera, image)
+    }
+
+    /// As [`Self::read`], with what the depths measure. Distances along the ray need the camera, with which maps and
+    /// tables of pixels become depths along the axis; those of clouds are coordinates in any case.
+    ///
+    /// # Errors
+    /// As [`Self::read`]; distances along the ray without a camera.
+    pub fn read_as(
+        path: &Path,
+        how: StoredAs,
+        camera: Option<&Camera>,
+        image: impl Into<Orientation>,
+    ) -> Result<Self> {
         let image = image.into();
         let size = image.upright();
         check(size)?;
         let camera = camera.map(|camera| camera.resized(size)).transpose()?;
         let camera = camera.as_ref();
         if CLOUDS.into_iter().any(|ending| has_ending(path, ending)) {
-            let known = KnownUnit::new(unit, Numbers::Floats);
+            let known = KnownUnit::new(how.unit, Numbers::Floats);
             let mut points = Points::new(size);
             let seeing = seeing(path, camera)?;
             let metres = known.unit.metres();
@@ -78,14 +95,14 @@ impl Sparse {
             return cloud(path, points, known);
         }
         let sizes = [size, image.stored()];
-        match read_stored(path, unit, |array| is_table(array, &sizes))? {
-            Stored::Map(map) => Self::of_map(path, map, &image),
+        match read_stored(path, how, |array| is_table(array, &sizes))? {
+            Stored::Map(map) => Self::of_map(path, map, &image)?.of_kind(how.kind, camera),
             Stored::Table(table, known) => {
                 let columns = meaning(path, &table, camera, size, known.unit.metres())?;
                 if columns == Columns::Space {
                     Self::of_space(path, &table, seeing(path, camera)?, known, size)
                 } else {
-                    Self::of_pixels(path, &table, known, &image)
+                    Self::of_pixels(path, &table, known, &image)?.of_kind(how.kind, camera)
                 }
             }
         }
@@ -179,10 +196,10 @@ impl Sparse {
     /// The same depths with standard deviations from a map of the image's shape, in the same unit.
     ///
     /// # Errors
-    /// A file that is missing, damaged, or no map of this shape; no point with a standard deviation.
+    /// A file that is missing, damaged, or no map of this shape.
     pub fn with_sigma(self, path: &Path, image: impl Into<Orientation>) -> Result<Self> {
         let image = image.into();
-        let Stored::Map(map) = read_stored(path, Some(self.unit), |_| false)? else {
+        let Stored::Map(map) = read_stored(path, Some(self.unit).into(), |_| false)? else {
             return Err(Error::format(path, "is a table").hint("standard deviations are a map"));
         };
         let map = map.depth;
@@ -209,9 +226,6 @@ impl Sparse {
             let sigma = pixel(place, own).map_or(0.0, |i| map.values()[i]);
             let depth = f64::from(point.depth);
             points.add([point.u, point.v], depth, Some(f64::from(sigma)), number);
-        }
-        if points.found.is_empty() && !self.points.is_empty() {
-            return Err(points.none(path, "points"));
         }
         let found = points.sparse(self.unit, self.guessed, "point");
         Ok(Self {
@@ -315,12 +329,23 @@ impl Sparse {
     ) -> Result<Self> {
         let metres = known.unit.metres();
         let mut points = Points::with_room(image.upright(), table.rows.len());
-        for Row {
-            number,
-            values: [u, v, depth],
-            fourth,
-        } in &table.rows
+        let mut depths: Vec<f32> = table.rows.iter().map(|row| row.values[2] as f32).collect();
+        let marks = Known {
+            numbers: Numbers::Floats,
+            metres,
+            declared: None,
+        };
+        let marks = leave_out_marks(&mut depths, &marks);
+        for (
+            Row {
+                number,
+                values: [u, v, depth],
+                fourth,
+            },
+            kept,
+        ) in table.rows.iter().zip(&depths)
         {
+            let depth = if kept.is_nan() { f64::NAN } else { *depth };
             points.add(
                 [*u, *v],
                 depth * metres,
@@ -333,10 +358,36 @@ impl Sparse {
             return Err(error.hint("columns are u, v, depth: u to the right, v down, in pixels"));
         }
         let mut found = points.sparse(known.unit, known.is_guessed(), table.row);
+        found.remarks.extend(marks.iter().map(ToString::to_string));
         found.remarks.extend(known.doubt(found.depths()));
         found.remarks.extend(found.doubtful_places());
         if !image.is_upright() {
             found.remarks.push(upright_as_shown("u and v are", image));
+        }
+        Ok(found)
+    }
+
+    /// The points as depths along the axis.
+    fn of_kind(self, kind: Option<DepthKind>, camera: Option<&Camera>) -> Result<Self> {
+        if kind != Some(DepthKind::Ray) {
+            return Ok(self);
+        }
+        let camera = camera.ok_or_else(|| {
+            Error::config("distances along the ray need a camera to become depths")
+                .hint("give --camera FILE, or --camera FX,FY,CX,CY")
+        })?;
+        let before = self.points.len();
+        let points = self.points.iter();
+        let points = points
+            .filter_map(|point| along_axis(*point, camera))
+            .collect();
+        let mut found = Self { points, ..self };
+        let unseen = before - found.points.len();
+        if unseen > 0 {
+            found.outside += unseen;
+            found.remarks.push(format!(
+                "{unseen} points are left out, as the lens sees no ray there"
+            ));
         }
         Ok(found)
     }
@@ -444,7 +495,7 @@ fn upright_as_shown(what: &str, image: &Orientation) -> String {
 
 /// Whether an array is a table of points rather than a map: a map is as large as the image, of which
 /// sizes are given.
-pub(super) fn is_table(array: &Array, images: &[(usize, usize)]) -> bool {
+pub(super) fn is_table(array: &Raster, images: &[(usize, usize)]) -> bool {
     matches!(array.columns, 3 | 4) && !images.contains(&(array.columns, array.rows))
 }
 

@@ -15,9 +15,9 @@ pub(super) struct Points {
     all: usize,
     pub(super) ignored: usize,
     outside: usize,
-    /// Without a usable standard deviation, and which came first.
-    bad_sigmas: usize,
-    first_bad_sigma: usize,
+    /// Whose standard deviation is unknown, as it is not positive and finite, and which came first.
+    unknown_sigmas: usize,
+    first_unknown: usize,
     /// A camera sees through between the points of a cloud.
     is_cloud: bool,
 }
@@ -31,8 +31,8 @@ impl Points {
             all: 0,
             ignored: 0,
             outside: 0,
-            bad_sigmas: 0,
-            first_bad_sigma: 0,
+            unknown_sigmas: 0,
+            first_unknown: 0,
             is_cloud: false,
         }
     }
@@ -54,12 +54,14 @@ impl Points {
             self.ignored += 1;
         } else if pixel([u, v], self.size).is_none() {
             self.outside += 1;
-        } else if !sigma.is_none_or(sound) {
-            if self.bad_sigmas == 0 {
-                self.first_bad_sigma = number;
-            }
-            self.bad_sigmas += 1;
         } else {
+            if !sigma.is_none_or(sound) {
+                if self.unknown_sigmas == 0 {
+                    self.first_unknown = number;
+                }
+                self.unknown_sigmas += 1;
+            }
+            let sigma = sigma.filter(|sigma| sound(*sigma));
             self.found.push(Observation { u, v, depth, sigma });
         }
     }
@@ -90,11 +92,11 @@ impl Points {
     /// What is left; `row` is what a point is called in the file.
     pub(super) fn sparse(mut self, unit: Unit, guessed: bool, row: &str) -> Sparse {
         let hidden = retain_visible(&mut self.found, self.size, self.is_cloud);
-        let remark = (self.bad_sigmas > 0).then(|| {
+        let remark = (self.unknown_sigmas > 0).then(|| {
             format!(
-                "{} points are left out, as their standard deviations are not positive and finite; \
-                 the first is {row} {}",
-                self.bad_sigmas, self.first_bad_sigma
+                "{} points have no usable standard deviation; the fit's own noise is assumed for them; the first is \
+                 {row} {}",
+                self.unknown_sigmas, self.first_unknown
             )
         });
         Sparse {
@@ -102,7 +104,7 @@ impl Points {
             size: self.size,
             unit,
             guessed,
-            ignored: self.ignored + self.bad_sigmas,
+            ignored: self.ignored,
             outside: self.outside,
             hidden,
             remarks: remark.into_iter().collect(),
@@ -112,16 +114,11 @@ impl Points {
     /// That nothing is left.
     pub(super) fn none(&self, path: &Path, points: &str) -> Error {
         let (all, (width, height)) = (self.all, self.size);
-        let sigma = if self.bad_sigmas > 0 {
-            " and standard deviation"
-        } else {
-            ""
-        };
         Error::format(
             path,
             format!(
                 "none of its {all} {points} lies in the image of {width}x{height} with a positive \
-                 depth{sigma}"
+                 depth"
             ),
         )
     }

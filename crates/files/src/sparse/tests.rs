@@ -68,17 +68,74 @@ fn points_of_one_pixel_are_weighted_by_their_precision() {
 }
 
 #[test]
-fn points_without_a_usable_deviation_are_left_out_and_counted() {
+fn unusable_deviations_are_unknown_and_counted() {
     for bad in ["0", "-1", "nan", "inf"] {
         let text = format!("u,v,depth,sigma\n0,0,1,0.1\n1,0,1,{bad}\n2,0,1,0.1\n3,0,1,{bad}\n");
         let found = read(&text).unwrap();
-        assert_eq!((found.points.len(), found.ignored), (2, 2), "{bad}");
+        assert_eq!((found.points.len(), found.ignored), (4, 0), "{bad}");
+        let sigmas: Vec<_> = found.points.iter().map(|point| point.sigma).collect();
+        assert_eq!(sigmas, [Some(0.1), None, Some(0.1), None], "{bad}");
         let remark = &found.remarks[0];
-        assert!(remark.starts_with("2 points are left out"), "{remark}");
+        assert!(remark.starts_with("2 points have no usable"), "{remark}");
         assert!(remark.ends_with("the first is line 3"), "{remark}");
     }
-    let error = read("1,1,2,0\n").unwrap_err().to_string();
-    assert!(error.contains("depth and standard deviation"), "{error}");
+}
+
+#[test]
+fn marks_in_tables_are_left_out_and_counted() {
+    let mut text = "u,v,depth\n".to_owned();
+    for i in 0..12 {
+        let depth = if i < 3 {
+            "65535".to_owned()
+        } else {
+            format!("{}", 1000 + 70 * i)
+        };
+        text += &format!("{},{},{depth}\n", i % 4, i / 4);
+    }
+    let found = read_as("points.csv", &text, Some(Unit::MILLIMETRE)).unwrap();
+    assert_eq!((found.points.len(), found.ignored), (9, 3));
+    assert!(
+        found.remarks[0].starts_with("3 depths (25 %) are 65535"),
+        "{:?}",
+        found.remarks
+    );
+}
+
+/// A plane at z = 2, stored as distances from the optical centre.
+#[test]
+fn distances_along_the_ray_become_depths_with_a_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = Camera::pinhole([3.0, 4.0], [1.5, 1.0]);
+    let length =
+        |u: f64, v: f64| (1.0 + ((u - 1.5) / 3.0).powi(2) + ((v - 1.0) / 4.0).powi(2)).sqrt();
+    let place = |i: usize| ((i % 4) as f64, (i / 4) as f64);
+    let values = (0..12).map(|i| (2.0 * length(place(i).0, place(i).1)) as f32);
+    let path = folder.path().join("frame.0000.depth_meters.npy");
+    write_npy(&path, &DepthMap::new(4, 3, values.collect()).unwrap()).unwrap();
+    let how = |kind| StoredAs { unit: None, kind };
+    let found = Sparse::read_as(&path, how(Some(DepthKind::Ray)), Some(&camera), SIZE).unwrap();
+    assert!(
+        found
+            .points
+            .iter()
+            .all(|point| (point.depth - 2.0).abs() < 1e-6)
+    );
+    let error = Sparse::read_as(&path, how(Some(DepthKind::Ray)), None, SIZE).unwrap_err();
+    assert!(error.advice().unwrap().contains("--camera"));
+    // A name that says distance is doubted, unless the kind is given.
+    let named = folder.path().join("distance.npy");
+    std::fs::rename(&path, &named).unwrap();
+    let remarks = |kind| {
+        Sparse::read_as(&named, how(kind), Some(&camera), SIZE)
+            .unwrap()
+            .remarks
+    };
+    assert!(
+        remarks(None)[0].contains("--depth-kind ray"),
+        "{:?}",
+        remarks(None)
+    );
+    assert!(remarks(Some(DepthKind::Z)).is_empty());
 }
 
 /// A map of 4x3 without two equal values.

@@ -1,0 +1,161 @@
+//! The tags of TIFF files (TIFF 6.0, section 2; `BigTIFF` has the same fields, wider).
+
+use crate::doubts::Doubt;
+use crate::error::{Error, Result};
+use std::ops::Range;
+use std::path::Path;
+
+/// The first directory of tags of a file.
+pub(super) struct Tags {
+    little: bool,
+    /// Number, type, and the places of the values of each.
+    found: Vec<(u64, u64, Range<usize>)>,
+    /// Directories, one for each page.
+    pages: usize,
+}
+
+/// More pages are not counted.
+const MOST: usize = 10_000;
+
+impl Tags {
+    /// Reads the tags. Refuses tags with more numbers than the file has bytes, for which the library makes room
+    /// unread.
+    pub(super) fn of(path: &Path, bytes: &[u8]) -> Result<Self> {
+        let cut_off = || {
+            Error::format(path, "is cut off: it has no directory of tags")
+                .hint("the file is incomplete; write it again")
+        };
+        let little = bytes.starts_with(b"II");
+        let number = |place: Range<usize>| bytes.get(place).map(|bytes| number(bytes, little));
+        let big = number(2..4).ok_or_else(cut_off)? == 43;
+        // Lengths of the count of tags, of a tag, of its count of numbers, and of a place in the file.
+        let (all, tag, count, wide) = if big { (8, 20, 8, 8) } else { (2, 12, 4, 4) };
+        let first = if big { 8..16 } else { 4..8 };
+        let mut start = number(first).ok_or_else(cut_off)? as usize;
+        let mut tags = Self {
+            little,
+            found: Vec::new(),
+            pages: 0,
+        };
+        while start != 0 && tags.pages < MOST {
+            let after = |length: usize| start.saturating_add(length);
+            let Some(entries) = number(start..after(all)) else {
+                // A later directory may be cut off where the first is whole.
+                if tags.pages > 0 {
+                    break;
+                }
+                return Err(cut_off());
+            };
+            let mut at = after(all);
+            for _ in 0..entries {
+                let field = |from: usize, length: usize| {
+                    let from = at.saturating_add(from);
+                    number(from..from.saturating_add(length)).ok_or_else(cut_off)
+                };
+                let (id, kind, numbers) = (field(0, 2)?, field(2, 2)?, field(4, count)?);
+                if numbers > bytes.len() as u64 {
+                    let (declared, size) = (numbers, bytes.len());
+                    return Err(Error::format(
+                        path,
+                        format!(
+                            "declares {declared} numbers in a tag but is only {size} bytes long"
+                        ),
+                    ));
+                }
+                let length = width(kind) * numbers as usize;
+                // Few values lie in the tag itself.
+                let place = if length <= wide {
+                    at + 4 + count
+                } else {
+                    field(4 + count, wide)? as usize
+                };
+                if tags.pages == 0 {
+                    tags.found
+                        .push((id, kind, place..place.saturating_add(length)));
+                }
+                at += tag;
+            }
+            tags.pages += 1;
+            let next = number(at..at.saturating_add(wide)).unwrap_or(0) as usize;
+            // Directories of other programs may lie anywhere, but a chain that turns back has no end.
+            start = if next > start { next } else { 0 };
+        }
+        if tags.pages == 0 {
+            return Err(cut_off());
+        }
+        Ok(tags)
+    }
+
+    /// That the first of several pages is read.
+    pub(super) fn chosen_page(&self) -> Option<Doubt> {
+        let others = (2..=self.pages).map(|number| number.to_string());
+        (self.pages > 1).then(|| Doubt::Chosen {
+            what: "page",
+            name: "1".to_owned(),
+            others: others.collect(),
+        })
+    }
+
+    /// Where the values of a tag lie, and their type.
+    fn place(&self, id: u64) -> Option<(u64, Range<usize>)> {
+        let found = self.found.iter().find(|(other, ..)| *other == id);
+        found.map(|(_, kind, place)| (*kind, place.clone()))
+    }
+
+    /// Where a short number lies.
+    pub(super) fn short(&self, id: u64) -> Option<Range<usize>> {
+        let (_, place) = self.place(id)?;
+        Some(place.start..place.start + 2)
+    }
+
+    /// A number, whole or a fraction.
+    pub(super) fn number(&self, id: u64, bytes: &[u8]) -> Option<f64> {
+        let (kind, place) = self.place(id)?;
+        let value = |place: Range<usize>| {
+            bytes
+                .get(place)
+                .map(|bytes| number(bytes, self.little) as f64)
+        };
+        // Fractions are two numbers.
+        if matches!(kind, 5 | 10) {
+            let middle = place.start + 4;
+            return Some(value(place.start..middle)? / value(middle..middle + 4)?);
+        }
+        value(place.start..place.start + width(kind))
+    }
+
+    /// A text.
+    pub(super) fn text<'a>(&self, id: u64, bytes: &'a [u8]) -> Option<&'a str> {
+        let (_, place) = self.place(id)?;
+        let text = std::str::from_utf8(bytes.get(place)?).ok()?;
+        Some(text.trim_matches(|letter: char| letter == '\0' || letter.is_whitespace()))
+    }
+
+    /// The bytes of a number of 16 bits.
+    pub(super) fn short_bytes(&self, value: u16) -> [u8; 2] {
+        if self.little {
+            value.to_le_bytes()
+        } else {
+            value.to_be_bytes()
+        }
+    }
+}
+
+/// Bytes of a number of each type.
+fn width(kind: u64) -> usize {
+    match kind {
+        3 | 8 => 2,
+        4 | 9 | 11 | 13 => 4,
+        5 | 10 | 12 | 16..=18 => 8,
+        _ => 1,
+    }
+}
+
+fn number(bytes: &[u8], little: bool) -> u64 {
+    let add = |value: u64, byte: &u8| value << 8 | u64::from(*byte);
+    if little {
+        bytes.iter().rev().fold(0, add)
+    } else {
+        bytes.iter().fold(0, add)
+    }
+}
