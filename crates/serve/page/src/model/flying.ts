@@ -21,33 +21,42 @@ const DIRECTIONS = [[1, 0], [0, 1], [1, 1], [1, -1]] as const;
  * 1 for each flying pixel, row by row. A pixel is one if along a row, a column or a diagonal
  * - its inverse depth is between those of its two neighbours, and the surface is seen at a grazing angle; and
  * - some way before and behind, inverse depth, which is linear on planes, changes less: a plane seen from the side goes on.
+ * Of every `stride`-th row and column.
  */
-export function flyingPixels(depth: Float32Array, width: number, height: number, { fx, fy }: Intrinsics): Uint8Array {
-  const inverse = depth.map((metres) => (metres > 0 ? 1 / metres : 0));
+export function flyingPixels(depth: Float32Array, width: number, height: number, { fx, fy }: Intrinsics, stride = 1): Uint8Array {
+  const inverse = new Float32Array(depth.length);
+  for (let i = 0; i < depth.length; i++) inverse[i] = depth[i]! > 0 ? 1 / depth[i]! : 0;
+  const dense = !inverse.includes(0);
   const flying = new Uint8Array(depth.length);
   for (const [right, down] of DIRECTIONS) {
     const angle = Math.hypot(right / fx, down / fy);
     const reach = Math.max(LEAST, Math.round(REACH / angle));
     const step = down * width + right;
+    const room = (way: number, at: number, size: number) => (way > 0 ? size - 1 - at : way < 0 ? at : reach);
     /** The change per pixel at the end of the way to one side, as far as there are depths. */
     const surface = (x: number, y: number, side: number): number => {
-      const at = (steps: number) => inverse[y * width + x + side * steps * step]!;
-      const inside = (way: number, at: number, size: number) => (way > 0 ? size - 1 - at : way < 0 ? at : reach);
-      const room = Math.min(reach, inside(side * right, x, width), inside(side * down, y, height));
-      let last = 0;
-      while (last < room && at(last + 1) > 0) last++;
+      const [from, by] = [y * width + x, side * step];
+      let last = Math.min(reach, room(side * right, x, width), room(side * down, y, height));
+      if (!dense) {
+        const most = last;
+        for (last = 0; last < most && inverse[from + (last + 1) * by]! > 0; ) last++;
+      }
       const first = last - Math.min(last, Math.max(1, Math.floor(last / SURFACE)));
-      return Math.abs(at(last) - at(first)) / Math.max(1, last - first);
+      return Math.abs(inverse[from + last * by]! - inverse[from + first * by]!) / Math.max(1, last - first);
     };
-    for (let y = down === 0 ? 0 : 1; y < (down === 0 ? height : height - 1); y++) {
-      for (let x = right; x < width - right; x++) {
-        const i = y * width + x;
-        const [before, own, after] = [inverse[i - step]!, inverse[i]!, inverse[i + step]!];
-        const slope = 0.5 * Math.abs(after - before);
-        if (!(slope > GRAZING * own * angle) || !(before > 0 && own > 0 && after > 0)) continue;
+    const least = 2 * GRAZING * angle;
+    for (let y = down === 0 ? 0 : stride; y < height - Math.abs(down); y += stride) {
+      const end = y * width + width - right;
+      for (let i = y * width + right * stride; i < end; i += stride) {
+        const before = inverse[i - step]!;
+        const after = inverse[i + step]!;
+        const own = inverse[i]!;
+        if (!(Math.abs(after - before) > least * own)) continue;
         const share = (own - before) / (after - before);
-        if (share < BETWEEN || share > 1 - BETWEEN) continue;
-        if (surface(x, y, -1) < FLAT * slope && surface(x, y, 1) < FLAT * slope) flying[i] = 1;
+        if (share < BETWEEN || share > 1 - BETWEEN || before === 0 || own === 0 || after === 0) continue;
+        const most = 0.5 * FLAT * Math.abs(after - before);
+        const x = i - y * width;
+        if (surface(x, y, -1) < most && surface(x, y, 1) < most) flying[i] = 1;
       }
     }
   }

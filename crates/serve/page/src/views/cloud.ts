@@ -11,7 +11,7 @@ import type { Answer, State } from "../state.ts";
 import type { Intrinsics } from "../service.ts";
 import { colour, depthRange, isOutlier, scale } from "./marks.ts";
 import { eye, nearer, projected, shifted, turned, type Eye } from "./matrix.ts";
-import { Renderer } from "./renderer.ts";
+import { Renderer, strideOf } from "./renderer.ts";
 
 /** Steps of the cut, each a share of the largest deviations; the last cuts nothing. */
 const STEPS = 100;
@@ -119,7 +119,7 @@ export class Cloud {
       cut: view.cut ?? 3e38,
     };
     renderer.draw(look, this.marks(state), this.lines(state));
-    this.flying.note(view.flying ? "" : share(pixels.flying, pixels.depth.length));
+    this.flying.note(view.flying ? "" : `${(100 * pixels.flying).toFixed(1)} %`);
     this.say(this.why(pixels));
     if (look.thinning > 1) return;
     const started = performance.now();
@@ -131,17 +131,24 @@ export class Cloud {
     const { depth, width, height } = answer.layers;
     const key = [depth, flying || camera.fx, flying || camera.fy, cut, cut === null || answer.deviation];
     if (this.pixels && key.every((part, i) => part === this.pixels!.key[i])) return this.pixels;
-    const out = flying ? null : flyingPixels(depth, width, height, camera);
-    const kept = out ? depth.map((metres, i) => (out[i] ? 0 : metres)) : depth;
-    const isKept = (i: number) => kept[i]! > 0 && (cut === null || !answer.deviation || !(answer.deviation[i]! > cut));
-    let many = 0;
-    for (let i = 0; i < depth.length; i++) if (isKept(i)) many++;
-    const step = Math.max(1, Math.floor(many / SAMPLE));
-    const sample: Point[] = [];
-    for (let i = 0, at = 0; i < depth.length; i++) {
-      if (isKept(i) && at++ % step === 0) sample.push({ u: i % width, v: Math.floor(i / width), depth: kept[i]! });
+    const stride = strideOf(width, height);
+    const out = flying ? null : flyingPixels(depth, width, height, camera, stride);
+    const kept = out ? depth.slice() : depth;
+    const deviation = cut === null ? null : answer.deviation;
+    const drawn: number[] = [];
+    let [all, left] = [0, 0];
+    for (let v = 0; v < height; v += stride) {
+      for (let i = v * width; i < (v + 1) * width; i += stride) {
+        all++;
+        if (out?.[i]) {
+          left++;
+          kept[i] = 0;
+        } else if (!deviation || !(deviation[i]! > cut!)) drawn.push(i);
+      }
     }
-    return (this.pixels = { key, depth: kept, flying: out?.reduce((sum, flies) => sum + flies, 0) ?? 0, isCut: cut !== null, sample });
+    const step = Math.max(1, Math.floor(drawn.length / SAMPLE));
+    const sample = drawn.filter((_, at) => at % step === 0).map((i) => ({ u: i % width, v: Math.floor(i / width), depth: depth[i]! }));
+    return (this.pixels = { key, depth: kept, flying: left / all, isCut: cut !== null, sample });
   }
 
   /** Why nothing can be seen; null if something can. */
@@ -296,14 +303,12 @@ interface Pixels {
   readonly key: readonly unknown[];
   /** 0 where a flying pixel is left out. */
   readonly depth: Float32Array;
-  /** How many are. */
+  /** The share of those, of all that could be drawn. */
   readonly flying: number;
   readonly isCut: boolean;
   /** Some of those that are kept, evenly. */
   readonly sample: readonly Point[];
 }
-
-const share = (some: number, all: number): string => `${((100 * some) / Math.max(1, all)).toFixed(1)} %`;
 
 function rgb(text: string): [number, number, number] {
   const numbers = /^rgb\((\d+) (\d+) (\d+)\)$/.exec(text);

@@ -37,6 +37,16 @@ test("a ramp between two walls flies, and the walls do not", () => {
   }
 });
 
+test("of a large map, only what is drawn is looked at", () => {
+  const map = Float32Array.from({ length: WIDTH * HEIGHT }, (_, i) => 2 + 2 * Math.min(1, Math.max(0, ((i % WIDTH) - 36) / 9)));
+  const [all, some] = [1, 3].map((stride) => flyingPixels(map, WIDTH, HEIGHT, CAMERA, stride));
+  assert.ok(all!.some((flies) => flies));
+  all!.forEach((flies, i) => {
+    const [x, y] = [i % WIDTH, Math.floor(i / WIDTH)];
+    assert.equal(some![i], x % 3 === 0 && y % 3 === 0 ? flies : 0, `${x} ${y}`);
+  });
+});
+
 test("planes seen from the side do not fly, nor sharp edges, nor what has no depth beside it", () => {
   // A floor 0.3 m below the camera, up to 24 m away: seen at 89.3 degrees.
   assert.deepEqual(flying((_, y) => (0.3 * CAMERA.fy) / (y + 5)), []);
