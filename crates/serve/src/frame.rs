@@ -7,6 +7,7 @@ use crate::points::{self, too_many};
 use crate::upload::Upload;
 use image::RgbImage;
 use lsdc_core::{Channels, Image, Observation, Observations};
+use lsdc_files::doubts::implausible_unit;
 use lsdc_files::{
     Camera, Orientation, Sparse, Unit, Upright, has_ending, image_size, read_upright,
     reading_at_most,
@@ -94,9 +95,9 @@ impl Frame {
             return Err(Fault::unusable(what));
         }
         let read = || {
-            Sparse::read(
+            Sparse::read_as(
                 path,
-                options.unit()?,
+                options.stored_as()?,
                 self.camera.as_ref(),
                 self.orientation,
             )
@@ -115,6 +116,9 @@ impl Frame {
 
     /// Points of a list, which are taken as they are.
     pub(crate) fn listed(&self, points: Observations, options: &Options) -> Sparse {
+        let depths = points.iter().map(|point| point.depth);
+        let depths = depths.filter(|depth| depth.is_finite() && *depth > 0.0);
+        let implausible = implausible_unit(Unit::METRE, depths.collect());
         Sparse {
             points: with_sigma(points, options.sigma),
             size: self.size(),
@@ -123,7 +127,7 @@ impl Frame {
             ignored: 0,
             outside: 0,
             hidden: 0,
-            remarks: Vec::new(),
+            remarks: implausible.iter().map(ToString::to_string).collect(),
         }
     }
 }

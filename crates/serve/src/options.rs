@@ -3,7 +3,7 @@
 use crate::fault::Fault;
 use lsdc_core::fit::Changes;
 use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust, Space};
-use lsdc_files::Unit;
+use lsdc_files::StoredAs;
 use serde::Deserialize;
 
 /// What is made of a fit, beside the report.
@@ -29,6 +29,7 @@ pub(crate) struct Options {
     /// Metres, for points without a standard deviation of their own.
     pub(crate) sigma: Option<f32>,
     depth_unit: Option<String>,
+    depth_kind: Option<String>,
     /// Metres: pixels that are less sure are left out of clouds.
     pub(crate) max_sigma: Option<f32>,
     layers: Option<Vec<Layer>>,
@@ -66,7 +67,7 @@ impl Options {
                 return Err(Fault::unusable(what));
             }
         }
-        self.unit()?;
+        self.stored_as()?;
         Ok(self)
     }
 
@@ -83,10 +84,12 @@ impl Options {
         }
     }
 
-    /// The unit of the depths of a file, if it is said.
-    pub(crate) fn unit(&self) -> Result<Option<Unit>, Fault> {
-        let unit = self.depth_unit.as_deref().map(str::parse).transpose();
-        unit.map_err(Fault::from)
+    /// What the depths of a file are, as far as that is said.
+    pub(crate) fn stored_as(&self) -> Result<StoredAs, Fault> {
+        Ok(StoredAs {
+            unit: self.depth_unit.as_deref().map(str::parse).transpose()?,
+            kind: self.depth_kind.as_deref().map(str::parse).transpose()?,
+        })
     }
 
     /// Whether a layer is asked for; all are, where nothing is said.
@@ -128,6 +131,7 @@ mod tests {
             ("{\"sigma\": -1}", Kind::Unusable),
             ("{\"max_sigma\": 0}", Kind::Unusable),
             ("{\"depth_unit\": \"furlong\"}", Kind::Unusable),
+            ("{\"depth_kind\": \"slant\"}", Kind::Unusable),
             ("{\"layers\": [\"normals\"]}", Kind::Malformed),
         ] {
             assert_eq!(

@@ -26,6 +26,8 @@ const SMALL: u64 = 1 << 20;
 
 /// Endings that a name may pass on to the reader of its file, which goes by them.
 const LONGEST_ENDING: usize = 5;
+/// Letters of a name that are kept.
+const LONGEST_NAME: usize = 64;
 
 impl Upload {
     /// Reads a form with these parts, each of which may be missing. Files are written as they come, which blocks.
@@ -64,11 +66,18 @@ impl Upload {
     }
 
     async fn keep(&self, name: &str, mut field: Field<'_>) -> Result<Part, Fault> {
-        let path = match ending(&field) {
-            Some(ending) => self.folder.path().join(format!("{name}.{ending}")),
-            None => self.folder.path().join(name),
-        };
         let failed = |_| Fault::failed();
+        let folder = self.folder.path().join(name);
+        std::fs::create_dir(&folder).map_err(failed)?;
+        // Readers go by endings, and doubt by names.
+        let mut own = field.file_name().map(stem).unwrap_or_default();
+        if own.is_empty() {
+            name.clone_into(&mut own);
+        }
+        if let Some(ending) = ending(&field) {
+            own = format!("{own}.{ending}");
+        }
+        let path = folder.join(own);
         let mut file = std::fs::File::create(&path).map_err(failed)?;
         let most = match name {
             "image" | "points" => u64::MAX,
@@ -83,7 +92,7 @@ impl Upload {
             }
             file.write_all(&chunk).map_err(failed)?;
         }
-        let sent = field.file_name().map(|name| shown(last(name)));
+        let sent = field.file_name().map(|name| printable(last(name)));
         let sent = sent.filter(|name| !name.is_empty());
         Ok(Part {
             path,
@@ -157,7 +166,21 @@ fn ending(field: &Field<'_>) -> Option<String> {
     Some(ending.to_owned())
 }
 
-/// A name from outside, as far as it can be shown.
+/// The name of a file without its ending, as far as it is safe in a path.
+fn stem(name: &str) -> String {
+    let stem = Path::new(last(name)).file_stem().unwrap_or_default();
+    let safe = |c: &char| c.is_ascii_alphanumeric() || "-_".contains(*c);
+    let stem = stem.to_string_lossy();
+    stem.chars().filter(safe).take(LONGEST_NAME).collect()
+}
+
+/// The name of a file, as far as it can be shown.
+fn printable(name: &str) -> String {
+    let plain = |c: &char| !c.is_control() && *c != '`';
+    name.chars().filter(plain).take(LONGEST_NAME).collect()
+}
+
+/// The name of a part, as far as it can be shown.
 fn shown(name: &str) -> String {
     let plain = |c: &char| c.is_ascii_graphic() && *c != '`';
     name.chars().filter(plain).take(32).collect()

@@ -280,7 +280,7 @@ fn the_next_service_removes_the_uploads_of_a_killed_one_and_of_no_other() {
     };
     let uploads = || -> BTreeSet<_> {
         let found = std::fs::read_dir(temporary.path()).unwrap().flatten();
-        let found = found.filter(|entry| entry.path().join("image.png").exists());
+        let found = found.filter(|entry| entry.path().join("image/rgb.png").exists());
         found.map(|entry| entry.file_name()).collect()
     };
     let mut killed = start();
