@@ -2,11 +2,11 @@
 """Files of other programs read by lsdc, and its files read by them.
 
 Writes the points of the room in `assets/` in every form with NumPy, tifffile, OpenEXR, OpenCV,
-plyfile, pypcd4, laspy, Open3D and pycolmap, completes each, and compares the results with that of the npy
+netpbmfile, h5py, plyfile, pypcd4, laspy, Open3D and pycolmap, completes each, and compares the results with that of the npy
 map; then reads every form of the result back. Clouds lie in the world of a camera whose lens bends,
 as OpenCV says.
 
-    pip install numpy tifffile OpenEXR opencv-python-headless plyfile pypcd4 'laspy[lazrs]' pycolmap open3d
+    pip install numpy tifffile OpenEXR netpbmfile h5py opencv-python-headless plyfile pypcd4 'laspy[lazrs]' pycolmap open3d
     python3 scripts/formats.py [PROGRAM]
 """
 
@@ -16,7 +16,9 @@ import tempfile
 from pathlib import Path
 
 import cv2
+import h5py
 import laspy
+import netpbmfile
 import numpy as np
 import open3d
 import OpenEXR
@@ -54,7 +56,16 @@ def inputs(folder: Path, sparse: np.ndarray) -> dict[str, float]:
     exr(folder / "half.exr", "Y", sparse.astype(np.float16))
     cv2.imwrite(str(folder / "cv.pfm"), sparse)
     cv2.imwrite(str(folder / "cv.png"), millimetres)
+    netpbmfile.imwrite(folder / "maxval.pgm", millimetres, maxval=20000)
+    cv2.imwrite(str(folder / "largest.png"), np.where(sparse > 0, millimetres, 65535))
+    tifffile.imwrite(folder / "white.tiff", millimetres, photometric="miniswhite")
+    nodata = [(42113, 2, 0, "-9999", True)]
+    tifffile.imwrite(folder / "nodata.tiff", np.where(sparse > 0, sparse, np.float32(-9999)), extratags=nodata)
+    exr(folder / "background.exr", "ViewLayer.Depth.Z", np.where(sparse > 0, sparse, np.float32(1e10)))
+    with h5py.File(folder / "group.h5", "w") as file:
+        file.create_group("cam").create_dataset("depth", data=millimetres, compression="gzip", fillvalue=65535)
     exact = {"f64.npy", "list.npy", "plain.npz", "small.npz", "f32.tiff", "deflated.tif", "z.exr", "cv.pfm"}
+    exact |= {"nodata.tiff", "background.exr"}
     return {
         path.name: 1e-5 if path.name in exact else 1e-3 if path.suffix in (".csv", ".txt") else 2e-2
         for path in sorted(folder.iterdir())

@@ -264,7 +264,24 @@ fn maps() {
     write_tiff(&at("a.tiff"), &depth()).unwrap();
     write_exr(&at("a.exr"), &depth(), Some(&depth())).unwrap();
     write_pfm(&at("a.pfm"), &depth()).unwrap();
-    for name in ["a.npz", "a.tiff", "a.exr", "a.pfm"] {
+    let numbers = depth()
+        .values()
+        .iter()
+        .map(|v| (1000.0 * v) as u16)
+        .collect::<Vec<_>>();
+    let body: Vec<u8> = numbers.iter().flat_map(|v| v.to_be_bytes()).collect();
+    let head = format!("P5\n# mm\n{WIDTH} {HEIGHT}\n20000\n");
+    std::fs::write(at("a.pgm"), [head.as_bytes(), &body].concat()).unwrap();
+    let mut builder = FileBuilder::new();
+    let group = builder.create_dataset("depth").with_u16_data(&numbers);
+    group
+        .with_shape(&[HEIGHT as u64, WIDTH as u64])
+        .with_fill_value(9_u16);
+    builder.write(&at("a.h5")).unwrap();
+    write_depth_png(&at("a.png"), &depth(), 0.001).unwrap();
+    for name in [
+        "a.npz", "a.tiff", "a.exr", "a.pfm", "a.pgm", "a.h5", "a.png",
+    ] {
         let path = at(name);
         survive(&path, || {
             Sparse::read(&path, None, None, (WIDTH, HEIGHT)).is_ok()

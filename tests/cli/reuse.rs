@@ -143,6 +143,7 @@ fn results_of_other_settings_are_not_gone_on_with() {
         (&["--robust", "cauchy"][..], "fit.robust"),
         (&["--weights", "default"], "fit.lambda"),
         (&["--depth-unit", "mm"], "depth_unit"),
+        (&["--depth-kind", "z"], "depth_kind"),
         (&["--range", "0,20"], "range"),
         (&["--preserve-input", "exact"], "preserve_input"),
         (&["--method", "linear"], "method"),

@@ -16,6 +16,8 @@ pub(crate) struct Raster {
     pub(crate) numbers: Numbers,
     /// The value that the file declares as no measurement.
     pub(crate) declared: Option<f64>,
+    /// Whether 0 alone marks no measurement, as in files that this program wrote.
+    pub(crate) plain: bool,
     pub(crate) doubts: Vec<Doubt>,
 }
 
@@ -27,6 +29,7 @@ impl Raster {
             values,
             numbers,
             declared: None,
+            plain: false,
             doubts: Vec::new(),
         }
     }
@@ -57,6 +60,9 @@ impl Raster {
     }
 
     fn leave_out_marks(&mut self, metres: f64) {
+        if self.plain {
+            return;
+        }
         let known = Known {
             numbers: self.numbers,
             metres,

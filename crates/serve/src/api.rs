@@ -2,13 +2,13 @@
 
 use crate::answer;
 use crate::app::App;
-use crate::body::Incoming;
 use crate::complete::Completed;
 use crate::encode::{Encoded, Form, encode, no_camera};
-use crate::fault::{Fault, Kind};
+use crate::fault::Fault;
 use crate::frame::{Frame, check_points};
 use crate::options::Options;
-use crate::points::Points;
+use crate::points;
+use crate::receive::{Receiver, Request};
 use crate::scenes::Kept;
 use crate::task::{Part, Task};
 use crate::upload::Upload;
@@ -17,7 +17,6 @@ use axum::extract::{Path, State};
 use axum::http::{HeaderMap, Response, StatusCode, header};
 use lsdc_core::Scene;
 use lsdc_files::Sparse;
-use serde::Deserialize;
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,26 +29,19 @@ pub(crate) async fn complete(
     headers: HeaderMap,
     body: Body,
 ) -> Answer {
-    let (form, options, upload) = {
-        let mut body = Incoming::new(body, &app.config.limits);
-        let read = async {
-            let form = begun(&app, &headers, &body)?;
-            let known = ["image", "points", "camera", "options"];
-            let upload = Upload::read(content_type(&headers), &mut body, &known).await?;
-            let options = options(&upload)?;
-            upload.need("image")?;
-            check_points(&upload)?;
-            if form == Form::Ply && upload.get("camera").is_none() {
-                return Err(no_camera());
-            }
-            Ok((form, options, upload))
-        };
-        match read.await {
-            Ok(read) => read,
-            Err(fault) => return Err(refused(&mut body, fault).await),
+    let request = Request::new(&app, &headers, body).await?;
+    let form = request.form;
+    let read = move |body: &mut Receiver<'_>| {
+        let upload = body.form(&["image", "points", "camera", "options"])?;
+        let options = options(&upload)?;
+        upload.need("image")?;
+        check_points(&upload)?;
+        if form == Form::Ply && upload.get("camera").is_none() {
+            return Err(no_camera());
         }
+        Ok((upload, options))
     };
-    let place = app.crew.place()?;
+    let ((upload, options), place) = request.read(read).await?;
     let own = app.clone();
     let work = move |task: &Task| {
         let work = || {
@@ -77,18 +69,13 @@ pub(crate) async fn complete(
 
 /// `POST /v1/scenes`.
 pub(crate) async fn create(State(app): State<Arc<App>>, headers: HeaderMap, body: Body) -> Answer {
-    let mut body = Incoming::new(body, &app.config.limits);
-    let read = async {
-        begun(&app, &headers, &body)?;
-        let upload = Upload::read(content_type(&headers), &mut body, &["image", "camera"]).await?;
+    let request = Request::new(&app, &headers, body).await?;
+    let read = |body: &mut Receiver<'_>| {
+        let upload = body.form(&["image", "camera"])?;
         upload.need("image")?;
         Ok(upload)
     };
-    let upload = match read.await {
-        Ok(upload) => upload,
-        Err(fault) => return Err(refused(&mut body, fault).await),
-    };
-    let _place = app.crew.place()?;
+    let (upload, _place) = request.read(read).await?;
     let own = app.clone();
     let work = move |task: &Task| {
         let work = || {
@@ -127,19 +114,38 @@ pub(crate) async fn forget(State(app): State<Arc<App>>, Path(name): Path<String>
     Ok(response)
 }
 
-/// What `POST /v1/scenes/{id}/complete` takes as JSON.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Ask {
-    points: Points,
-    #[serde(default)]
-    options: Options,
-}
-
 /// The points of a request to a scene, and what they are read with.
 enum Sent {
-    List(Points),
-    Form(Upload),
+    /// Points and options, to be parsed by the thread that computes.
+    Json(Vec<u8>),
+    Form(Upload, Options),
+}
+
+impl Sent {
+    fn read(body: &mut Receiver<'_>) -> Result<Self, Fault> {
+        if body.is_json() {
+            return Ok(Self::Json(body.whole()?));
+        }
+        let upload = body.form(&["points", "options"])?;
+        check_points(&upload)?;
+        let options = options(&upload)?;
+        Ok(Self::Form(upload, options))
+    }
+
+    fn points(self, frame: &Frame, app: &App) -> Result<(Sparse, Options), Fault> {
+        let limits = &app.config.limits;
+        match self {
+            Self::Json(json) => {
+                let (points, options) = points::parse_with_options(&json, limits.points)?;
+                Ok((frame.listed(points, &options)?, options))
+            }
+            Self::Form(upload, options) => {
+                let points = frame.points(&upload, &options, limits);
+                let points = points.map_err(|fault| upload.named(fault))?;
+                Ok((points, options))
+            }
+        }
+    }
 }
 
 /// `POST /v1/scenes/{id}/complete`.
@@ -149,31 +155,20 @@ pub(crate) async fn again(
     headers: HeaderMap,
     body: Body,
 ) -> Answer {
-    let mut body = Incoming::new(body, &app.config.limits);
-    let read = async {
-        let form = begun(&app, &headers, &body)?;
-        let kept = app.scenes.get(&name)?;
+    let request = Request::new(&app, &headers, body).await?;
+    let (form, own) = (request.form, app.clone());
+    let read = move |body: &mut Receiver<'_>| {
+        let kept = own.scenes.get(&name)?;
         if form == Form::Ply && kept.frame.camera.is_none() {
             return Err(no_camera());
         }
-        let (sent, options) = sent(&app, content_type(&headers), &mut body).await?;
-        Ok((form, kept, sent, options))
+        Ok((kept, Sent::read(body)?))
     };
-    let (form, kept, sent, options) = match read.await {
-        Ok(read) => read,
-        Err(fault) => return Err(refused(&mut body, fault).await),
-    };
-    let place = app.crew.place()?;
+    let ((kept, sent), place) = request.read(read).await?;
     let own = app.clone();
     let work = move |task: &Task| {
         let Kept { frame, scene } = &*kept;
-        let read = || match &sent {
-            Sent::List(points) => frame.listed(points.clone(), &options),
-            Sent::Form(upload) => frame
-                .points(upload, &options, &own.config.limits)
-                .map_err(|fault| upload.named(fault)),
-        };
-        let (points, reading) = task.part(Part::Read, read)?;
+        let ((points, options), reading) = task.part(Part::Read, || sent.points(frame, &own))?;
         let fit = own.completer.fit_config().changed(&options.changes());
         let scene = scene.with_fit(fit)?;
         let read = (frame.remarks.clone(), reading);
@@ -181,26 +176,6 @@ pub(crate) async fn again(
     };
     let encoded = app.crew.run(&app.task(), work).await?;
     Ok(answer::of(encoded, place))
-}
-
-async fn sent(
-    app: &App,
-    content_type: &str,
-    body: &mut Incoming,
-) -> Result<(Sent, Options), Fault> {
-    let essence = content_type.split(';').next().unwrap_or_default().trim();
-    if !essence.eq_ignore_ascii_case("application/json") {
-        let upload = Upload::read(content_type, body, &["points", "options"]).await?;
-        check_points(&upload)?;
-        let options = options(&upload)?;
-        return Ok((Sent::Form(upload), options));
-    }
-    let ask: Ask = serde_json::from_slice(&body.whole().await?).map_err(|e| {
-        Fault::malformed(format!("the request cannot be read: {e}"))
-            .hint("it is {\"points\": [[u, v, depth], ...], \"options\": {...}}")
-    })?;
-    let points = ask.points.checked(app.config.limits.points)?;
-    Ok((Sent::List(points), ask.options.checked()?))
 }
 
 /// The last parts, which both ways share.
@@ -215,32 +190,6 @@ fn finish(
     let found = Completed::new(task, scene, points, (options, form), read)?;
     let (encoded, _) = task.part(Part::Encode, || encode(form, &found, frame, options))?;
     Ok(encoded)
-}
-
-/// Checks what the head of a request says before its body is read.
-fn begun(app: &App, headers: &HeaderMap, body: &Incoming) -> Result<Form, Fault> {
-    let accept = headers.get(header::ACCEPT);
-    let accept = accept.map(|value| value.to_str().unwrap_or_default());
-    let form = Form::accepted(accept)?;
-    let length = headers.get(header::CONTENT_LENGTH);
-    body.check(length.and_then(|value| value.to_str().ok()?.parse().ok()))?;
-    app.crew.check()?;
-    Ok(form)
-}
-
-/// A request that is refused, whose body is read to its end so that its client hears of it.
-async fn refused(body: &mut Incoming, fault: Fault) -> Fault {
-    if fault.kind != Kind::Slow {
-        body.linger().await;
-    }
-    fault
-}
-
-fn content_type(headers: &HeaderMap) -> &str {
-    let value = headers.get(header::CONTENT_TYPE);
-    value
-        .and_then(|value| value.to_str().ok())
-        .unwrap_or_default()
 }
 
 fn options(upload: &Upload) -> Result<Options, Fault> {

@@ -4,6 +4,7 @@ use crate::config::Config;
 use crate::crew::Crew;
 use crate::guard::Guard;
 use crate::metrics::Metrics;
+use crate::page::Index;
 use crate::scenes::Scenes;
 use crate::task::Task;
 use lsdc_core::Completer;
@@ -19,6 +20,7 @@ pub(crate) struct App {
     pub(crate) scenes: Scenes,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) guard: Guard,
+    pub(crate) gallery: Index,
     ends: AtomicBool,
 }
 
@@ -40,6 +42,7 @@ impl App {
             crew,
             scenes: Scenes::new(limits.scenes, limits.expiry, metrics.clone()),
             guard: Guard::new(&config, address),
+            gallery: Index::default(),
             metrics,
             config,
             ends: AtomicBool::new(false),

@@ -65,11 +65,13 @@ pub struct Limits {
     pub points: usize,
     /// Bytes that a compressed file may unfold to.
     pub unfolded: u64,
-    /// Requests that wait for a thread or for their answers to be fetched, beyond those that are worked on.
+    /// Requests whose bodies are being read, that wait for a thread, or whose answers are being fetched, beyond those
+    /// that are worked on.
     pub queue: usize,
     /// Computations at a time; 0 is one for each core.
     pub workers: usize,
-    /// Connections at a time; more wait to be accepted.
+    /// Connections at a time. Where there are more, those that wait longest for a request are closed; if none waits, the
+    /// others are accepted later.
     pub connections: usize,
     /// Time for the head of a request.
     pub head: Duration,

@@ -13,14 +13,23 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 /// The threads, and the places in their queue.
 pub(crate) struct Crew {
     queue: Arc<Queue>,
-    /// A place for each request from its way into the queue until its answer has been sent.
+    /// A place for each request from its head until its answer has been sent.
     places: Arc<Semaphore>,
     threads: Vec<JoinHandle<()>>,
     metrics: Arc<Metrics>,
 }
 
-/// A place in the house, which is free again when this is dropped.
-pub(crate) type Place = OwnedSemaphorePermit;
+/// A place of a request, which is free again when this is dropped.
+pub(crate) struct Place {
+    metrics: Arc<Metrics>,
+    _permit: OwnedSemaphorePermit,
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.metrics.add_places(-1);
+    }
+}
 
 struct Queue {
     state: Mutex<State>,
@@ -72,25 +81,19 @@ impl Crew {
         Ok(crew)
     }
 
-    /// A place in the queue, to be held until the answer has been sent.
+    /// A place for a request, which is taken before its body is read and held until its answer has been sent: there are
+    /// never more bodies, computations and answers than places.
     ///
     /// # Errors
     /// All are taken.
     pub(crate) fn place(&self) -> Result<Place, Fault> {
-        let place = self.places.clone().try_acquire_owned();
-        place.map_err(|_| self.full())
-    }
-
-    /// Refuses early what would find no place, before its body is read.
-    ///
-    /// # Errors
-    /// All places are taken.
-    pub(crate) fn check(&self) -> Result<(), Fault> {
-        if self.places.available_permits() > 0 {
-            Ok(())
-        } else {
-            Err(self.full())
-        }
+        let permit = self.places.clone().try_acquire_owned();
+        let permit = permit.map_err(|_| self.full())?;
+        self.metrics.add_places(1);
+        Ok(Place {
+            metrics: self.metrics.clone(),
+            _permit: permit,
+        })
     }
 
     fn full(&self) -> Fault {

@@ -3,10 +3,11 @@
 use crate::config::Limits;
 use crate::fault::{Fault, Kind};
 use crate::options::Options;
-use crate::points::{Points, too_many};
+use crate::points::{self, too_many};
 use crate::upload::Upload;
 use image::RgbImage;
-use lsdc_core::{Channels, Image, Observation};
+use lsdc_core::{Channels, Image, Observation, Observations};
+use lsdc_files::doubts::implausible_unit;
 use lsdc_files::{
     Camera, Orientation, Sparse, Unit, Upright, has_ending, image_size, read_upright,
     reading_at_most,
@@ -56,7 +57,10 @@ impl Frame {
             rgb,
             orientation,
             camera,
-            remarks,
+            remarks: remarks
+                .iter()
+                .map(|remark| upload.in_words(remark))
+                .collect(),
         })
     }
 
@@ -84,16 +88,16 @@ impl Frame {
         let path = upload.need("points")?;
         if is_list(path) {
             let json = std::fs::read(path).map_err(|_| Fault::failed())?;
-            return self.listed(Points::parse(&json, limits.points)?, options);
+            return self.listed(points::parse(&json, limits.points)?, options);
         }
         if is_cloud(path) && self.camera.is_none() {
             let what = "points in space need the part `camera`, to be projected into the image";
             return Err(Fault::unusable(what));
         }
         let read = || {
-            Sparse::read(
+            Sparse::read_as(
                 path,
-                options.unit()?,
+                options.stored_as()?,
                 self.camera.as_ref(),
                 self.orientation,
             )
@@ -101,7 +105,11 @@ impl Frame {
         };
         let mut points = reading_at_most(limits.unfolded, read)?;
         if points.points.len() > limits.points {
-            return Err(too_many(points.points.len(), limits.points));
+            return Err(too_many(limits.points));
+        }
+        points.points = with_sigma(points.points, options)?;
+        for remark in &mut points.remarks {
+            *remark = upload.in_words(remark);
         }
         if options.noise()?.is_some() && (points.guessed || points.unit == Unit::MODEL) {
             let what = format!(
@@ -110,7 +118,6 @@ impl Frame {
             );
             return Err(Fault::unusable(what).hint("send the option `depth_unit`, as in \"mm\""));
         }
-        points.points = with_sigma(points.points.iter(), options)?;
         Ok(points)
     }
 
@@ -118,16 +125,23 @@ impl Frame {
     ///
     /// # Errors
     /// Options that were not checked.
-    pub(crate) fn listed(&self, points: Points, options: &Options) -> Result<Sparse, Fault> {
+    pub(crate) fn listed(
+        &self,
+        points: Observations,
+        options: &Options,
+    ) -> Result<Sparse, Fault> {
+        let depths = points.iter().map(|point| point.depth);
+        let depths = depths.filter(|depth| depth.is_finite() && *depth > 0.0);
+        let implausible = implausible_unit(Unit::METRE, depths.collect());
         Ok(Sparse {
-            points: with_sigma(points.0.iter(), options)?,
+            points: with_sigma(points, options)?,
             size: self.size(),
             unit: Unit::METRE,
             guessed: false,
             ignored: 0,
             outside: 0,
             hidden: 0,
-            remarks: Vec::new(),
+            remarks: implausible.iter().map(ToString::to_string).collect(),
         })
     }
 }
@@ -157,19 +171,18 @@ fn is_cloud(path: &Path) -> bool {
         .any(|ending| has_ending(path, ending))
 }
 
-fn with_sigma<'a>(
-    points: impl Iterator<Item = &'a Observation>,
-    options: &Options,
-) -> Result<lsdc_core::Observations, Fault> {
-    let points = points.map(|point| Observation {
-        sigma: point.sigma.or(options.sigma),
+fn with_sigma(points: Observations, options: &Options) -> Result<Observations, Fault> {
+    if let Some(noise) = options.noise()? {
+        return Ok(noise.applied(&points).0);
+    }
+    let Some(sigma) = options.sigma else {
+        return Ok(points);
+    };
+    let with = |point: &Observation| Observation {
+        sigma: point.sigma.or(Some(sigma)),
         ..*point
-    });
-    let points = points.collect();
-    Ok(match options.noise()? {
-        Some(noise) => noise.applied(&points).0,
-        None => points,
-    })
+    };
+    Ok(points.iter().map(with).collect())
 }
 
 /// A camera from its file, or four numbers. (A name of another file would be read by `Camera::from_str`.)

@@ -5,7 +5,7 @@ use crate::config::Limits;
 use crate::encode::Form;
 use crate::frame::{Frame, check_points};
 use crate::options::Options;
-use crate::points::Points;
+use crate::points;
 use crate::upload::Upload;
 use axum::body::Body;
 
@@ -46,7 +46,8 @@ pub fn form(content_type: &str, bytes: &[u8]) -> bool {
 
 /// Reads points, options and a header as JSON and text.
 pub fn text(bytes: &[u8]) {
-    let _ = Points::parse(bytes, 1000);
+    let _ = points::parse(bytes, 1000);
+    let _ = points::parse_with_options(bytes, 1000);
     let _ = Options::parse(bytes);
     let _ = Form::accepted(std::str::from_utf8(bytes).ok());
 }

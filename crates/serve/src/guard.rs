@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::fault::{Fault, Kind};
-use axum::http::{HeaderMap, Method, Uri, header};
+use axum::http::{HeaderMap, Method, Uri, Version, header};
 use std::net::SocketAddr;
 use subtle::ConstantTimeEq as _;
 
@@ -42,13 +42,13 @@ impl Guard {
     /// Decides about a request.
     ///
     /// # Errors
-    /// A page of another site asks, or the token is missing or wrong.
+    /// It is not clear which host it is for; a page of another site asks, or the token is missing or wrong.
     pub(crate) fn check(
         &self,
-        method: &Method,
-        uri: &Uri,
+        (method, uri, version): (&Method, &Uri, Version),
         headers: &HeaderMap,
     ) -> Result<Verdict, Fault> {
+        check_host(uri, version, headers)?;
         if OPEN.contains(&uri.path()) {
             return Ok(Verdict::Pass);
         }
@@ -99,6 +99,29 @@ impl Guard {
     }
 }
 
+/// Refuses requests without a `Host`, with several, or with another one than their first line has (RFC 9112, section
+/// 3.2): whoever reads one of them and whoever reads the other do not mean the same host.
+fn check_host(uri: &Uri, version: Version, headers: &HeaderMap) -> Result<(), Fault> {
+    let mut hosts = headers.get_all(header::HOST).iter();
+    let (host, another) = (hosts.next(), hosts.next());
+    if another.is_some() {
+        return Err(Fault::malformed("the request has more than one `Host`"));
+    }
+    if host.is_none() && version == Version::HTTP_11 {
+        return Err(Fault::malformed("the request has no `Host`"));
+    }
+    let Some(authority) = uri.authority() else {
+        return Ok(());
+    };
+    let same = |host: &[u8]| host.eq_ignore_ascii_case(authority.as_str().as_bytes());
+    match host {
+        Some(host) if !same(host.as_bytes()) => Err(Fault::malformed(
+            "the request has another host in its first line than in `Host`",
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// Whether a `Host` names this machine, with a port or without.
 fn is_local(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
@@ -145,7 +168,8 @@ mod tests {
         let headers = headers
             .iter()
             .map(|(name, value)| (name.parse().unwrap(), value.parse().unwrap()));
-        let verdict = guard.check(&Method::GET, &uri.parse().unwrap(), &headers.collect());
+        let head = (&Method::GET, &uri.parse().unwrap(), Version::HTTP_10);
+        let verdict = guard.check(head, &headers.collect());
         verdict.map_err(|fault| fault.kind)
     }
 
@@ -226,5 +250,51 @@ mod tests {
         let token = guard(Some("secret"), false, true);
         assert_eq!(check(&token, "/?token=secret", &[own]), Err(Kind::Unknown));
         assert_eq!(check(&token, "/healthz", &[]), Ok(Verdict::Pass));
+    }
+    #[test]
+    fn a_request_is_for_one_host() {
+        let token = guard(Some("secret"), false, false);
+        let found = |uri: &str, hosts: &[&str], version| {
+            let hosts = hosts
+                .iter()
+                .map(|host| (header::HOST, host.parse().unwrap()));
+            let uri = uri.parse().unwrap();
+            let verdict = token.check((&Method::GET, &uri, version), &hosts.collect());
+            verdict.map_err(|fault| fault.kind)
+        };
+        let new = Version::HTTP_11;
+        for (uri, hosts) in [
+            ("/healthz", &["a.example"][..]),
+            ("http://a.example/healthz", &["A.example"]),
+            ("http://a.example:7000/healthz", &["a.example:7000"]),
+        ] {
+            assert_eq!(found(uri, hosts, new), Ok(Verdict::Pass), "{uri}");
+        }
+        for (uri, hosts) in [
+            ("/healthz", &["a.example", "a.example"][..]),
+            ("/healthz", &["a.example", "evil.example"]),
+            ("/healthz", &[]),
+            ("http://evil.example/healthz", &["a.example"]),
+            ("http://a.example:7001/healthz", &["a.example:7000"]),
+            ("http://me@a.example/healthz", &["a.example"]),
+        ] {
+            assert_eq!(
+                found(uri, hosts, new),
+                Err(Kind::Malformed),
+                "{uri} {hosts:?}"
+            );
+        }
+        assert_eq!(found("/healthz", &[], Version::HTTP_10), Ok(Verdict::Pass));
+        // Without `Host`, the first line counts.
+        let local = guard(None, false, true);
+        let head = (
+            &Method::GET,
+            &"http://evil.example/metrics".parse().unwrap(),
+            Version::HTTP_10,
+        );
+        assert_eq!(
+            local.check(head, &HeaderMap::new()).unwrap_err().kind,
+            Kind::Foreign
+        );
     }
 }

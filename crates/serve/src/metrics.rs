@@ -17,7 +17,9 @@ pub(crate) struct Metrics {
     counts: Mutex<Counts>,
     waiting: AtomicUsize,
     working: AtomicI64,
+    places: AtomicI64,
     connections: AtomicI64,
+    closed: AtomicU64,
     panics: AtomicU64,
     scenes: AtomicUsize,
     scene_bytes: AtomicU64,
@@ -80,6 +82,15 @@ impl Metrics {
         self.working.fetch_add(change, Ordering::Relaxed);
     }
 
+    pub(crate) fn add_places(&self, change: i64) {
+        self.places.fetch_add(change, Ordering::Relaxed);
+    }
+
+    /// A connection that waited for a request was closed to make room.
+    pub(crate) fn add_closed(&self) {
+        self.closed.fetch_add(1, Ordering::Relaxed);
+    }
+
     pub(crate) fn add_connections(&self, change: i64) {
         self.connections.fetch_add(change, Ordering::Relaxed);
     }
@@ -135,8 +146,14 @@ impl Metrics {
         page.single("queue", "gauge", "Computations that wait.", waiting);
         let working = self.working.load(Ordering::Relaxed);
         page.single("working", "gauge", "Computations that run.", working);
+        let places = self.places.load(Ordering::Relaxed);
+        let what = "Requests from the head to the end of the answer, of those that compute.";
+        page.single("places", "gauge", what, places);
         let open = self.connections.load(Ordering::Relaxed);
         page.single("connections", "gauge", "Open connections.", open);
+        let closed = self.closed.load(Ordering::Relaxed);
+        let what = "Connections without a request that were closed to make room.";
+        page.single("closed_idle_total", "counter", what, closed);
         let scenes = self.scenes.load(Ordering::Relaxed);
         page.single("scenes", "gauge", "Scenes that are kept.", scenes);
         let bytes = self.scene_bytes.load(Ordering::Relaxed);

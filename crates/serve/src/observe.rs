@@ -38,9 +38,8 @@ pub(crate) async fn observe(
         name: name.clone(),
         ended: false,
     };
-    let verdict = app
-        .guard
-        .check(request.method(), request.uri(), request.headers());
+    let head = (request.method(), request.uri(), request.version());
+    let verdict = app.guard.check(head, request.headers());
     let mut response = match verdict {
         Err(fault) => fail(fault),
         Ok(Verdict::Enter(cookie)) => enter(&cookie),

@@ -4,7 +4,7 @@ use crate::fault::Fault;
 use lsdc_core::DepthNoise;
 use lsdc_core::fit::Changes;
 use lsdc_core::settings::{FitMethod, Loss, PriorKind, Robust, Space};
-use lsdc_files::{CloudOptions, Unit};
+use lsdc_files::{CloudOptions, StoredAs};
 use serde::Deserialize;
 
 /// What is made of a fit, beside the report.
@@ -32,6 +32,7 @@ pub(crate) struct Options {
     /// The noise of a depth camera, for points without a standard deviation of their own: a name, or A,B,C.
     noise: Option<String>,
     depth_unit: Option<String>,
+    depth_kind: Option<String>,
     /// Metres: pixels that are less sure are left out of clouds.
     pub(crate) max_sigma: Option<f32>,
     /// Metres: clouds have one point for each cube of this edge length.
@@ -82,7 +83,7 @@ impl Options {
             let what = "the options `sigma` and `noise` are for the same points";
             return Err(Fault::unusable(what).hint("give either of them"));
         }
-        self.unit()?;
+        self.stored_as()?;
         self.noise()?;
         Ok(self)
     }
@@ -117,10 +118,12 @@ impl Options {
         }
     }
 
-    /// The unit of the depths of a file, if it is said.
-    pub(crate) fn unit(&self) -> Result<Option<Unit>, Fault> {
-        let unit = self.depth_unit.as_deref().map(str::parse).transpose();
-        unit.map_err(Fault::from)
+    /// What the depths of a file are, as far as that is said.
+    pub(crate) fn stored_as(&self) -> Result<StoredAs, Fault> {
+        Ok(StoredAs {
+            unit: self.depth_unit.as_deref().map(str::parse).transpose()?,
+            kind: self.depth_kind.as_deref().map(str::parse).transpose()?,
+        })
     }
 
     /// Whether a layer is asked for; all are, where nothing is said.
@@ -166,6 +169,7 @@ mod tests {
             ("{\"depth_unit\": \"furlong\"}", Kind::Unusable),
             ("{\"noise\": \"radar\"}", Kind::Unusable),
             ("{\"noise\": \"tof\", \"sigma\": 0.1}", Kind::Unusable),
+            ("{\"depth_kind\": \"slant\"}", Kind::Unusable),
             ("{\"layers\": [\"normals\"]}", Kind::Malformed),
         ] {
             assert_eq!(

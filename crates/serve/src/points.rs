@@ -1,42 +1,78 @@
-//! Points as JSON: `[[u, v, depth], [u, v, depth, sigma], ...]`.
+//! Points as JSON: `[[u, v, depth], [u, v, depth, sigma], ...]`, alone or with options.
 
 use crate::fault::Fault;
+use crate::options::Options;
 use lsdc_core::{Observation, Observations};
 use serde::Deserialize;
-use serde::de::{Deserializer, Error, SeqAccess, Visitor};
+use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
+use std::cell::Cell;
 use std::fmt::Formatter;
 
-/// A list of points, in the order given.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Points(pub(crate) Observations);
-
-impl Points {
-    /// Reads a list.
-    ///
-    /// # Errors
-    /// No JSON, or something else than points; more than `most` of them.
-    pub(crate) fn parse(json: &[u8], most: usize) -> Result<Self, Fault> {
-        let points: Self = serde_json::from_slice(json).map_err(|e| {
-            Fault::malformed(format!("the points cannot be read: {e}"))
+/// Reads a list of points, in the order given.
+///
+/// # Errors
+/// No JSON, or something else than points; more than `most` of them, of which no more are kept in memory.
+pub(crate) fn parse(json: &[u8], most: usize) -> Result<Observations, Fault> {
+    let limit = Limit::new(most);
+    let found = whole(json, List(&limit));
+    found.map_err(|error| {
+        limit.fault(|| {
+            Fault::malformed(format!("the points cannot be read: {error}"))
                 .hint("points are [[u, v, depth], [u, v, depth, sigma], ...]")
-        })?;
-        points.checked(most)
+        })
+    })
+}
+
+/// Reads `{"points": [...], "options": {...}}`, as a request to a scene has it.
+///
+/// # Errors
+/// As for [`parse`]; unknown or wrong options.
+pub(crate) fn parse_with_options(
+    json: &[u8],
+    most: usize,
+) -> Result<(Observations, Options), Fault> {
+    let limit = Limit::new(most);
+    let found = whole(json, Request(&limit));
+    let (points, options) = found.map_err(|error| {
+        limit.fault(|| {
+            Fault::malformed(format!("the request cannot be read: {error}"))
+                .hint("it is {\"points\": [[u, v, depth], ...], \"options\": {...}}")
+        })
+    })?;
+    Ok((points, options.checked()?))
+}
+
+fn whole<'de, S: DeserializeSeed<'de>>(json: &'de [u8], seed: S) -> serde_json::Result<S::Value> {
+    let mut deserializer = serde_json::Deserializer::from_slice(json);
+    let found = seed.deserialize(&mut deserializer)?;
+    deserializer.end()?;
+    Ok(found)
+}
+
+/// How many points are taken, and whether there were more.
+struct Limit {
+    most: usize,
+    exceeded: Cell<bool>,
+}
+
+impl Limit {
+    fn new(most: usize) -> Self {
+        let exceeded = Cell::new(false);
+        Self { most, exceeded }
     }
 
-    pub(crate) fn checked(self, most: usize) -> Result<Self, Fault> {
-        match self.0.len() {
-            count if count > most => Err(too_many(count, most)),
-            _ => Ok(self),
+    fn fault(&self, otherwise: impl FnOnce() -> Fault) -> Fault {
+        if self.exceeded.get() {
+            too_many(self.most)
+        } else {
+            otherwise()
         }
     }
 }
 
 /// That there are more points than are taken.
-pub(crate) fn too_many(count: usize, most: usize) -> Fault {
-    Fault::too_large(format!(
-        "{count} points are more than the {most} that are taken"
-    ))
-    .hint("send a part of them")
+pub(crate) fn too_many(most: usize) -> Fault {
+    Fault::too_large(format!("there are more than {most} points")).hint("send a part of them")
 }
 
 /// One point: three numbers, and a fourth that may be null.
@@ -68,10 +104,76 @@ impl<'de> Deserialize<'de> for Point {
     }
 }
 
-impl<'de> Deserialize<'de> for Points {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let points = Vec::<Point>::deserialize(deserializer)?;
-        Ok(Self(points.into_iter().map(|point| point.0).collect()))
+/// A list of points, which is read no further than the limit.
+struct List<'a>(&'a Limit);
+
+impl<'de> DeserializeSeed<'de> for List<'_> {
+    type Value = Observations;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de> Visitor<'de> for List<'_> {
+    type Value = Observations;
+
+    fn expecting(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "a list of points")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+        let mut points = Observations::new();
+        while let Some(Point(point)) = list.next_element()? {
+            if points.len() == self.0.most {
+                self.0.exceeded.set(true);
+                return Err(A::Error::custom("too many points"));
+            }
+            points.push(point);
+        }
+        Ok(points)
+    }
+}
+
+/// Points with options.
+struct Request<'a>(&'a Limit);
+
+#[derive(Deserialize)]
+#[serde(field_identifier, rename_all = "lowercase")]
+enum Key {
+    Points,
+    Options,
+}
+
+impl<'de> DeserializeSeed<'de> for Request<'_> {
+    type Value = (Observations, Options);
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Request<'_> {
+    type Value = (Observations, Options);
+
+    fn expecting(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "an object with points, and perhaps options")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+        let (mut points, mut options) = (None, None);
+        while let Some(key) = map.next_key()? {
+            match key {
+                Key::Points if points.is_none() => {
+                    points = Some(map.next_value_seed(List(self.0))?);
+                }
+                Key::Options if options.is_none() => options = Some(map.next_value()?),
+                Key::Points => return Err(A::Error::duplicate_field("points")),
+                Key::Options => return Err(A::Error::duplicate_field("options")),
+            }
+        }
+        let points = points.ok_or_else(|| A::Error::missing_field("points"))?;
+        Ok((points, options.unwrap_or_default()))
     }
 }
 
@@ -82,10 +184,10 @@ mod tests {
 
     #[test]
     fn a_fourth_number_is_a_standard_deviation() {
-        let points = Points::parse(b"[[1, 2.5, 3], [4,5,6,0.5], [7,8,9,null]]", 3).unwrap();
-        let sigmas: Vec<_> = points.0.iter().map(|point| point.sigma).collect();
+        let points = parse(b"[[1, 2.5, 3], [4,5,6,0.5], [7,8,9,null]]", 3).unwrap();
+        let sigmas: Vec<_> = points.iter().map(|point| point.sigma).collect();
         assert_eq!(sigmas, [None, Some(0.5), None]);
-        assert_eq!(points.0.as_slice()[0].v, 2.5);
+        assert_eq!(points.as_slice()[0].v, 2.5);
     }
 
     #[test]
@@ -102,10 +204,45 @@ mod tests {
             "[[[1],2,3]]",
             "[[1,2,3]] x",
         ] {
-            let fault = Points::parse(json.as_bytes(), 9).unwrap_err();
+            let fault = parse(json.as_bytes(), 9).unwrap_err();
             assert_eq!(fault.kind, Kind::Malformed, "{json}");
         }
-        let fault = Points::parse(b"[[1,2,3],[1,2,3]]", 1).unwrap_err();
-        assert_eq!(fault.kind, Kind::TooLarge);
+    }
+
+    #[test]
+    fn a_list_is_read_no_further_than_the_limit() {
+        // What follows is no JSON, which nobody finds out.
+        for json in ["[[1,2,3],[1,2,3]]", "[[1,2,3],[1,2,3] no JSON"] {
+            assert_eq!(parse(json.as_bytes(), 1).unwrap_err().kind, Kind::TooLarge);
+            let request = format!("{{\"points\": {json}}}");
+            let fault = parse_with_options(request.as_bytes(), 1).unwrap_err();
+            assert_eq!(fault.kind, Kind::TooLarge);
+        }
+        assert_eq!(parse(b"[[1,2,3],[1,2,3]]", 2).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn a_request_has_points_and_perhaps_options() {
+        let read = |json: &str| parse_with_options(json.as_bytes(), 9);
+        let (points, options) =
+            read(r#"{"options": {"sigma": 0.5}, "points": [[1,2,3]]}"#).unwrap();
+        assert_eq!((points.len(), options.sigma), (1, Some(0.5)));
+        assert_eq!(read(r#"{"points": []}"#).unwrap().1, Options::default());
+        for (json, kind) in [
+            ("[]", Kind::Malformed),
+            ("{}", Kind::Malformed),
+            (r#"{"points": [], "points": []}"#, Kind::Malformed),
+            (r#"{"points": [], "colour": 1}"#, Kind::Malformed),
+            (
+                r#"{"points": [], "options": {"colour": 1}}"#,
+                Kind::Malformed,
+            ),
+            (
+                r#"{"points": [], "options": {"sigma": -1}}"#,
+                Kind::Unusable,
+            ),
+        ] {
+            assert_eq!(read(json).unwrap_err().kind, kind, "{json}");
+        }
     }
 }

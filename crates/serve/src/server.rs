@@ -3,15 +3,22 @@
 use crate::app::App;
 use crate::config::Config;
 use crate::error::Error;
+use crate::idle::{Busy, Client, Idle};
 use crate::pace::Paced;
-use crate::{routes, tls};
+use crate::{routes, spool, tls};
 use axum::Router;
+use axum::body::Body;
+use bytes::Bytes;
+use hyper::body::{Frame, SizeHint};
 use hyper::server::conn::http1;
+use hyper::service::{Service as _, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use lsdc_core::Completer;
 use std::net::{SocketAddr, TcpListener};
+use std::pin::Pin;
 use std::sync::Arc;
+use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
@@ -50,7 +57,8 @@ impl Handle {
 }
 
 impl Server {
-    /// Listens on an address; port 0 is any that is free. Requests wait until the service [runs](Self::run).
+    /// Listens on an address; port 0 is any that is free. Requests wait until the service [runs](Self::run). Uploads
+    /// that killed services have left in the temporary folder are removed.
     ///
     /// # Errors
     /// An address that cannot be listened to, or that other machines reach without a token; a certificate that
@@ -63,6 +71,7 @@ impl Server {
         listener.set_nonblocking(true).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
         let app = App::new(completer, config, address).map_err(Error::Threads)?;
+        spool::sweep();
         Ok(Self {
             listener,
             address,
@@ -104,32 +113,40 @@ impl Server {
         let router = routes::router(&self.app);
         let mut tidying = interval(TIDYING);
         tidying.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let accepted = async || {
-            let place = room.clone().acquire_owned().await.ok()?;
-            Some((listener.accept().await, place))
-        };
+        let idle = Arc::new(Idle::default());
+        // A connection that has been accepted and for which there is no room yet.
+        let mut next: Option<TcpStream> = None;
         loop {
             tokio::select! {
                 _ = end.wait_for(|end| *end) => break,
                 _ = tidying.tick() => self.app.scenes.expire(Instant::now()),
                 Some(_) = connections.join_next() => {}
-                next = accepted() => match next {
-                    Some((Ok((stream, _)), place)) => {
-                        let connection = Connection {
-                            app: self.app.clone(),
-                            router: router.clone(),
-                            tls: self.tls.clone(),
-                            end: self.end.subscribe(),
-                        };
+                accepted = listener.accept(), if next.is_none() => match accepted {
+                    Ok((stream, _)) => {
+                        next = Some(stream);
+                        if room.available_permits() == 0 {
+                            idle.make_room();
+                        }
+                    }
+                    // Out of descriptors, or a connection that has gone: it passes.
+                    Err(_) => tokio::time::sleep(Duration::from_millis(50)).await,
+                },
+                Ok(place) = room.clone().acquire_owned(), if next.is_some() => {
+                    idle.has_room();
+                    let connection = Connection {
+                        app: self.app.clone(),
+                        router: router.clone(),
+                        tls: self.tls.clone(),
+                        end: self.end.subscribe(),
+                        client: Client::new(&idle),
+                    };
+                    if let Some(stream) = next.take() {
                         connections.spawn(async move {
                             connection.serve(stream).await;
                             drop(place);
                         });
                     }
-                    // Out of descriptors, or a connection that has gone: it passes.
-                    Some((Err(_), _)) => tokio::time::sleep(Duration::from_millis(50)).await,
-                    None => break,
-                },
+                }
             }
         }
         self.app.end();
@@ -147,15 +164,24 @@ struct Connection {
     router: Router,
     tls: Option<TlsAcceptor>,
     end: watch::Receiver<bool>,
+    client: Arc<Client>,
 }
 
 impl Connection {
     async fn serve(self, stream: TcpStream) {
         // Heads and bodies of answers go out at once.
         let _ = stream.set_nodelay(true);
-        let app = self.app.clone();
-        let limits = &app.config.limits;
+        let (app, client) = (self.app.clone(), self.client.clone());
         app.metrics.add_connections(1);
+        tokio::select! {
+            () = self.secure(stream) => {}
+            () = client.closed() => app.metrics.add_closed(),
+        }
+        app.metrics.add_connections(-1);
+    }
+
+    async fn secure(self, stream: TcpStream) {
+        let limits = self.app.config.limits.clone();
         let stream = Paced::new(stream, limits.rate, limits.pace);
         match self.tls.clone() {
             None => self.speak(stream).await,
@@ -165,12 +191,19 @@ impl Connection {
                 }
             }
         }
-        app.metrics.add_connections(-1);
     }
 
     /// Speaks HTTP. What goes wrong is the client's affair: it has gone, was too slow, or speaks something else.
     async fn speak<S: AsyncRead + AsyncWrite + Unpin>(mut self, stream: S) {
-        let service = TowerToHyperService::new(self.router);
+        let router = TowerToHyperService::new(self.router);
+        let service = service_fn(|request| {
+            let busy = self.client.busy();
+            let answer = router.call(request);
+            async {
+                let answer = answer.await;
+                answer.map(|answer| answer.map(|body| Answer { body, _busy: busy }))
+            }
+        });
         let connection = http1::Builder::new()
             .timer(TokioTimer::new())
             .header_read_timeout(self.app.config.limits.head)
@@ -187,5 +220,31 @@ impl Connection {
             connection.as_mut().graceful_shutdown();
             let _ = connection.await;
         }
+    }
+}
+
+/// The body of an answer. Its connection is busy until the last of it has been handed over.
+struct Answer {
+    body: Body,
+    _busy: Busy,
+}
+
+impl hyper::body::Body for Answer {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        Pin::new(&mut self.body).poll_frame(cx)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
     }
 }

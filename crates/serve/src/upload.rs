@@ -2,16 +2,23 @@
 
 use crate::body::Incoming;
 use crate::fault::{Fault, Kind};
+use crate::spool::Spool;
 use multer::{Field, Multipart};
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
 
 /// The parts of a form, in files.
 pub(crate) struct Upload {
-    folder: TempDir,
-    parts: BTreeMap<&'static str, PathBuf>,
+    folder: Spool,
+    parts: BTreeMap<&'static str, Part>,
+}
+
+/// A part.
+struct Part {
+    path: PathBuf,
+    /// What its client calls it: the name of the file that was sent, or that of the part.
+    name: String,
 }
 
 /// Bytes of a part that is no image and no points.
@@ -19,9 +26,11 @@ const SMALL: u64 = 1 << 20;
 
 /// Endings that a name may pass on to the reader of its file, which goes by them.
 const LONGEST_ENDING: usize = 5;
+/// Letters of a name that are kept.
+const LONGEST_NAME: usize = 64;
 
 impl Upload {
-    /// Reads a form with these parts, each of which may be missing.
+    /// Reads a form with these parts, each of which may be missing. Files are written as they come, which blocks.
     ///
     /// # Errors
     /// No sound form, parts that are unknown or come twice, and those of the body.
@@ -35,9 +44,8 @@ impl Upload {
             Fault::new(Kind::Unsupported, what)
                 .hint("send a form, as `curl -F image=@rgb.png` does")
         })?;
-        let folder = tempfile::Builder::new().prefix("lsdc-").tempdir();
         let mut upload = Self {
-            folder: folder.map_err(|_| Fault::failed())?,
+            folder: Spool::new().map_err(|_| Fault::failed())?,
             parts: BTreeMap::new(),
         };
         let mut form = Multipart::new(body.stream(), boundary);
@@ -51,19 +59,25 @@ impl Upload {
             if upload.parts.contains_key(name) {
                 return Err(Fault::malformed(format!("the part `{name}` comes twice")));
             }
-            let path = upload.keep(name, field).await?;
-            upload.parts.insert(name, path);
+            let part = upload.keep(name, field).await?;
+            upload.parts.insert(name, part);
         }
         Ok(upload)
     }
 
-    async fn keep(&self, name: &str, mut field: Field<'_>) -> Result<PathBuf, Fault> {
-        let path = match ending(&field) {
-            Some(ending) => self.folder.path().join(format!("{name}.{ending}")),
-            None => self.folder.path().join(name),
-        };
+    async fn keep(&self, name: &str, mut field: Field<'_>) -> Result<Part, Fault> {
         let failed = |_| Fault::failed();
-        // A few pages of memory at a time: not worth another thread.
+        let folder = self.folder.path().join(name);
+        std::fs::create_dir(&folder).map_err(failed)?;
+        // Readers go by endings, and doubt by names.
+        let mut own = field.file_name().map(stem).unwrap_or_default();
+        if own.is_empty() {
+            name.clone_into(&mut own);
+        }
+        if let Some(ending) = ending(&field) {
+            own = format!("{own}.{ending}");
+        }
+        let path = folder.join(own);
         let mut file = std::fs::File::create(&path).map_err(failed)?;
         let most = match name {
             "image" | "points" => u64::MAX,
@@ -78,12 +92,17 @@ impl Upload {
             }
             file.write_all(&chunk).map_err(failed)?;
         }
-        Ok(path)
+        let sent = field.file_name().map(|name| printable(last(name)));
+        let sent = sent.filter(|name| !name.is_empty());
+        Ok(Part {
+            path,
+            name: sent.unwrap_or_else(|| name.to_owned()),
+        })
     }
 
     /// The file of a part.
     pub(crate) fn get(&self, name: &str) -> Option<&Path> {
-        self.parts.get(name).map(PathBuf::as_path)
+        self.parts.get(name).map(|part| part.path.as_path())
     }
 
     /// The file of a part that must be there.
@@ -99,13 +118,28 @@ impl Upload {
 
     /// A fault in the words of the client, who knows nothing of the folder.
     pub(crate) fn named(&self, fault: Fault) -> Fault {
-        let mut here = self.folder.path().display().to_string();
-        here.push(std::path::MAIN_SEPARATOR);
         Fault {
-            message: fault.message.replace(&here, ""),
+            message: self.in_words(&fault.message),
+            hint: fault.hint.as_deref().map(|hint| self.in_words(hint)),
             ..fault
         }
     }
+
+    /// A text in which files have the names that their client has given them.
+    pub(crate) fn in_words(&self, text: &str) -> String {
+        let mut text = text.to_owned();
+        for part in self.parts.values() {
+            text = text.replace(&part.path.display().to_string(), &part.name);
+        }
+        let mut here = self.folder.path().display().to_string();
+        here.push(std::path::MAIN_SEPARATOR);
+        text.replace(&here, "")
+    }
+}
+
+/// The last part of a path, of whatever system.
+fn last(path: &str) -> &str {
+    path.rsplit(['/', '\\']).next().unwrap_or_default()
 }
 
 /// The ending that tells what a part is: that of its file's name, or else of its type.
@@ -132,7 +166,21 @@ fn ending(field: &Field<'_>) -> Option<String> {
     Some(ending.to_owned())
 }
 
-/// A name from outside, as far as it can be shown.
+/// The name of a file without its ending, as far as it is safe in a path.
+fn stem(name: &str) -> String {
+    let stem = Path::new(last(name)).file_stem().unwrap_or_default();
+    let safe = |c: &char| c.is_ascii_alphanumeric() || "-_".contains(*c);
+    let stem = stem.to_string_lossy();
+    stem.chars().filter(safe).take(LONGEST_NAME).collect()
+}
+
+/// The name of a file, as far as it can be shown.
+fn printable(name: &str) -> String {
+    let plain = |c: &char| !c.is_control() && *c != '`';
+    name.chars().filter(plain).take(LONGEST_NAME).collect()
+}
+
+/// The name of a part, as far as it can be shown.
 fn shown(name: &str) -> String {
     let plain = |c: &char| c.is_ascii_graphic() && *c != '`';
     name.chars().filter(plain).take(32).collect()

@@ -297,9 +297,9 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
             return Ok(jobs.found);
         }
     } else if !args.sparse.is_dir() {
-        let what = "is no folder of points and no model of COLMAP, but the images are several";
+        let what = "is no folder of points and no model of COLMAP";
         return Err(Error::format(&args.sparse, what).hint(
-            "give a folder of points files that are called as the images are, a model, or one image and its points",
+            "for several images give a folder with a file of points for each, or a list; for one image give its path",
         ));
     }
     let mut jobs = Jobs::new(args, failures);

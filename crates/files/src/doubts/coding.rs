@@ -52,7 +52,7 @@ mod tests {
 
     #[test]
     fn rotated_bits_are_recognised_and_rotated_back() {
-        let millimetres: Vec<u16> = (0..500).map(|i| 600 + 17 * i).chain([0, 8400]).collect();
+        let millimetres: Vec<u16> = (0..500).map(|i| 600 + 15 * i).chain([0, 8400]).collect();
         let stored = millimetres.iter().map(|d| f32::from(d.rotate_left(3)));
         let mut values: Vec<f32> = stored.collect();
         assert!(is_rotated(&values));

@@ -115,7 +115,12 @@ fn encode(out: &mut dyn Write, depth: &DepthMap, values: &[u8], scale: f64) -> s
 pub fn stored_unit(path: &Path) -> Option<Unit> {
     let file = BufReader::new(File::open(path).ok()?);
     let reader = png::Decoder::new(file).read_info().ok()?;
-    let mut texts = reader.info().uncompressed_latin1_text.iter();
+    declared_unit(reader.info())
+}
+
+/// The unit in a text chunk before the pixels.
+pub(super) fn declared_unit(info: &png::Info<'_>) -> Option<Unit> {
+    let mut texts = info.uncompressed_latin1_text.iter();
     let unit = texts.find(|text| text.keyword == KEYWORD)?;
     Unit::per_metre(unit.text.parse().ok()?)
 }

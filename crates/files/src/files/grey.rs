@@ -1,5 +1,6 @@
 //! Depths in grey images: numbers as stored, never as shares of white.
 
+use super::depth_png::declared_unit;
 use super::picture::open;
 use super::{check_pixels, pgm, read_tiff};
 use crate::doubts::{Doubt, Numbers};
@@ -66,6 +67,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let frames = info
         .animation_control
         .map_or(1, |animation| animation.num_frames);
+    let plain = declared_unit(info).is_some();
     let transparent = info
         .trns
         .as_deref()
@@ -103,6 +105,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let values = shown.into_luma16().iter().map(|&v| f32::from(v)).collect();
     let mut raster = Raster::new((columns, rows), values, Numbers::unsigned(depth as u32));
     raster.declared = transparent.map(f64::from);
+    raster.plain = plain;
     if frames > 1 {
         raster.doubts.push(Doubt::Chosen {
             what: "frame",

@@ -5,10 +5,11 @@ import { sorted } from "./files.ts";
 import { History } from "./model/history.ts";
 import * as link from "./model/link.ts";
 import { count } from "./model/numbers.ts";
+import { assumed } from "./model/camera.ts";
 import { sampled, subset, type Point } from "./model/points.ts";
-import { DRAFT, VIEW, type Draft, type Fit, type View } from "./model/settings.ts";
+import { DRAFT, renewed, VIEW, type Draft, type Fit, type View } from "./model/settings.ts";
 import * as service from "./service.ts";
-import { Store, type Scene } from "./state.ts";
+import { Store, type Notice, type Pixel, type Scene } from "./state.ts";
 
 /** More points than these come thinned out; a slider takes all of them. */
 const EASY = 5000;
@@ -22,7 +23,7 @@ interface Opening {
 
 export class App {
   readonly store = new Store({
-    scene: null, draft: DRAFT, used: [], answer: null, view: VIEW, selected: null, cursor: null,
+    scene: null, draft: DRAFT, used: [], answer: null, view: VIEW, selected: null, cursor: null, pending: null,
     fitting: false, waiting: null, notice: null, canUndo: false, canRedo: false,
   });
   private history = new History<Draft>(DRAFT);
@@ -73,10 +74,11 @@ export class App {
       const source = demo ? { demo } : { file: image.name, width, height };
       const scene: Scene = {
         id, width, height, picture, source, name: image.name, file: image, camera: posted.camera ?? null, cameraFile: camera,
-        given: [], pointsName: points instanceof File ? points.name : null,
+        given: [], pointsName: points instanceof File ? points.name : null, remarks: [],
       };
       if (!picture) this.note("the browser cannot show images of this kind", "the map is shown without it");
-      this.store.set({ scene, answer: null, selected: null, cursor: null });
+      this.store.set({ scene, answer: null, selected: null, cursor: null, pending: null });
+      if (before?.file !== image) this.store.set({ view: renewed(this.store.state.view) });
       this.restart(DRAFT);
       if (points instanceof File) await this.openPoints(scene, points);
       else this.begin(scene, points ?? []);
@@ -87,14 +89,14 @@ export class App {
     await this.guarded("reading points", async () => {
       const layers = await service.fit(scene.id, file, this.store.state.draft.fit, ["depth"]);
       const points = layers.points.map(({ u, v, depth, sigma }) => ({ u, v, depth, ...(sigma !== null && { sigma }) }));
-      this.begin({ ...scene, pointsName: file.name }, points);
+      this.begin({ ...scene, pointsName: file.name, remarks: layers.report.remarks ?? [] }, points);
     });
   }
 
   private begin(scene: Scene, given: readonly Point[]): void {
     this.store.set({ scene: { ...scene, given } });
     const wanted = this.linked;
-    const same = wanted?.source && JSON.stringify(wanted.source) === JSON.stringify(scene.source);
+    const same = wanted && (!wanted.source || JSON.stringify(wanted.source) === JSON.stringify(scene.source));
     const many = given.length > EASY ? EASY : null;
     this.linked = null;
     if (same) {
@@ -118,7 +120,7 @@ export class App {
   close(): void {
     const { scene } = this.store.state;
     if (scene) service.forget(scene.id);
-    this.store.set({ scene: null, answer: null, selected: null, cursor: null });
+    this.store.set({ scene: null, answer: null, selected: null, cursor: null, pending: null });
     this.restart(DRAFT);
     window.history.replaceState(null, "", location.pathname);
   }
@@ -130,16 +132,16 @@ export class App {
     this.apply();
   }
 
-  /** Adds a point, by default at the depth that the map has there; its index, or null without a depth. */
-  add(u: number, v: number, depth: number | null): number | null {
+  /** Where a new point would be, or that there is none. */
+  propose = (pending: Pixel | null): void => this.store.set({ pending });
+
+  /** Adds a point. */
+  add(u: number, v: number, depth: number): void {
     const { draft, scene } = this.store.state;
-    const value = depth ?? this.depthAt(u, v);
-    if (!scene || value === null || !(value > 0)) return null;
-    const inside = clamped(scene, u, v);
-    const points = [...draft.points, { ...inside, depth: value, placed: true }];
+    if (!scene || !(depth > 0)) return;
+    const points = [...draft.points, { ...clamped(scene, u, v), depth, placed: true }];
     this.edit({ ...draft, points, count: draft.count === null ? null : draft.count + 1 });
     this.store.set({ selected: points.length - 1 });
-    return points.length - 1;
   }
 
   change(index: number, change: Partial<Point>, gesture: string): void {
@@ -221,23 +223,22 @@ export class App {
   camera(): service.Intrinsics {
     const { scene, view } = this.store.state;
     if (!scene) return { fx: 1, fy: 1, cx: 0, cy: 0 };
-    if (scene.camera) return scene.camera;
-    const focal = scene.width / 2 / Math.tan((view.field * Math.PI) / 360);
-    return { fx: focal, fy: focal, cx: (scene.width - 1) / 2, cy: (scene.height - 1) / 2 };
+    return scene.camera ?? assumed(scene, view.field);
   }
 
   // Downloads
 
   async download(format: service.Format): Promise<{ name: string; contents: Blob } | null> {
-    const { scene, draft, used } = this.store.state;
+    const { scene, draft, used, view } = this.store.state;
     if (!scene || draft.points.length === 0) return null;
     let contents: Blob | null = null;
     await this.guarded("preparing the file", async () => {
       const points = draft.points.filter((_, i) => used[i]);
       const own = format === "ply" && !scene.camera;
+      const options = format === "ply" ? { ...draft.fit, max_sigma: view.cut, ...(view.flying && { keep_flying: true }) } : draft.fit;
       contents = own
-        ? await service.cloud(scene.file, points, draft.fit, this.camera(), [scene.width, scene.height])
-        : await service.download(scene.id, points, draft.fit, format);
+        ? await service.cloud(scene.file, points, options, this.camera(), [scene.width, scene.height])
+        : await service.download(scene.id, points, options, format);
     });
     const stem = scene.name.replace(/\.[^.]*$/, "");
     return contents ? { name: stem + service.FORMATS[format].suffix, contents } : null;
@@ -252,13 +253,13 @@ export class App {
     return `${location.origin}${location.pathname}#${fragment}`;
   }
 
-  /** Settings to apply as soon as their image is open. */
-  expect(linked: link.Linked): void {
+  /** Settings to apply as soon as their image is open. `instead` opens another, if there is one. */
+  expect(linked: link.Linked, instead: Notice["action"] | null = null): void {
     this.linked = linked;
-    this.store.set({ view: linked.view });
+    this.store.set({ view: { ...this.store.state.view, theme: linked.view.theme } });
     if (linked.source && "file" in linked.source) {
       const { file, width, height } = linked.source;
-      this.note(`this link is about ${file} (${width}×${height})`, "open that image to see it; images do not travel in links");
+      this.note(`this address is about ${file} (${width}×${height})`, "open that image to go on; the address has its points and settings, but no image", instead);
     }
   }
 
@@ -272,8 +273,8 @@ export class App {
 
   // Saying
 
-  note(message: string, hint: string | null = null): void {
-    this.store.set({ notice: { kind: "note", message, hint } });
+  note(message: string, hint: string | null = null, action: Notice["action"] | null = null): void {
+    this.store.set({ notice: { kind: "note", message, hint, ...(action && { action }) } });
   }
 
   dismiss = (): void => this.store.set({ notice: null });

@@ -73,6 +73,16 @@ export function select<T extends string>(label: string, choices: readonly (reado
   return { element: h("label", { class: "field" }, h("span", {}, label), input), set: (value) => void (input.value = value) };
 }
 
+export function check(label: string, title: string, change: (on: boolean) => void): Control<boolean> & { note(text: string): void } {
+  const input = h("input", { type: "checkbox", onchange: () => change(input.checked) });
+  const note = h("span", { class: "amount" });
+  return {
+    element: h("label", { class: "check", title }, input, h("span", {}, label), note),
+    set: (on) => void (input.checked = on),
+    note: (text) => void (note.textContent = text),
+  };
+}
+
 interface Slide {
   readonly label: string;
   readonly hidden?: boolean;

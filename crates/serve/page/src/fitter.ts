@@ -2,7 +2,7 @@
 
 import { Latest } from "./model/latest.ts";
 import type { Layers } from "./model/layers.ts";
-import { quantiles, range, rootMeanSquare } from "./model/numbers.ts";
+import { median, quantiles, range, rootMeanSquare } from "./model/numbers.ts";
 import { sampled, subset } from "./model/points.ts";
 import type { Draft } from "./model/settings.ts";
 import * as service from "./service.ts";
@@ -103,14 +103,14 @@ export function summary(layers: Layers, draft: Draft, indices: readonly number[]
   const [low, high] = range(depth);
   const [near, middle, far] = quantiles(depth, [0.01, 0.5, 0.99]);
   const [middleDeviation, highDeviation] =
-    layers.deviation || !same ? quantiles(deviation ?? [], [0.5, 0.98]) : [before.middleDeviation, before.highDeviation];
+    layers.deviation || !same ? [median(deviation ?? new Float32Array()), quantiles(deviation ?? [], [0.98])[0]] : [before.middleDeviation, before.highDeviation];
   return {
     draft, layers, fitted, deviation, seconds, low, high,
     stale: !layers.deviation,
     near: near!,
     middle: middle!,
     far: far!,
-    middleDeviation: middleDeviation!,
+    middleDeviation,
     highDeviation: highDeviation!,
     heldOut: rootMeanSquare(errors),
   };

@@ -6,6 +6,7 @@ import { h, iconButton, segments, slider } from "./dom.ts";
 import * as link from "./model/link.ts";
 import { LAYERS, THEMES } from "./model/settings.ts";
 import * as service from "./service.ts";
+import { Busy } from "./views/busy.ts";
 import { Cloud } from "./views/cloud.ts";
 import { Downloads } from "./views/downloads.ts";
 import { Gallery } from "./views/gallery.ts";
@@ -33,6 +34,7 @@ const downloads = new Downloads(app);
 const notices = new Notices(app);
 const startPage = new StartPage(app);
 const help = new Help();
+const busy = new Busy();
 
 const layer = segments("Map", [["depth", "Depth"], ["deviation", "Deviation"], ["none", "None"]], (layer: (typeof LAYERS)[number]) => app.look({ layer }));
 const opacity = slider({
@@ -49,6 +51,7 @@ const theme = iconButton("theme", "Light or dark", () => {
 const open = chooseImage(app, "Open…");
 const back = h("button", { type: "button", class: "quiet", hidden: true, onclick: () => showGallery() }, "Gallery");
 
+stage.element.append(busy.element);
 const main = h("main", {},
   startPage.element,
   h("div", { class: "work" },
@@ -84,7 +87,7 @@ app.store.watch((state) => {
   back.hidden = !gallery || !scene;
   layer.set(view.layer);
   opacity.set(Math.round(100 * view.opacity));
-  for (const part of [stage, profile, legend, readout, cloud, numbers, panel, list, downloads, notices]) part.show(state);
+  for (const part of [busy, stage, profile, legend, readout, cloud, numbers, panel, list, downloads, notices]) part.show(state);
 });
 
 function toStart(event: Event): void {
@@ -145,13 +148,17 @@ async function begin(): Promise<void> {
     app.look({});
   }
   const { source } = linked;
-  if (location.hash.length > 1) app.expect(linked);
+  const opened = () => app.openAddresses(started.image!, started.points ?? null, started.camera ?? null, started.name);
+  // An image of one's own is not in the address: after a reload, no other takes its place unasked.
+  const other = Boolean(source && "file" in source && source.file !== started.name);
+  const instead = other && started.image ? { label: `Open ${started.name ?? "the first image"}`, run: () => (app.dismiss(), void opened()) } : null;
+  if (location.hash.length > 1) app.expect(linked, instead);
   if (source && "demo" in source) {
     const demo = demos.find((one) => one.name === source.demo);
     if (demo) return app.openDemo(demo);
     app.note(`there is no demo called ${source.demo}`, "the link may be from another version of lsdc");
   }
-  if (started.image) await app.openAddresses(started.image, started.points ?? null, started.camera ?? null, started.name);
+  if (started.image && !other) await opened();
 }
 
 void begin().catch((error: unknown) => app.fail(error));

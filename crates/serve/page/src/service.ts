@@ -100,17 +100,20 @@ export async function fit(id: string, points: readonly Point[] | File, fit: Fit,
   return decoded(await reply.arrayBuffer());
 }
 
-export async function download(id: string, points: readonly Point[], fit: Fit, format: Format): Promise<Blob> {
-  return (await answer(`v1/scenes/${id}/complete`, request(points, fit, FORMATS[format].type))).blob();
+/** A fit, and which pixels a cloud has. */
+type Options = Fit & { readonly max_sigma?: number | null; readonly keep_flying?: boolean };
+
+export async function download(id: string, points: readonly Point[], options: Options, format: Format): Promise<Blob> {
+  return (await answer(`v1/scenes/${id}/complete`, request(points, options, FORMATS[format].type))).blob();
 }
 
 /** A point cloud of an image that was posted without its camera. */
-export async function cloud(image: File, points: readonly Point[], fit: Fit, camera: Intrinsics, size: [number, number]): Promise<Blob> {
+export async function cloud(image: File, points: readonly Point[], options: Options, camera: Intrinsics, size: [number, number]): Promise<Blob> {
   const body = new FormData();
   body.set("image", image, image.name);
   body.set("points", new Blob([JSON.stringify(points.map(row))], { type: "application/json" }), "points.json");
   body.set("camera", new Blob([toml(camera, size)], { type: "application/toml" }), "camera.toml");
-  body.set("options", new Blob([JSON.stringify(fit)], { type: "application/json" }));
+  body.set("options", new Blob([JSON.stringify(options)], { type: "application/json" }));
   return (await answer("v1/complete", { method: "POST", body, headers: { Accept: FORMATS.ply.type } })).blob();
 }
 

@@ -21,6 +21,8 @@ export interface Scene {
   /** The points that came with the image. */
   readonly given: readonly Point[];
   readonly pointsName: string | null;
+  /** What was assumed when the file of points was read. */
+  readonly remarks: readonly string[];
 }
 
 /** A fit. */
@@ -67,6 +69,8 @@ export interface State {
   readonly view: View;
   readonly selected: number | null;
   readonly cursor: Pixel | null;
+  /** Where a new point would be: none of the draft's until its depth is accepted. */
+  readonly pending: Pixel | null;
   /** Whether the answer is not yet that to the draft, with all that takes longer. */
   readonly fitting: boolean;
   /** What is being waited for, in words. */

@@ -1,7 +1,7 @@
 //! The gallery: results that were made before.
 
 use super::media;
-use super::results::{Frame, runs};
+use super::results::{Frame, Run, runs};
 use super::start::page;
 use crate::answer;
 use crate::app::App;
@@ -17,12 +17,35 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Cursor;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Width of a small picture.
 const SMALL: u32 = 240;
 /// Frames of a run whose standard deviations are summed up, for which their maps are read.
 const SUMMED: usize = 500;
+
+/// The runs as they were listed last, by whose numbers and names files are found: no folder is read again for a picture.
+#[derive(Default)]
+pub(crate) struct Index(Mutex<Option<Arc<Vec<Run>>>>);
+
+impl Index {
+    /// Reads the folders.
+    fn renew(&self, folders: &[PathBuf]) -> Arc<Vec<Run>> {
+        let found = Arc::new(folders.iter().flat_map(|folder| runs(folder)).collect());
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&found));
+        found
+    }
+
+    /// What was read last, or is read now.
+    fn get(&self, folders: &[PathBuf]) -> Arc<Vec<Run>> {
+        let known = self
+            .0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        known.unwrap_or_else(|| self.renew(folders))
+    }
+}
 
 /// Results are few beside what a service computes, and on this machine: read in the thread that serves them, apart.
 async fn apart<T: Send + 'static>(
@@ -33,14 +56,12 @@ async fn apart<T: Send + 'static>(
 }
 
 pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Response<Body>, Fault> {
-    let folders = page(&app)?.gallery.clone();
-    let listed = apart(move || Ok(listed(&folders))).await?;
+    let listed = apart(move || Ok(listed(&app.gallery.renew(&page(&app)?.gallery)))).await?;
     Ok(answer::json(StatusCode::OK, &listed))
 }
 
-fn listed(folders: &[PathBuf]) -> Value {
-    let runs = folders.iter().flat_map(|folder| runs(folder)).enumerate();
-    let runs = runs.map(|(number, run)| {
+fn listed(runs: &[Run]) -> Value {
+    let runs = runs.iter().enumerate().map(|(number, run)| {
         let summed = run.frames.len() <= SUMMED;
         let frames = run.frames.iter().map(|(id, frame)| {
             let address = |kind: &str, there: bool| {
@@ -71,19 +92,18 @@ pub(super) async fn file(
     State(app): State<Arc<App>>,
     Path((run, kind, id)): Path<(usize, String, String)>,
 ) -> Result<Response<Body>, Fault> {
-    let page = page(&app)?;
-    let (folders, paint) = (page.gallery.clone(), page.paint);
     let work = move || {
+        let page = page(&app)?;
         let missing = || Fault::new(Kind::NotFound, "the gallery has no such file");
-        let mut runs = folders.iter().flat_map(|folder| runs(folder));
-        let run = runs.nth(run).ok_or_else(missing)?;
+        let runs = app.gallery.get(&page.gallery);
+        let run = runs.get(run).ok_or_else(missing)?;
         let frame = run.frames.get(&id).ok_or_else(missing)?;
         let needed = |path: &Option<PathBuf>| path.clone().ok_or_else(missing);
         match kind.as_str() {
             "image" => whole(needed(&frame.image)?),
             "depth" => npy(needed(&frame.depth)?),
             "deviation" => npy(needed(&frame.deviation)?),
-            "thumbnail" => small(frame, paint),
+            "thumbnail" => small(frame, page.paint),
             _ => Err(missing()),
         }
     };

@@ -6,6 +6,8 @@ mod gallery;
 mod results;
 mod start;
 
+pub(crate) use gallery::Index;
+
 use crate::app::App;
 use axum::Router;
 use axum::routing::get;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// The results of one method, or of one run.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Run {
+pub(crate) struct Run {
     pub(super) name: String,
     /// By their names, in which `/` leads to folders.
     pub(super) frames: BTreeMap<String, Frame>,
@@ -14,7 +14,7 @@ pub(super) struct Run {
 
 /// The files of a frame.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Frame {
+pub(crate) struct Frame {
     pub(super) image: Option<PathBuf>,
     pub(super) colours: Option<PathBuf>,
     pub(super) depth: Option<PathBuf>,

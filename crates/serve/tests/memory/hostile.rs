@@ -1,10 +1,11 @@
 //! Forty requests that nobody should send, one after the other to one service.
 
-use crate::client::{Running, asset, file, request, text};
+use crate::client::{Reply, Running, asset, file, request, text};
 use crate::requests::{Expected, hostile};
 use crate::{ALONE, counted};
 use lsdc_serve::{Config, Limits};
 use std::fmt::Write as _;
+use std::io::Write as _;
 use std::sync::PoisonError;
 use std::time::Duration;
 
@@ -83,6 +84,52 @@ fn forty_hostile_requests_do_no_harm() {
     assert_eq!(service.metric("lsdc_panics_total"), Some(0.0));
     assert!(depth() == before);
     check_documents();
+}
+
+/// The memory of bodies is that of the places, however many clients send one.
+#[test]
+fn bodies_take_no_more_memory_than_their_places() {
+    const BODY: usize = 2 << 20;
+    const PLACES: usize = 3;
+    const CLIENTS: usize = 24;
+    /// A vector that grows, and buffers of connections.
+    const ROOM: usize = PLACES * 3 * BODY + CLIENTS * (256 << 10);
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let service = Running::new(Config {
+        limits: Limits {
+            body: BODY as u64,
+            workers: 1,
+            queue: PLACES - 1,
+            ..Limits::default()
+        },
+        ..Config::default()
+    });
+    let rgb = asset("rgb.png");
+    let posted = service.post("/v1/scenes", "*/*", &[file("image", "rgb.png", &rgb)]);
+    let path = posted.header("location").unwrap().to_owned() + "/complete";
+    let body = format!("{{\"points\": [[10, 20, 2]{}]}}", " ".repeat(BODY - 100));
+    let headers = [("content-type", "application/json")];
+    let layers = request(service.address, "POST", &path, &headers, body.as_bytes());
+    let (most, rest) = layers.split_at(layers.len() - 1);
+    let mut streams: Vec<_> = (0..CLIENTS).map(|_| service.connect()).collect();
+    // What the computations take comes after the last byte.
+    let taken = counted::most(|| {
+        for stream in &mut streams {
+            stream.write_all(most).unwrap();
+        }
+        assert_eq!(service.metric("lsdc_places"), Some(PLACES as f64));
+    });
+    for stream in &mut streams {
+        stream.write_all(rest).unwrap();
+    }
+    let replies = streams
+        .iter_mut()
+        .map(|stream| Reply::read(stream).unwrap());
+    let statuses: Vec<_> = replies.map(|reply| reply.status).collect();
+    let count = |status| statuses.iter().filter(|found| **found == status).count();
+    assert_eq!((count(200), count(429)), (PLACES, CLIENTS - PLACES));
+    assert!(taken < ROOM, "{taken} bytes");
+    assert!(ROOM < CLIENTS * BODY);
 }
 
 /// The guide lists them all, with their statuses.

@@ -108,6 +108,24 @@ fn heads(address: SocketAddr, add: &mut Add<'_>) {
         403,
     );
     add(
+        "two `Host` headers",
+        get(
+            "/healthz",
+            &[("host", "localhost"), ("host", "evil.example")],
+        ),
+        400,
+    );
+    add(
+        "`GET http://evil.example/metrics` with a good `Host`",
+        get("http://evil.example/metrics", &[]),
+        400,
+    );
+    add(
+        "no `Host`",
+        b"GET /healthz HTTP/1.1\r\nconnection: close\r\n\r\n".to_vec(),
+        400,
+    );
+    add(
         "`Accept: text/html`",
         complete(address, "text/html", &[]),
         406,
@@ -220,8 +238,14 @@ fn images(address: SocketAddr, add: &mut Add<'_>) {
     let rgb = asset("rgb.png");
     add("an image that is text", with("a.png", b"no image"), 422);
     add(
-        "an image that is cut off",
+        "a PNG that is cut off",
         with("a.png", &rgb[..rgb.len() / 2]),
+        422,
+    );
+    let jpeg = jpeg(&rgb);
+    add(
+        "a JPEG that is cut off",
+        with("a.jpg", &jpeg[..jpeg.len() / 2]),
         422,
     );
     add(
@@ -254,6 +278,16 @@ fn images(address: SocketAddr, add: &mut Add<'_>) {
         with("../../../etc/cron.d/x.png", &rgb),
         200,
     );
+}
+
+/// The image as JPEG.
+fn jpeg(png: &[u8]) -> Vec<u8> {
+    let image = image::load_from_memory(png).unwrap().into_rgb8();
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image
+        .write_to(&mut bytes, image::ImageFormat::Jpeg)
+        .unwrap();
+    bytes.into_inner()
 }
 
 /// Points that are none, too many, or unfold.

@@ -70,6 +70,23 @@ fn pages_of_other_sites_are_refused() {
 }
 
 #[test]
+fn a_request_has_one_host() {
+    let service = Running::new(Config::default());
+    let own = service.address.to_string();
+    let status = |path: &str, hosts: &[&str]| {
+        let hosts: Vec<_> = hosts.iter().map(|host| ("host", *host)).collect();
+        service.ask("GET", path, &hosts, &[]).status
+    };
+    assert_eq!(status("/metrics", &[&own]), 200);
+    assert_eq!(status(&format!("http://{own}/metrics"), &[&own]), 200);
+    assert_eq!(status("/metrics", &[&own, "evil.example"]), 400);
+    assert_eq!(status("/healthz", &[&own, &own]), 400);
+    assert_eq!(status("http://evil.example/metrics", &[&own]), 400);
+    let without = service.send(b"GET /healthz HTTP/1.1\r\nconnection: close\r\n\r\n");
+    assert_eq!(without.unwrap().status, 400);
+}
+
+#[test]
 fn https_answers_and_nothing_else_does() {
     let folder = tempfile::tempdir().unwrap();
     let made = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();

@@ -230,6 +230,50 @@ fn points_may_be_a_list_and_what_is_left_out_is_said() {
     assert_eq!(header["report"]["remarks"].as_array().unwrap().len(), 0);
 }
 
+/// What is doubted of image, camera and points is in every answer, by the names that the client has given its files.
+#[test]
+fn doubts_of_all_files_are_remarks() {
+    let service = Running::new(Config::default());
+    // 12 bits in 16.
+    let rgb = image::load_from_memory(&asset("rgb.png")).unwrap();
+    let deep = image::ImageBuffer::from_fn(rgb.width(), rgb.height(), |x, y| {
+        let image::Rgba([r, g, b, _]) = image::GenericImageView::get_pixel(&rgb, x, y);
+        image::Rgb([r, g, b].map(|value| u16::from(value) * 16))
+    });
+    let mut png = std::io::Cursor::new(Vec::new());
+    let deep: image::ImageBuffer<image::Rgb<u16>, Vec<u16>> = deep;
+    deep.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    let (png, sparse) = (png.into_inner(), asset("sparse.npy"));
+    let camera = b"fx = 200\nfy = 200\ncx = 2000\ncy = 100\nwidth = 304\nheight = 228\n";
+    let frame = [
+        file("image", "rgb.png", &png),
+        file("camera", "camera.toml", camera),
+    ];
+    let points = file("points", "../lidar_range.npy", &sparse);
+    let words = |answer: &serde_json::Value, words: &[&str]| {
+        let remarks: Vec<_> = answer.as_array().unwrap().iter().collect();
+        for word in words {
+            let found = remarks
+                .iter()
+                .any(|remark| remark.to_string().contains(word));
+            assert!(found, "{word}: {remarks:?}");
+        }
+    };
+    let all = ["4095 to white", "principal point", "`lidar_range`"];
+    let reply = service.post("/v1/complete", "*/*", &[frame[0], frame[1], points]);
+    words(&reply.json()["remarks"], &all);
+    let scene = service.post("/v1/scenes", "*/*", &frame).json();
+    words(&scene["remarks"], &all[..2]);
+    let path = format!("/v1/scenes/{}/complete", scene["id"].as_str().unwrap());
+    let reply = service.post(&path, "application/vnd.lsdc.layers", &[points]);
+    words(&layers(&reply).0["report"]["remarks"], &all);
+    // Millimetres in a list of metres.
+    let list = "{\"points\": [[10, 20, 2000], [200, 100, 2500], [150, 50, 3000]]}";
+    let json = [("content-type", "application/json")];
+    let reply = service.ask("POST", &path, &json, list.as_bytes());
+    words(&reply.json()["remarks"], &["median depth is 2500 m"]);
+}
+
 #[test]
 fn a_single_click_is_enough() {
     let service = Running::new(Config::default());

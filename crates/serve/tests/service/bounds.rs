@@ -75,7 +75,12 @@ fn points_are_counted_as_a_list_and_in_files() {
     let service = with(|limits| limits.points = 2);
     assert_eq!(complete(&service, POINTS).status, 200);
     let three = "[[10, 20, 2.0], [200, 100, 2.5], [30, 30, 2]]";
-    refused(&service, &complete(&service, three), 413, "3 points");
+    refused(
+        &service,
+        &complete(&service, three),
+        413,
+        "more than 2 points",
+    );
     let rgb = asset("rgb.png");
     let table = b"u,v,depth\n10,20,2\n20,20,2\n90,20,2\n";
     let parts = [
@@ -83,7 +88,7 @@ fn points_are_counted_as_a_list_and_in_files() {
         file("points", "a.csv", table),
     ];
     let reply = service.post("/v1/complete", "*/*", &parts);
-    refused(&service, &reply, 413, "3 points");
+    refused(&service, &reply, 413, "more than 2 points");
 }
 
 #[test]
@@ -102,7 +107,7 @@ fn what_files_unfold_to_is_bounded() {
     let reply = service.post("/v1/complete", "*/*", &parts);
     refused(&service, &reply, 413, "is too large");
     assert!(
-        reply.message().starts_with("`points.npz`"),
+        reply.message().starts_with("`a.npz`"),
         "{}",
         reply.message()
     );
@@ -160,13 +165,30 @@ fn a_slow_body_is_refused() {
 }
 
 #[test]
-fn connections_beyond_their_number_wait() {
-    let service = with(|limits| limits.connections = 1);
-    let first = service.connect();
-    let mut second = service.connect();
+fn idle_connections_make_room() {
+    let service = with(|limits| limits.connections = 4);
+    let mut idle = Vec::new();
+    for number in 0..20 {
+        let mut stream = service.connect();
+        if number % 2 == 0 {
+            // A head that does not end; the connection may be closed already.
+            let _ = stream.write_all(b"GET /healthz HTTP/1.1\r\nhost: ");
+        }
+        idle.push(stream);
+    }
+    // A client that keeps its connection, and waits between its requests.
     let ask = request(service.address, "GET", "/healthz", &[], &[]);
-    second.write_all(&ask).unwrap();
-    // The first has never asked; as it goes, the second is served.
-    drop(first);
-    assert_eq!(Reply::read(&mut second).unwrap().status, 200);
+    let mut kept = service.connect();
+    let text = String::from_utf8(ask.clone()).unwrap();
+    let keeps = text.replace("connection: close", "connection: keep-alive");
+    kept.write_all(keeps.as_bytes()).unwrap();
+    let mut first = [0; 15];
+    kept.read_exact(&mut first).unwrap();
+    assert_eq!(&first, b"HTTP/1.1 200 OK");
+    for _ in 0..4 {
+        assert_eq!(service.send(&ask).unwrap().status, 200);
+    }
+    let closed = service.metric("lsdc_closed_idle_total").unwrap();
+    assert!((17.0..=26.0).contains(&closed), "{closed}");
+    drop((idle, kept));
 }

@@ -19,7 +19,17 @@ struct Held {
 type Logged = (u16, Option<&'static str>);
 
 impl Held {
+    /// With one thread that computes.
     fn before(part: &'static str, queue: usize) -> Self {
+        let limits = Limits {
+            workers: 1,
+            queue,
+            ..Limits::default()
+        };
+        Self::with(part, limits)
+    }
+
+    fn with(part: &'static str, limits: Limits) -> Self {
         let (say, arrived) = channel();
         let (on, wait) = channel();
         let (say, wait) = (Mutex::new(say), Mutex::new(wait));
@@ -32,11 +42,7 @@ impl Held {
         let entries = Arc::new(Mutex::new(Vec::new()));
         let log = entries.clone();
         let service = Running::new(Config {
-            limits: Limits {
-                workers: 1,
-                queue,
-                ..Limits::default()
-            },
+            limits,
             trace: Some(Arc::new(trace)),
             log: Some(Arc::new(move |entry| {
                 log.lock().unwrap().push((entry.status, entry.fault));
@@ -128,6 +134,172 @@ fn a_client_that_goes_frees_its_place() {
     let logged = held.entries.lock().unwrap().clone();
     let gone = logged.iter().filter(|entry| **entry == (499, Some("gone")));
     assert_eq!(gone.count(), 2);
+}
+
+#[test]
+fn a_place_is_taken_before_the_body_is_read() {
+    let service = Running::new(Config {
+        limits: Limits {
+            workers: 1,
+            queue: 1,
+            ..Limits::default()
+        },
+        ..Config::default()
+    });
+    let question = question(&service);
+    let (most, rest) = question.split_at(question.len() - 10);
+    let mut reading = [(); 2].map(|()| service.connect());
+    for stream in &mut reading {
+        stream.write_all(most).unwrap();
+    }
+    until(&service, "lsdc_places", 2.0);
+    let reply = service.send(&question).unwrap();
+    assert_eq!(reply.status, 429);
+    assert!(reply.header("retry-after").is_some());
+    assert_eq!(service.get("/healthz").status, 200);
+    for mut stream in reading {
+        stream.write_all(rest).unwrap();
+        assert_eq!(Reply::read(&mut stream).unwrap().status, 200);
+    }
+    until(&service, "lsdc_places", 0.0);
+    // A request that is refused gives its place back while the rest of its body comes.
+    let (kind, body) = form(&[text("colour", "red"), text("points", "[[1, 1, 1]]")]);
+    let headers = [("content-type", kind.as_str())];
+    let wrong = request(service.address, "POST", "/v1/complete", &headers, &body);
+    let mut stream = service.connect();
+    stream.write_all(&wrong[..wrong.len() - 10]).unwrap();
+    until(&service, "lsdc_places", 0.0);
+    stream.write_all(&wrong[wrong.len() - 10..]).unwrap();
+    assert_eq!(Reply::read(&mut stream).unwrap().status, 400);
+}
+
+/// More requests than there are threads for connections stop before their points are parsed.
+#[test]
+fn points_are_parsed_by_the_threads_that_compute() {
+    let workers = 4;
+    let limits = Limits {
+        workers,
+        ..Limits::default()
+    };
+    let held = Held::with("read", limits);
+    let service = &held.service;
+    let (kind, body) = form(&[file("image", "rgb.png", &asset("rgb.png"))]);
+    let headers = [("content-type", kind.as_str())];
+    let post = request(service.address, "POST", "/v1/scenes", &headers, &body);
+    let mut stream = service.connect();
+    stream.write_all(&post).unwrap();
+    held.arrived.recv().unwrap();
+    held.on.send(()).unwrap();
+    let posted = Reply::read(&mut stream).unwrap();
+    let path = posted.header("location").unwrap().to_owned() + "/complete";
+    let headers = [("content-type", "application/json")];
+    let ask = request(service.address, "POST", &path, &headers, b"no JSON");
+    let mut waiting: Vec<_> = (0..workers).map(|_| service.connect()).collect();
+    for stream in &mut waiting {
+        stream.write_all(&ask).unwrap();
+    }
+    for _ in 0..workers {
+        held.arrived.recv().unwrap();
+    }
+    assert_eq!(service.get("/healthz").status, 200);
+    for _ in 0..workers {
+        held.on.send(()).unwrap();
+    }
+    for mut stream in waiting {
+        assert_eq!(Reply::read(&mut stream).unwrap().status, 400);
+    }
+}
+
+#[test]
+fn a_connection_with_a_request_does_not_make_room() {
+    let limits = Limits {
+        workers: 1,
+        connections: 1,
+        ..Limits::default()
+    };
+    let held = Held::with("read", limits);
+    let service = &held.service;
+    let mut working = service.connect();
+    working.write_all(&question(service)).unwrap();
+    held.arrived.recv().unwrap();
+    let mut next = service.connect();
+    let ask = request(service.address, "GET", "/healthz", &[], &[]);
+    next.write_all(&ask).unwrap();
+    held.on.send(()).unwrap();
+    let reply = Reply::read(&mut working).unwrap();
+    assert_eq!(reply.status, 200);
+    assert!(reply.json()["depth"]["lowest"].as_f64().unwrap() > 0.0);
+    assert_eq!(Reply::read(&mut next).unwrap().status, 200);
+}
+
+/// Tells the test below to be a process that is killed.
+#[cfg(unix)]
+const HOLDS: &str = "LSDC_TEST_HOLDS_AN_UPLOAD";
+
+#[cfg(unix)]
+#[test]
+#[ignore = "a process of the next test"]
+#[allow(clippy::print_stdout)]
+fn holds_an_upload() {
+    if std::env::var_os(HOLDS).is_none() {
+        return;
+    }
+    let held = Held::before("read", 1);
+    let mut client = held.service.connect();
+    client.write_all(&question(&held.service)).unwrap();
+    held.arrived.recv().unwrap();
+    println!("upload held");
+    let _ = std::io::stdin().read_line(&mut String::new());
+}
+
+#[cfg(unix)]
+#[test]
+fn the_next_service_removes_the_uploads_of_a_killed_one_and_of_no_other() {
+    use std::collections::BTreeSet;
+    use std::io::BufRead as _;
+    use std::process::{Command, Stdio};
+    let temporary = tempfile::tempdir().unwrap();
+    let start = || {
+        let mut child = Command::new(std::env::current_exe().unwrap())
+            .args([
+                "life::holds_an_upload",
+                "--exact",
+                "--ignored",
+                "--nocapture",
+            ])
+            .env("TMPDIR", temporary.path())
+            .env(HOLDS, "1")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let said = std::io::BufReader::new(child.stdout.take().unwrap());
+        let mut lines = said.lines().map_while(Result::ok);
+        assert!(lines.any(|line| line.contains("upload held")));
+        child
+    };
+    let uploads = || -> BTreeSet<_> {
+        let found = std::fs::read_dir(temporary.path()).unwrap().flatten();
+        let found = found.filter(|entry| entry.path().join("image/rgb.png").exists());
+        found.map(|entry| entry.file_name()).collect()
+    };
+    let mut killed = start();
+    let left = uploads();
+    let mut alive = start();
+    let both = uploads();
+    assert_eq!((left.len(), both.len()), (1, 2));
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    assert_eq!(uploads(), both);
+    let mut next = start();
+    let now = uploads();
+    assert!(now.is_disjoint(&left));
+    assert!(now.is_superset(&(&both - &left)));
+    assert_eq!(now.len(), 2);
+    for child in [&mut alive, &mut next] {
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
 }
 
 #[test]

@@ -169,6 +169,22 @@ fn results_of_a_completion_are_a_gallery() {
 }
 
 #[test]
+fn pictures_are_found_without_reading_the_folders_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let add = |name: &str| write_npy(&folder.path().join(name), &map(2.0)).unwrap();
+    add("a_depth.npy");
+    let service = page(vec![folder.path().to_owned()]);
+    let status = |frame: &str| get(&service, &format!("/v1/gallery/0/thumbnail/{frame}")).status;
+    assert_eq!(status("a"), 200);
+    // What comes later is found once the list has been read again.
+    add("b_depth.npy");
+    assert_eq!([status("a"), status("b")], [200, 404]);
+    let listed = get(&service, "/v1/gallery").json();
+    assert_eq!(listed["runs"][0]["frames"].as_array().unwrap().len(), 2);
+    assert_eq!([status("a"), status("b")], [200, 200]);
+}
+
+#[test]
 fn saved_predictions_of_an_evaluation_are_runs() {
     let folder = tempfile::tempdir().unwrap();
     for (method, depth) in [("lsdc", 2.0), ("linear", 3.0)] {

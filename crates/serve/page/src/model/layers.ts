@@ -27,6 +27,8 @@ export interface Report {
   };
   readonly points?: Record<string, unknown>;
   readonly seconds?: Record<string, number>;
+  /** What was assumed or left out and should be checked. */
+  readonly remarks?: readonly string[];
 }
 
 export interface Layers {

@@ -37,6 +37,10 @@ const number = (digits: number, low = -Infinity, high = Infinity): Form<number> 
     return value >= low && value <= high ? value : undefined;
   },
 });
+const yesOrNo: Form<boolean> = {
+  write: (value) => (value ? "yes" : "no"),
+  read: (text) => (text === "yes" ? true : text === "no" ? false : undefined),
+};
 const orNull = <T>(form: Form<T>): Form<T | null> => ({
   write: (value) => (value === null ? "" : form.write(value)),
   read: (text) => (text === "" ? null : form.read(text)),
@@ -67,6 +71,7 @@ const VIEW_FORMS: { [Key in keyof View]: Form<View[Key]> } = {
   high: orNull(number(6, 0)),
   cloud: one(CLOUDS),
   cut: orNull(number(6, 0)),
+  flying: yesOrNo,
   field: number(6, 5, 170),
   orbit,
   theme: one(THEMES),

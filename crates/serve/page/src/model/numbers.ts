@@ -33,6 +33,35 @@ export function quantiles(values: ArrayLike<number>, shares: readonly number[]):
   return shares.map((share) => sample[Math.round(share * (sample.length - 1))] ?? NaN);
 }
 
+/** The median of the positive finite values of a map, of all of them; of an even number the upper one. */
+export function median(map: Float32Array): number {
+  // The bits of positive numbers are in their order: their upper halves are counted, then the lower ones of the middle.
+  const bits = new Uint32Array(map.buffer, map.byteOffset, map.length);
+  const INFINITE = 0x7f800000;
+  const counts = (upper: number | null): Uint32Array => {
+    const found = new Uint32Array(1 << 16);
+    for (let i = 0; i < bits.length; i++) {
+      const bit = bits[i]!;
+      if (bit === 0 || bit >= INFINITE) continue;
+      if (upper === null) found[bit >>> 16]!++;
+      else if (bit >>> 16 === upper) found[bit & 0xffff]!++;
+    }
+    return found;
+  };
+  const uppers = counts(null);
+  const many = uppers.reduce((sum, count) => sum + count, 0);
+  if (many === 0) return NaN;
+  let rank = Math.floor(many / 2);
+  const find = (found: Uint32Array): number => {
+    let at = 0;
+    while (rank >= found[at]!) rank -= found[at++]!;
+    return at;
+  };
+  const upper = find(uppers);
+  const lower = find(counts(upper));
+  return new Float32Array(Uint32Array.of((upper << 16) | lower).buffer)[0]!;
+}
+
 export function range(values: ArrayLike<number>): [number, number] {
   let [low, high] = [Infinity, -Infinity];
   for (let i = 0; i < values.length; i++) {
@@ -63,4 +92,27 @@ export function ticks(low: number, high: number, most: number): number[] {
 export function tick(value: number, all: readonly number[]): string {
   const step = all.length > 1 ? all[1]! - all[0]! : Math.abs(value) || 1;
   return value.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9))).replace("-", "−");
+}
+
+export interface Label {
+  readonly text: string;
+  /** Where its tick is, and where the text begins. */
+  readonly at: number;
+  readonly left: number;
+}
+
+/** Labels of as many round numbers along a line as do not touch each other. */
+export function labels(low: number, high: number, width: number, measure: (text: string) => number): Label[] {
+  const GAP = 6;
+  for (let most = Math.max(1, Math.floor(width / 24)); ; most = Math.floor(most * 0.8)) {
+    const values = ticks(low, high, Math.max(1, most));
+    const found = values.map((value) => {
+      const text = tick(value, values);
+      const [at, own] = [((value - low) / (high - low)) * width || 0, measure(text)];
+      return { text, at, left: Math.min(width - own, Math.max(0, at - own / 2)) };
+    });
+    const apart = found.every(({ left }, i) => i === 0 || left >= found[i - 1]!.left + measure(found[i - 1]!.text) + GAP);
+    if (apart) return found;
+    if (most <= 1) return found.slice(0, 1);
+  }
 }

@@ -50,6 +50,8 @@ export interface View {
   readonly cloud: (typeof CLOUDS)[number];
   /** The largest standard deviation of points in the cloud, in metres; null: none is left out. */
   readonly cut: number | null;
+  /** Whether the cloud keeps flying pixels. */
+  readonly flying: boolean;
   /** Horizontal field of view in degrees, for images without a camera. */
   readonly field: number;
   readonly orbit: Orbit;
@@ -69,9 +71,14 @@ export const VIEW: View = {
   high: null,
   cloud: "image",
   cut: null,
+  flying: false,
   field: 60,
   orbit: ORBIT,
   theme: "auto",
 };
+
+/** The view of another image: what depends on its depths or its camera is as at the start. */
+export const renewed = (view: View): View =>
+  ({ ...view, low: VIEW.low, high: VIEW.high, cut: VIEW.cut, flying: VIEW.flying, field: VIEW.field, orbit: VIEW.orbit });
 
 export const isMap = (name: string): name is MapName => (MAPS as readonly string[]).includes(name);

@@ -1,27 +1,31 @@
 // The map as a cloud that can be turned, moved and magnified; its sparse points can be pulled along their rays.
 
 import type { App } from "../app.ts";
-import { h, iconButton, segments, sized, slider } from "../dom.ts";
+import { check, h, iconButton, segments, sized, slider } from "../dom.ts";
 import { table } from "../model/colours.ts";
+import { flyingPixels } from "../model/flying.ts";
 import { metres } from "../model/numbers.ts";
 import type { Point } from "../model/points.ts";
 import { CLOUDS, ORBIT, type Orbit } from "../model/settings.ts";
-import type { State } from "../state.ts";
+import type { Answer, State } from "../state.ts";
+import type { Intrinsics } from "../service.ts";
 import { colour, depthRange, isOutlier, scale } from "./marks.ts";
 import { eye, nearer, projected, shifted, turned, type Eye } from "./matrix.ts";
-import { Renderer } from "./renderer.ts";
+import { Renderer, strideOf } from "./renderer.ts";
 
 /** Steps of the cut, each a share of the largest deviations; the last cuts nothing. */
 const STEPS = 100;
 /** Milliseconds from drawing to the next frame. */
 const SLOW = 32;
+/** Pixels by which it is known whether any is in sight. */
+const SAMPLE = 2000;
 const MARK: [number, number, number] = [1, 0.42, 0.1];
 
 export class Cloud {
   readonly element: HTMLElement;
   private readonly canvas = h("canvas", { "aria-hidden": "true" });
   private readonly area: HTMLDivElement;
-  private readonly missing = h("p", { class: "missing", hidden: true }, "This browser has no WebGL 2, which the cloud needs. The map is not affected.");
+  private readonly missing = h("p", { class: "missing", role: "status", hidden: true });
   private readonly source = segments("Colours of the cloud", [["image", "Image"], ["depth", "Depth"], ["deviation", "Deviation"]], (cloud: (typeof CLOUDS)[number]) =>
     this.app.look({ cloud }));
   private readonly cut = slider({
@@ -29,6 +33,9 @@ export class Cloud {
     text: (step) => (step === STEPS ? "off" : `≤ ${metres(this.cutOf(step))}`),
     change: (step) => this.app.look({ cut: step === STEPS ? null : this.cutOf(step) }),
   });
+  private readonly flying = check("Leave out flying pixels",
+    "Those between the surfaces at a depth edge, where there is nothing", (left) => this.app.look({ flying: !left }));
+  private pixels: Pixels | null = null;
   private renderer: Renderer | null = null;
   private drawn: unknown[] = [];
   private middle = 0;
@@ -49,7 +56,7 @@ export class Cloud {
     this.element = h("section", { class: "pane cloud", "aria-label": "Point cloud" },
       h("header", {}, h("h2", {}, "Cloud"), this.source.element, reset),
       this.area,
-      h("footer", {}, this.cut.element));
+      h("footer", {}, this.cut.element, this.flying.element));
     this.start();
     this.listen();
     new ResizeObserver(() => this.redraw()).observe(this.area);
@@ -62,7 +69,12 @@ export class Cloud {
     } catch {
       this.renderer = null;
     }
-    this.missing.hidden = this.renderer !== null;
+    this.say(this.renderer ? null : "This browser has no WebGL 2, which the cloud needs. The map is not affected.");
+  }
+
+  private say(text: string | null): void {
+    this.missing.hidden = text === null;
+    if (this.missing.textContent !== text) this.missing.textContent = text ?? "";
   }
 
   redraw(): void {
@@ -73,6 +85,7 @@ export class Cloud {
   show(state: State): void {
     const { answer, view, draft, used, selected, cursor, scene, fitting } = state;
     this.source.set(view.cloud);
+    this.flying.set(!view.flying);
     const high = answer?.highDeviation ?? 1;
     this.cut.set(view.cut === null ? STEPS : Math.min(STEPS - 1, Math.round(STEPS * Math.sqrt(view.cut / high))));
     const { clientWidth: width, clientHeight: height } = this.area;
@@ -85,6 +98,7 @@ export class Cloud {
   private draw(state: State, renderer: Renderer, width: number, height: number): void {
     const { answer, view, scene } = state;
     this.canvas.hidden = !answer;
+    if (!answer) this.say(null);
     if (!answer || !scene || width === 0) return;
     // The target stays where it is while points move, and follows when another scale is typed.
     const factor = answer.middle / this.middle;
@@ -92,7 +106,8 @@ export class Cloud {
     const density = sized(this.canvas, width, height);
     const camera = this.app.camera();
     this.eye = eye(view.orbit, this.middle, this.tangent(), width, height);
-    renderer.load(answer.layers.width, answer.layers.height, answer.layers.depth, answer.deviation, scene.picture);
+    const pixels = this.chosen(answer, camera, view.flying, view.cut);
+    renderer.load(answer.layers.width, answer.layers.height, pixels.depth, answer.deviation, scene.picture);
     const deviation = view.cloud === "deviation";
     const look = {
       eye: { ...this.eye, focal: this.eye.focal * density },
@@ -104,9 +119,47 @@ export class Cloud {
       cut: view.cut ?? 3e38,
     };
     renderer.draw(look, this.marks(state), this.lines(state));
+    this.flying.note(view.flying ? "" : `${(100 * pixels.flying).toFixed(1)} %`);
+    this.say(this.why(pixels));
     if (look.thinning > 1) return;
     const started = performance.now();
     requestAnimationFrame(() => (this.slow = performance.now() - started > SLOW));
+  }
+
+  /** The pixels of the cloud, which are found anew where what they depend on has changed. */
+  private chosen(answer: Answer, camera: Intrinsics, flying: boolean, cut: number | null): Pixels {
+    const { depth, width, height } = answer.layers;
+    const key = [depth, flying || camera.fx, flying || camera.fy, cut, cut === null || answer.deviation];
+    if (this.pixels && key.every((part, i) => part === this.pixels!.key[i])) return this.pixels;
+    const stride = strideOf(width, height);
+    const out = flying ? null : flyingPixels(depth, width, height, camera, stride);
+    const kept = out ? depth.slice() : depth;
+    const deviation = cut === null ? null : answer.deviation;
+    const drawn: number[] = [];
+    let [all, left] = [0, 0];
+    for (let v = 0; v < height; v += stride) {
+      for (let i = v * width; i < (v + 1) * width; i += stride) {
+        all++;
+        if (out?.[i]) {
+          left++;
+          kept[i] = 0;
+        } else if (!deviation || !(deviation[i]! > cut!)) drawn.push(i);
+      }
+    }
+    const step = Math.max(1, Math.floor(drawn.length / SAMPLE));
+    const sample = drawn.filter((_, at) => at % step === 0).map((i) => ({ u: i % width, v: Math.floor(i / width), depth: depth[i]! }));
+    return (this.pixels = { key, depth: kept, flying: left / all, isCut: cut !== null, sample });
+  }
+
+  /** Why nothing can be seen; null if something can. */
+  private why({ sample, isCut }: Pixels): string | null {
+    if (sample.length === 0) return isCut ? "All pixels are above the cut. Move its slider to the right." : "All pixels are left out.";
+    const { clientWidth: width, clientHeight: height } = this.area;
+    const inSight = sample.some((point) => {
+      const [x, y] = this.screen(point) ?? [-1, -1];
+      return x >= 0 && x <= width && y >= 0 && y <= height;
+    });
+    return inSight ? null : "The cloud is out of sight. Reset the view, with 0 or the button above.";
   }
 
   /** Half the height of what the eye sees at a distance of one. */
@@ -244,6 +297,17 @@ export class Cloud {
     else return;
     event.preventDefault();
   }
+}
+
+interface Pixels {
+  readonly key: readonly unknown[];
+  /** 0 where a flying pixel is left out. */
+  readonly depth: Float32Array;
+  /** The share of those, of all that could be drawn. */
+  readonly flying: number;
+  readonly isCut: boolean;
+  /** Some of those that are kept, evenly. */
+  readonly sample: readonly Point[];
 }
 
 function rgb(text: string): [number, number, number] {

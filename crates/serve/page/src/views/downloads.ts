@@ -2,7 +2,8 @@
 
 import type { App } from "../app.ts";
 import { h, iconButton, save } from "../dom.ts";
-import { FORMATS, type Format } from "../service.ts";
+import { assumed } from "../model/camera.ts";
+import { FORMATS, type Format, type Intrinsics } from "../service.ts";
 import type { State } from "../state.ts";
 
 /** The file of points and the command that makes the same map. */
@@ -12,12 +13,17 @@ export function command({ scene, draft, view }: State): { points: string; text: 
   const points = changed ? `${scene.name.replace(/\.[^.]*$/, "")}_points.csv` : scene.pointsName!;
   const quoted = (name: string) => (/^[\w./-]+$/.test(name) ? name : `'${name.replaceAll("'", "'\\''")}'`);
   const { robust, fit, prior } = draft.fit;
+  const cloud = view.cut !== null;
   const flags = [
     robust && `--robust ${robust}`, fit && `--fit ${fit}`, prior && `--prior ${prior}`,
-    view.cut !== null && `--max-sigma ${Number(view.cut.toPrecision(3))} --formats ply`,
+    scene.cameraFile ? `--camera ${quoted(scene.cameraFile.name)}` : cloud && `--camera ${numbers(assumed(scene, view.field))}`,
+    cloud && `--max-sigma ${Number(view.cut!.toPrecision(3))} --formats ply`,
+    cloud && view.flying && "--keep-flying",
   ].filter(Boolean);
   return { points, text: ["lsdc complete", quoted(scene.name), quoted(points), ...flags].join(" ") };
 }
+
+const numbers = ({ fx, fy, cx, cy }: Intrinsics): string => [fx, fy, cx, cy].map((value) => Number(value.toFixed(3))).join(",");
 
 export class Downloads {
   readonly element: HTMLElement;

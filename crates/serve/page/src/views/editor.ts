@@ -1,4 +1,4 @@
-// The small form beside a point: its depth, which the map follows while it is typed or pulled.
+// The small form beside a point: its depth, which the map follows while it is typed or pulled; or that of a new point.
 
 import type { App } from "../app.ts";
 import { h, iconButton, slider } from "../dom.ts";
@@ -10,16 +10,16 @@ const STEPS = 400;
 
 export class Editor {
   readonly element: HTMLFormElement;
+  /** The point that is edited; null for a new one. */
   private index: number | null = null;
-  private place: Pixel | null = null;
-  private fresh = false;
   private middle = 1;
   private gesture = "";
   private readonly title = h("span", { class: "title" });
   private readonly input = h("input", {
-    type: "number", min: "0", step: "any", inputMode: "decimal", required: true, autocomplete: "off",
+    type: "number", min: "0", step: "any", inputMode: "decimal", autocomplete: "off",
     "aria-label": "Depth in metres", oninput: () => this.typed(),
   });
+  private readonly accept = h("button", { class: "main", title: "Enter" }, "Set");
   private readonly pull = slider({
     label: "Pull nearer or farther", hidden: true, steps: STEPS,
     text: (step) => `${plain(this.depthOf(step))} m`,
@@ -35,44 +35,50 @@ export class Editor {
     private readonly back: () => void,
   ) {
     this.element = h("form", {
-      class: "editor", hidden: true, "aria-label": "Depth of a point",
+      class: "editor", hidden: true, noValidate: true, "aria-label": "Depth of a point",
       onsubmit: (event: Event) => {
         event.preventDefault();
-        this.finish();
+        this.submit();
       },
       onkeydown: (event: KeyboardEvent) => this.key(event),
     },
       h("div", { class: "line" }, this.title, this.bin, iconButton("close", "Close", () => this.finish())),
-      h("label", { class: "depth" }, this.input, h("span", { class: "unit" }, "m")),
+      h("label", { class: "depth" }, this.input, h("span", { class: "unit" }, "m"), this.accept),
       this.pull.element,
     );
+    document.addEventListener("pointerdown", (event) => {
+      if (this.app.store.state.pending && !this.element.contains(event.target as Node)) this.close();
+    });
   }
 
-  /** Edits a point; one that is fresh is removed again by Escape. */
-  open(index: number, fresh: boolean): void {
+  /** Edits a point. */
+  open(index: number): void {
     const point = this.app.store.state.draft.points[index];
     if (!point) return;
-    this.begin(index, point, fresh);
-    this.middle = point.depth;
     this.input.value = String(Number(point.depth.toPrecision(4)));
-    this.pull.set(STEPS / 2);
-    this.pull.element.hidden = false;
+    this.input.placeholder = "";
+    this.begin(index, point.depth);
     this.input.select();
   }
 
-  /** Asks for the depth of a point where there is no map yet. */
-  ask(u: number, v: number): void {
-    this.begin(null, { u, v }, true);
+  /** Asks for the depth of a new point, which is none until its depth is accepted. */
+  ask(place: Pixel): void {
+    const depth = this.app.depthAt(place.u, place.v);
+    this.app.propose(place);
     this.input.value = "";
-    this.input.placeholder = "depth";
-    this.pull.element.hidden = true;
+    this.input.placeholder = depth === null ? "depth" : `map: ${plain(depth)}`;
+    this.begin(null, depth);
   }
 
-  private begin(index: number | null, place: Pixel, fresh: boolean): void {
+  /** `middle` is where the slider begins, if there is a depth for it. */
+  private begin(index: number | null, middle: number | null): void {
     this.index = index;
-    this.place = place;
-    this.fresh = fresh;
+    this.middle = middle ?? 1;
     this.gesture = `depth ${Math.random()}`;
+    this.pull.element.hidden = middle === null;
+    this.pull.set(STEPS / 2);
+    this.accept.hidden = index !== null;
+    this.bin.hidden = index === null;
     this.element.hidden = false;
     this.show(this.app.store.state, null);
     this.input.focus({ preventScroll: true });
@@ -81,15 +87,15 @@ export class Editor {
   close(): void {
     if (this.element.hidden) return;
     this.element.hidden = true;
+    this.app.propose(null);
     this.app.seal();
   }
 
   show(state: State, frame: Frame | null): void {
     if (this.element.hidden || !state.scene) return;
-    const point = this.index === null ? this.place : state.draft.points[this.index];
+    const point = this.index === null ? state.pending : state.draft.points[this.index];
     if (!point || (this.index !== null && state.selected !== this.index)) return this.close();
     this.title.textContent = `${this.index === null ? "New point" : `Point ${this.index + 1}`} · u ${Math.round(point.u)} v ${Math.round(point.v)}`;
-    this.bin.hidden = this.index === null;
     if (!frame) return;
     const { clientWidth: width, clientHeight: height } = this.element.parentElement!;
     const [x, y] = [frame.x(point.u), frame.y(point.v)];
@@ -101,13 +107,23 @@ export class Editor {
 
   private depthOf = (step: number): number => this.middle * 2 ** ((2 * step) / STEPS - 1);
 
-  private typed(): void {
+  /** The depth that was typed; null if it is none. */
+  private depth(): number | null {
     const depth = this.input.valueAsNumber;
-    if (!(depth > 0) || !Number.isFinite(depth)) return;
-    if (this.index !== null) return this.app.change(this.index, { depth }, this.gesture);
-    const { u, v } = this.place!;
-    this.index = this.app.add(u, v, depth);
-    this.middle = depth;
+    return depth > 0 && Number.isFinite(depth) ? depth : null;
+  }
+
+  /** A point follows what is typed; a new one waits until it is accepted. */
+  private typed(): void {
+    const depth = this.depth();
+    if (this.index !== null && depth !== null) this.app.change(this.index, { depth }, this.gesture);
+  }
+
+  /** Accepts a new point, unless it has no depth. */
+  private submit(): void {
+    const [{ pending }, depth] = [this.app.store.state, this.depth()];
+    if (this.index === null && pending && depth !== null) this.app.add(pending.u, pending.v, depth);
+    this.finish();
   }
 
   private finish(): void {
@@ -123,8 +139,7 @@ export class Editor {
   private key(event: KeyboardEvent): void {
     if (event.key === "Escape") {
       event.preventDefault();
-      if (this.fresh) this.remove();
-      else this.finish();
+      this.finish();
     } else if (event.key === "Delete" && event.target !== this.input) {
       event.preventDefault();
       this.remove();

@@ -38,6 +38,13 @@ export function ordered(pairs: readonly Pair[], order: Order): Pair[] {
   return [...pairs].sort((x, y) => key(x) - key(y) || x.id.localeCompare(y.id, "en", { numeric: true }));
 }
 
+/** What is known of a frame: its error, and the median standard deviation. */
+export function numbers(frame: Frame | null): (readonly [name: string, value: string])[] {
+  if (!frame || frame.failure) return [];
+  const known = [[frame.error_kind ?? "error", frame.error], ["σ", frame.standard_deviation]] as const;
+  return known.flatMap(([name, value]) => (value == null ? [] : [[name, metres(value)] as const]));
+}
+
 export class Gallery {
   readonly element: HTMLElement;
   private readonly grid = h("div", { class: "grid" });
@@ -93,12 +100,10 @@ export class Gallery {
       frame.failure
         ? h("span", { class: "failed" }, frame.failure)
         : h("img", { src: frame.thumbnail ?? frame.image ?? "", alt: "", loading: "lazy", decoding: "async" }));
-    const figures = [a, b].flatMap((frame) => frame && !frame.failure
-      ? [h("span", {}, h("strong", {}, metres(frame.error)), frame.standard_deviation == null ? null : ` ± ${metres(frame.standard_deviation)}`)]
-      : [h("span", {})]);
-    const kind = (a ?? b)?.error_kind ?? "error";
-    return h("button", { type: "button", class: "card", onclick: open, "aria-label": `${id}, ${kind} ${figures.map((figure) => figure.textContent).join(" and ") || "failed"}` },
+    const figures = [a, b].map((frame) => h("span", {}, ...numbers(frame).map(([name, value]) => h("span", {}, `${name} `, h("strong", {}, value)))));
+    const words = [a, b].flatMap((frame) => (frame ? [frame.failure ? "failed" : numbers(frame).map((pair) => pair.join(" ")).join(", ")] : []));
+    return h("button", { type: "button", class: "card", onclick: open, "aria-label": `${id}: ${words.join(" and ")}` },
       h("span", { class: pictures.length > 1 ? "pictures two" : "pictures" }, ...pictures),
-      h("span", { class: "id" }, id), h("span", { class: "figures", title: `${kind}, and middle standard deviation` }, ...figures));
+      h("span", { class: "id" }, id), h("span", { class: "figures", title: "The error, and σ, the median of the standard deviations of all pixels" }, ...figures));
   }
 }

@@ -4,7 +4,7 @@ import { h, iconButton } from "../dom.ts";
 
 const KEYS: readonly (readonly [string, readonly (readonly [string, string])[]])[] = [
   ["Image", [
-    ["Click, Enter", "set a depth, or edit that of a point"],
+    ["Click, Enter", "a new point, which counts once its depth is set; or edit a point"],
     ["Drag, Alt+arrows", "move a point"],
     ["Delete", "remove a point"],
     ["Arrows, Shift+arrows", "move the cursor by 1 or 10 pixels"],
@@ -20,7 +20,7 @@ const KEYS: readonly (readonly [string, readonly (readonly [string, string])[]])
   ]],
   ["Everywhere", [
     ["Ctrl+Z, Ctrl+Shift+Z", "undo, redo"],
-    ["Escape", "close; take back a new point"],
+    ["Escape", "close; give up a new point"],
     ["?", "this list"],
   ]],
 ];

@@ -2,7 +2,7 @@
 
 import { h, sized, inks } from "../dom.ts";
 import { table, type Table } from "../model/colours.ts";
-import { tick, ticks } from "../model/numbers.ts";
+import { labels } from "../model/numbers.ts";
 import type { State } from "../state.ts";
 import { depthRange, scale } from "./marks.ts";
 
@@ -31,7 +31,6 @@ class ColourBar {
     if (wanted === this.drawn || width === 0) return;
     this.drawn = wanted;
     this.name.textContent = bar.label;
-    const all = ticks(bar.low, bar.high, Math.max(2, Math.floor(width / 34)));
     this.canvas.setAttribute("aria-label", `${bar.label}: colours from ${bar.low.toPrecision(3)} to ${bar.high.toPrecision(3)} metres`);
     const density = sized(this.canvas, width, 24);
     const context = this.canvas.getContext("2d")!;
@@ -46,13 +45,10 @@ class ColourBar {
     context.fillStyle = quiet;
     context.font = "11px Inter, system-ui, sans-serif";
     context.textBaseline = "bottom";
-    all.forEach((value) => {
-      const x = ((value - bar.low) / (bar.high - bar.low)) * width;
-      context.fillRect(Math.min(width - 1, Math.round(x)), 8, 1, 3);
-      const text = tick(value, all);
-      const half = context.measureText(text).width / 2;
-      context.fillText(text, Math.min(width - 2 * half, Math.max(0, x - half)), 24);
-    });
+    for (const { text, at, left } of labels(bar.low, bar.high, width, (text) => context.measureText(text).width)) {
+      context.fillRect(Math.min(width - 1, Math.round(at)), 8, 1, 3);
+      context.fillText(text, left, 24);
+    }
   }
 }
 

@@ -7,8 +7,8 @@ import type { Fitted } from "../model/layers.ts";
 import type { State } from "../state.ts";
 import { isOutlier } from "./marks.ts";
 
-/** More rows than these help nobody. */
-const MOST = 200;
+/** Rows at first, and as many more each time: all of thousands would be slow. */
+const ROWS = 200;
 
 interface Column {
   readonly name: string;
@@ -37,6 +37,8 @@ export class List {
   private readonly headers: HTMLTableCellElement[];
   private readonly note = h("span", { class: "where" });
   private readonly area: HTMLDivElement;
+  private readonly more = h("button", { type: "button", hidden: true, onclick: () => this.showMore() });
+  private most = ROWS;
   private sort = 5;
   private drawn: unknown[] = [];
   private timer = 0;
@@ -45,12 +47,18 @@ export class List {
     this.headers = COLUMNS.map(({ name, title }, i) =>
       h("th", { scope: "col", title }, h("button", { type: "button", onclick: () => this.sortBy(i) }, name)));
     this.area = h("div", { class: "area", tabindex: "0", role: "group", "aria-label": "Rows" },
-      h("table", {}, h("thead", {}, h("tr", {}, ...this.headers)), this.body));
+      h("table", {}, h("thead", {}, h("tr", {}, ...this.headers)), this.body), this.more);
     this.element = h("section", { class: "pane list", "aria-label": "Table of points" }, h("header", {}, h("h2", {}, "Points"), this.note), this.area);
   }
 
   private sortBy(column: number): void {
     this.sort = column;
+    this.drawn = [];
+    this.show(this.app.store.state);
+  }
+
+  private showMore(): void {
+    this.most += 5 * ROWS;
     this.drawn = [];
     this.show(this.app.store.state);
   }
@@ -72,10 +80,13 @@ export class List {
     const sign = column.falling ? -1 : 1;
     const keys = draft.points.map((_, i) => sign * column.key(i, fitted(i), state));
     const order = draft.points.map((_, i) => i).sort((a, b) => keys[a]! - keys[b]! || a - b);
-    const shown = order.slice(0, MOST);
+    const shown = order.slice(0, this.most);
     if (selected !== null && !shown.includes(selected) && draft.points[selected]) shown.unshift(selected);
     this.headers.forEach((header, i) => header.setAttribute("aria-sort", i !== this.sort ? "none" : column.falling ? "descending" : "ascending"));
     this.note.textContent = draft.points.length > shown.length ? `${count(shown.length)} of ${count(draft.points.length)}, by ${column.name}` : "";
+    const left = draft.points.length - shown.length;
+    this.more.hidden = left === 0;
+    this.more.textContent = `Show ${count(Math.min(left, 5 * ROWS))} more`;
     const rows = shown.map((i) => {
       const row = h("tr", { class: [i === selected && "chosen", !used[i] && "unused", isOutlier(fitted(i)) && "wrong"].filter(Boolean).join(" ") },
         ...COLUMNS.map(({ text }, place) => place > 0 ? h("td", {}, text(i, fitted(i), state)) :

@@ -4,7 +4,7 @@ import type { App } from "../app.ts";
 import { h, iconButton } from "../dom.ts";
 import type { Notice, State } from "../state.ts";
 
-/** Notes go by themselves; errors stay. */
+/** Notes go by themselves, unless they have something to do; errors stay. */
 const STAY = 7000;
 
 export class Notices {
@@ -38,7 +38,7 @@ export class Notices {
     this.action.hidden = !notice.action;
     this.action.textContent = notice.action?.label ?? "";
     this.action.onclick = notice.action?.run ?? null;
-    if (notice.kind === "note") this.timer = window.setTimeout(this.app.dismiss, STAY);
+    if (notice.kind === "note" && !notice.action) this.timer = window.setTimeout(this.app.dismiss, STAY);
   }
 }
 

@@ -18,7 +18,7 @@ const FIGURES: readonly Figure[] = [
   },
   {
     name: "Standard deviation",
-    why: "Of the middle pixel: 68.3 % of its errors are expected to be smaller",
+    why: "The median of all pixels: half of them are surer than this, and 68.3 % of errors are expected to be smaller than one standard deviation",
     value: ({ answer }) => metres(answer?.middleDeviation),
   },
   {
@@ -49,14 +49,19 @@ const FIGURES: readonly Figure[] = [
 export class Numbers {
   private readonly values = FIGURES.map(() => h("dd", {}));
   private readonly time = h("p", { class: "time" });
-  private drawn: unknown = undefined;
+  private drawn: unknown[] = [];
+  private readonly remarks = h("ul", { class: "remarks", "aria-label": "To be checked", hidden: true });
   readonly element = h("section", { class: "group numbers", "aria-label": "Result" },
     h("dl", {}, ...FIGURES.map(({ name, why }, i) => h("div", { title: why }, h("dt", {}, name), this.values[i]!))),
-    this.time);
+    this.time, this.remarks);
 
   show(state: State): void {
-    if (state.answer === this.drawn) return;
-    this.drawn = state.answer;
+    const wanted = [state.answer, state.scene];
+    if (wanted.every((part, i) => part === this.drawn[i])) return;
+    this.drawn = wanted;
+    const remarks = new Set([...(state.scene?.remarks ?? []), ...(state.answer?.layers.report.remarks ?? [])]);
+    this.remarks.hidden = remarks.size === 0;
+    this.remarks.replaceChildren(...[...remarks].map((remark) => h("li", {}, remark)));
     FIGURES.forEach((figure, i) => (this.values[i]!.textContent = figure.value(state)));
     this.values.forEach((value, i) => {
       const stale = (i === 1 || i === 4) && state.answer?.stale;

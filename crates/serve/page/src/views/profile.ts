@@ -122,11 +122,18 @@ export class Profile {
     context.fillStyle = quiet;
     for (const level of levels) {
       const text = `${tick(level, levels)}${level === levels.at(-1) ? " m" : ""}`;
-      const [left, at] = [Math.max(4, x(-0.5) + 4), y(level) - 7];
-      context.lineWidth = 3;
-      context.strokeStyle = paper;
-      context.strokeText(text, left, at);
-      context.fillText(text, left, at);
+      // Beside the image where there is room; else on a plate, as curve and band go on below.
+      const wide = context.measureText(text).width;
+      const beside = x(-0.5) >= wide + 10;
+      const left = beside ? x(-0.5) - wide - 6 : Math.max(2, x(-0.5) + 2);
+      if (!beside) {
+        context.fillStyle = paper;
+        context.globalAlpha = 0.85;
+        context.fillRect(left - 2, y(level) - 7, wide + 6, 14);
+        context.globalAlpha = 1;
+        context.fillStyle = quiet;
+      }
+      context.fillText(text, left + (beside ? 0 : 1), y(level));
     }
     const [first, last] = [this.frame.pixel(0, 0).u, this.frame.pixel(width, 0).u];
     context.textAlign = "center";

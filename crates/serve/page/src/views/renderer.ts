@@ -82,6 +82,9 @@ void main() {
   pixel = inside * vec4(mix(0.2 * colour.rgb, colour.rgb, clamp(1.5 * inside - 0.6, 0.0, 1.0)), 1.0);
 }`;
 
+/** Every how many-th row and column of a map is drawn. */
+export const strideOf = (width: number, height: number): number => Math.ceil(Math.sqrt((width * height) / MOST));
+
 export interface Look {
   readonly eye: Eye;
   readonly camera: Intrinsics;
@@ -168,7 +171,7 @@ export class Renderer {
       gl.bindTexture(gl.TEXTURE_2D, texture);
     });
     gl.activeTexture(gl.TEXTURE0);
-    const stride = look.thinning * Math.ceil(Math.sqrt((width * height) / MOST));
+    const stride = look.thinning * strideOf(width, height);
     const columns = Math.ceil(width / stride);
     gl.useProgram(this.cloud);
     const at = (name: string) => gl.getUniformLocation(this.cloud, name);

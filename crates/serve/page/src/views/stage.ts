@@ -55,10 +55,10 @@ export class Stage {
   private readonly area: HTMLDivElement;
 
   show(state: State): void {
-    const { scene, answer, view, draft, selected, cursor } = state;
+    const { scene, answer, view, draft, selected, cursor, pending } = state;
     if (!scene) return this.editor.close();
     this.editor.show(state, this.frame);
-    const wanted = [scene, answer, view, draft, state.used, selected, cursor, this.area.clientWidth, this.area.clientHeight, this.frame.scale];
+    const wanted = [scene, answer, view, draft, state.used, selected, cursor, pending, this.area.clientWidth, this.area.clientHeight, this.frame.scale];
     if (wanted.every((part, i) => part === this.drawn[i])) return;
     this.drawn = wanted;
     this.draw(state);
@@ -79,7 +79,7 @@ export class Stage {
   }
 
   private draw(state: State): void {
-    const { scene, answer, view, cursor, selected } = state;
+    const { scene, answer, view, cursor, selected, pending } = state;
     if (!scene) return;
     const [width, height] = [this.area.clientWidth, this.area.clientHeight];
     if (width === 0) return;
@@ -103,6 +103,11 @@ export class Stage {
     this.points(context, state, mark);
     const chosen = selected === null ? undefined : state.draft.points[selected];
     if (chosen) ring(context, this.frame.x(chosen.u), this.frame.y(chosen.v), 9, 2.5, mark);
+    if (pending) {
+      context.setLineDash([3, 3]);
+      ring(context, this.frame.x(pending.u), this.frame.y(pending.v), 6, 1.5, mark);
+      context.setLineDash([]);
+    }
   }
 
   /** Colours the map; false if there is none of the kind yet. */
@@ -196,16 +201,11 @@ export class Stage {
     this.set(hit, Math.round(u), Math.round(v));
   }
 
-  /** Edits a point, or a new one at a pixel. */
+  /** Edits a point, or asks for the depth of a new one at a pixel. */
   private set(hit: number | null, u: number, v: number): void {
-    if (hit !== null) {
-      this.app.select(hit);
-      this.editor.open(hit, false);
-    } else {
-      const added = this.app.add(u, v, null);
-      if (added === null) this.editor.ask(u, v);
-      else this.editor.open(added, true);
-    }
+    this.app.select(hit);
+    if (hit === null) this.editor.ask({ u, v });
+    else this.editor.open(hit);
     this.show(this.app.store.state);
   }
 

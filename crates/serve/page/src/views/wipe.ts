@@ -76,8 +76,8 @@ export class Wipe {
     const failure = pair.a?.failure ?? pair.b?.failure;
     // With one run, its map is compared with the image.
     const places = this.names[1] === null ? [pair.a?.image, pair.a?.depth] : [pair.a?.depth, pair.b?.depth];
-    const words = this.names[1] === null ? ["image", `${this.names[0]}: ${metres(pair.a?.error)}`]
-      : [`${this.names[0]}: ${metres(pair.a?.error)}`, `${this.names[1]}: ${metres(pair.b?.error)}`];
+    const word = (name: string, frame: Frame | null) => (frame?.error == null ? name : `${name}: ${metres(frame.error)}`);
+    const words = this.names[1] === null ? ["image", word(this.names[0], pair.a)] : [word(this.names[0], pair.a), word(this.names[1], pair.b)];
     this.labels.forEach((label, i) => (label.textContent = words[i]!));
     try {
       const sides = await Promise.all(places.map((address) => (address ? side(address) : null)));
@@ -93,20 +93,20 @@ export class Wipe {
     this.draw();
   }
 
-  /** Colours both maps on one scale. */
+  /** Colours both maps on one scale, in the colours of their small pictures. */
   private paint(): void {
     const maps = this.sides.flatMap((one) => (one && "values" in one ? [one.values.values] : []));
     const ends = maps.map((values) => quantiles(values.filter((depth) => depth > 0), [0.01, 0.99]));
     const low = Math.min(...ends.map(([end]) => end!));
     const high = Math.max(...ends.map(([, end]) => end!));
-    if (maps.length > 0) this.scale.textContent = `viridis, ${metres(low)} to ${metres(high)}${maps.length > 1 ? ", the same for both" : ""}`;
+    if (maps.length > 0) this.scale.textContent = `turbo, ${metres(low)} to ${metres(high)}${maps.length > 1 ? ", the same for both" : ""}`;
     this.painted = this.sides.map((one) => {
       if (!one || "picture" in one) return one?.picture ?? null;
       const { width, height, values } = one.values;
       const canvas = h("canvas", { width, height });
       const context = canvas.getContext("2d")!;
       const pixels = context.createImageData(width, height);
-      paint(values, table("viridis"), low, high, pixels.data);
+      paint(values, table("turbo"), low, high, pixels.data);
       context.putImageData(pixels, 0, 0);
       return canvas;
     });

@@ -16,9 +16,12 @@ for (const width of [1280, 390]) {
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= document.documentElement.clientWidth));
     await page.waitForFunction(() => [...document.querySelectorAll<HTMLImageElement>(".card img")].slice(0, 2).every((image) => image.complete));
     await picture(page, `gallery-${width}-light`);
+    // Two numbers with their names, not one with its uncertainty.
+    const figures = await cards.first().locator(".figures > span").first().innerText();
+    assert.match(figures, /^(leave-one-out [\d.]+ m\s+)?σ [\d.]+ m$/);
     await page.getByLabel("Sort by").selectOption("error");
     const errors = await cards.evaluateAll((cards) => cards.map((card) =>
-      Math.max(-1, ...[...card.querySelectorAll(".figures strong")].map((figure) => Number.parseFloat(figure.textContent!)))));
+      Math.max(-1, ...[...card.querySelectorAll(".figures > span > :first-child strong")].map((figure) => Number.parseFloat(figure.textContent!)))));
     assert.deepEqual(errors, [...errors].sort((a, b) => b - a));
     await page.locator(".gallery .segments input[value=failures]").check();
     assert.equal(await cards.count(), await page.locator(".card:has(.failed)").count() || 0);
@@ -27,7 +30,7 @@ for (const width of [1280, 390]) {
 
     await cards.first().click();
     await page.waitForSelector("dialog.wipe[open]");
-    await page.waitForFunction(() => document.querySelector(".wipe .why")?.textContent?.includes("viridis"));
+    await page.waitForFunction(() => document.querySelector(".wipe .why")?.textContent?.includes("turbo"));
     const canvas = page.locator(".wipe canvas");
     const half = await canvas.screenshot();
     await page.locator(".wipe input[type=range]").focus();

@@ -77,8 +77,8 @@ test("errors say what is wrong and what to do", async () => {
   await page.locator(".stage .area").focus();
   await page.keyboard.press("Enter");
   await page.keyboard.type("3");
-  await page.waitForFunction(() => document.querySelector(".notice")?.textContent?.includes("does not answer"));
   await page.keyboard.press("Enter");
+  await page.waitForFunction(() => document.querySelector(".notice")?.textContent?.includes("does not answer"));
   await page.unroute("**/complete");
   await page.getByRole("button", { name: "Try again" }).click();
   await settled(page);
@@ -127,6 +127,10 @@ for (const width of [1280, 390]) {
       await openDemo(page);
       const fits = () => page.evaluate(() => document.documentElement.scrollWidth <= document.documentElement.clientWidth);
       assert.ok(await fits(), "the page is wider than the screen");
+      if (!narrow) {
+        const beyond = await page.evaluate(() => document.documentElement.scrollHeight - document.documentElement.clientHeight);
+        assert.equal(beyond, 0, "the page is higher than the screen");
+      }
       await picture(page, `work-${width}-${colorScheme}`, narrow);
       await accessible(page, "work");
       const box = (await page.locator(".stage .area").boundingBox())!;

@@ -1,8 +1,10 @@
 // Points, map, undo, subsets, files and links, against the service.
 
 import assert from "node:assert/strict";
-import { readFile } from "node:fs/promises";
-import { join } from "node:path";
+import { spawnSync } from "node:child_process";
+import { copyFile, mkdtemp, readdir, readFile, rm } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { dirname, join } from "node:path";
 import { after, afterEach, before, beforeEach, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 import { close, depthAt, launch, openDemo, openImage, picture, place, ROOM, rows, setDepth, settings, settled, slider, visit, type Visit } from "../support.ts";
@@ -64,31 +66,201 @@ test("the map follows while a depth is pulled, and all of it is one undo", async
   await openDemo(page);
   const { x, y } = await place(page, 235, 195);
   const old = await depthAt(page, 235, 195);
-  const depth = async () => Number(await page.locator(".editor input[type=number]").inputValue());
+  const input = page.locator(".editor input[type=number]");
+  const pull = async () => {
+    await page.locator(".editor input[type=range]").focus();
+    for (let i = 0; i < 30; i++) await page.keyboard.press("ArrowRight");
+  };
   await page.mouse.click(x, y);
-  const first = await depth();
-  await page.locator(".editor input[type=range]").focus();
-  for (let i = 0; i < 30; i++) await page.keyboard.press("ArrowRight");
-  const typed = await depth();
-  close(typed, first * 2 ** (60 / 400), 0.001 * first);
-  await page.keyboard.press("Escape");
-  await settled(page);
-  // Escape took the new point back.
-  close(await depthAt(page, 235, 195), old, 0.001);
-  await page.mouse.click(x, y);
-  await page.locator(".editor input[type=range]").focus();
-  for (let i = 0; i < 30; i++) await page.keyboard.press("ArrowRight");
+  await pull();
+  const typed = Number(await input.inputValue());
+  close(typed, old * 2 ** (60 / 400), 0.002 * old);
   await page.keyboard.press("Enter");
   await settled(page);
   close(await depthAt(page, 235, 195), typed, 0.02 * typed);
+  // A point that is one already is followed at once.
+  await page.mouse.click(x, y);
+  await pull();
+  await settled(page);
+  const farther = Number(await input.inputValue());
+  close(farther, typed * 2 ** (60 / 400), 0.002 * typed);
+  close(await depthAt(page, 235, 195), farther, 0.02 * farther);
+  await page.keyboard.press("Escape");
   await page.click('button[aria-label="Undo"]');
+  await settled(page);
+  close(await depthAt(page, 235, 195), typed, 0.02 * typed);
   await page.click('button[aria-label="Undo"]');
   await settled(page);
   close(await depthAt(page, 235, 195), old, 0.001);
   await page.keyboard.press("Control+Shift+Z");
   await page.keyboard.press("Control+Y");
   await settled(page);
-  close(await depthAt(page, 235, 195), typed, 0.02 * typed);
+  close(await depthAt(page, 235, 195), farther, 0.02 * farther);
+});
+
+test("a click is no measurement until its depth is accepted", async () => {
+  await openDemo(page);
+  const figures = async () => (await page.locator(".numbers dl").innerText()) + (await page.locator(".slider", { hasText: "Points used" }).innerText());
+  const before = await figures();
+  const old = await depthAt(page, 235, 195);
+  const { x, y } = await place(page, 235, 195);
+  const other = await place(page, 40, 40);
+  const editor = page.locator(".editor");
+  const unchanged = async (why: string) => {
+    await settled(page);
+    assert.equal(await figures(), before, why);
+    assert.ok(await page.locator('button[aria-label="Undo"]').isDisabled(), `${why}: something can be undone`);
+  };
+  await page.mouse.click(x, y);
+  await editor.waitFor();
+  assert.equal(await editor.locator("input[type=number]").inputValue(), "");
+  await unchanged("a click");
+  await page.keyboard.type("7.5");
+  await picture(page, "pending-1280-light");
+  await unchanged("typing");
+  await page.keyboard.press("Escape");
+  await editor.waitFor({ state: "hidden" });
+  await unchanged("Escape");
+  for (const text of ["", "0", "-2"]) {
+    await page.mouse.click(x, y);
+    await editor.waitFor();
+    await page.keyboard.type(text);
+    await page.keyboard.press("Enter");
+    await editor.waitFor({ state: "hidden" });
+    await unchanged(`"${text}" and Enter`);
+  }
+  // Elsewhere: another place in the image is another new point, the settings are none.
+  await page.mouse.click(x, y);
+  await page.keyboard.type("7.5");
+  await page.mouse.click(other.x, other.y);
+  await page.waitForFunction(() => document.querySelector(".editor .title")?.textContent?.includes("u 40 v 40"));
+  assert.equal(await editor.locator("input[type=number]").inputValue(), "");
+  await page.locator("aside h2").first().click();
+  await editor.waitFor({ state: "hidden" });
+  await unchanged("a click elsewhere");
+  // Nothing of all that comes back by undo or redo, after a point that was accepted.
+  await setDepth(page, 235, 195, 1.2 * old);
+  await settled(page);
+  close(await depthAt(page, 235, 195), 1.2 * old, 0.02 * old);
+  await page.mouse.click(other.x, other.y);
+  await page.keyboard.type("3");
+  await page.keyboard.press("Escape");
+  await page.keyboard.press("Control+Z");
+  await unchanged("undo");
+  await page.keyboard.press("Control+Shift+Z");
+  await settled(page);
+  assert.match(await page.locator(".slider", { hasText: "Points used" }).innerText(), /501 of 501/);
+  assert.ok(await page.locator('button[aria-label="Redo"]').isDisabled());
+});
+
+test("another image has a cut and a view of its own, and a cloud that is empty says why", async () => {
+  await openDemo(page);
+  const why = page.locator(".cloud .missing");
+  assert.ok(await why.isHidden());
+  await slider(page, "Cut at a deviation").fill("1");
+  await page.waitForFunction(() => document.querySelector(".cloud .missing:not([hidden])")?.textContent?.includes("above the cut"));
+  await picture(page, "cut-1280-light");
+  await slider(page, "Cut at a deviation").fill("100");
+  await why.waitFor({ state: "hidden" });
+  const box = (await page.locator(".cloud .area").boundingBox())!;
+  await page.mouse.move(box.x + 40, box.y + 30);
+  await page.keyboard.down("Shift");
+  await page.mouse.down();
+  await page.mouse.move(box.x + 40, box.y + 30 + 4 * box.height, { steps: 4 });
+  await page.mouse.up();
+  await page.keyboard.up("Shift");
+  await page.waitForFunction(() => document.querySelector(".cloud .missing:not([hidden])")?.textContent?.includes("out of sight"));
+  await slider(page, "Cut at a deviation").fill("30");
+  await page.getByLabel("Leave out flying pixels").uncheck();
+  await settings(page, /cut=.*flying=yes/);
+  await openImage(page, join(ROOM, "rgb.png"));
+  await setDepth(page, 100, 100, 3);
+  await settled(page);
+  const fields = await settings(page, /image=rgb/);
+  assert.deepEqual(["cut", "orbit", "flying"].map((name) => fields.get(name)), [null, null, null]);
+  assert.ok(await why.isHidden());
+});
+
+test("flying pixels are left out of the cloud, and counted", async () => {
+  await openDemo(page);
+  const note = page.locator(".cloud .check .amount");
+  const share = Number.parseFloat((await note.textContent())!);
+  assert.ok(share > 0.2 && share < 20, `${share} %`);
+  await page.mouse.move(5, 5);
+  const without = await page.locator(".cloud canvas").screenshot();
+  await page.getByLabel("Leave out flying pixels").uncheck();
+  await page.waitForFunction(() => document.querySelector(".cloud .check .amount")?.textContent === "");
+  assert.ok(!(await page.locator(".cloud canvas").screenshot()).equals(without));
+});
+
+test("the command of a cloud works when it is pasted", { skip: !process.env.LSDC_PROGRAM && "LSDC_PROGRAM is not set" }, async () => {
+  await openDemo(page);
+  await setDepth(page, 235, 195, 4);
+  await slider(page, "Cut at a deviation").fill("60");
+  await settled(page);
+  const folder = await mkdtemp(join(tmpdir(), "lsdc-command-"));
+  const [table] = await Promise.all([page.waitForEvent("download"), page.click("text=Save CSV")]);
+  await table.saveAs(join(folder, table.suggestedFilename()));
+  await copyFile(join(ROOM, "rgb.png"), join(folder, "rgb.png"));
+  await page.click("summary");
+  const line = (await page.locator(".command code").textContent())!;
+  const path = `${dirname(process.env.LSDC_PROGRAM!)}:${process.env.PATH}`;
+  const { status, stderr } = spawnSync("sh", ["-c", line], { cwd: folder, env: { ...process.env, PATH: path }, encoding: "utf8" });
+  assert.equal(status, 0, `${line}\n${stderr}`);
+  const files = await readdir(folder, { recursive: true });
+  assert.ok(files.some((name) => name.endsWith(".ply")), files.join());
+  await rm(folder, { recursive: true });
+});
+
+test("the table has all points", async () => {
+  await openDemo(page);
+  await rows(page, 200);
+  await page.getByRole("button", { name: "Show 300 more" }).click();
+  await rows(page, 500);
+  assert.ok(await page.getByRole("button", { name: /more$/ }).isHidden());
+});
+
+test("a map that takes long is said to be computed, and the old one pales", async () => {
+  await openDemo(page);
+  const busy = page.locator(".busy");
+  let let_on = () => undefined as void;
+  const held = new Promise<void>((resolve) => (let_on = resolve));
+  await page.route("**/complete", async (route) => {
+    await held;
+    await route.continue();
+  });
+  await setDepth(page, 40, 40, 2.9);
+  await busy.waitFor();
+  assert.match((await busy.textContent())!, /Computing the map/);
+  assert.equal(await page.getAttribute("body", "data-old"), "true");
+  await picture(page, "busy-1280-light");
+  let_on();
+  await settled(page);
+  await busy.waitFor({ state: "hidden" });
+  assert.equal(await page.getAttribute("body", "data-old"), "false");
+});
+
+test("after a reload, no other image takes the place of one's own", async () => {
+  await openImage(page, join(ROOM, "rgb.png"));
+  await page.waitForSelector('body[data-showing="work"]');
+  await setDepth(page, 150, 60, 6);
+  await settled(page);
+  const before = await settings(page, /points=/);
+  await page.reload();
+  await page.waitForFunction(() => document.querySelector(".notice")?.textContent?.includes("rgb.png"));
+  assert.equal(await page.getAttribute("body", "data-showing"), "start");
+  await openImage(page, join(ROOM, "rgb.png"));
+  await settled(page);
+  await rows(page, 1);
+  assert.equal((await settings(page, /points=/)).toString(), before.toString());
+});
+
+test("what was assumed is said", async () => {
+  await openImage(page, join(ROOM, "rgb.png"), ["camera.toml", "fx = 260\nfy = 260\ncx = 2000\ncy = 113.5\n"]);
+  await page.waitForSelector('body[data-showing="work"]');
+  await setDepth(page, 150, 60, 6);
+  await settled(page);
+  assert.match(await page.locator(".remarks").innerText(), /principal point/);
 });
 
 test("a point is dragged, removed, and brought back", async () => {

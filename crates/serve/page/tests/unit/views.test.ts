@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { metres, quantiles, rootMeanSquare, tick, ticks, withSign } from "../../src/model/numbers.ts";
+import { labels, median, metres, quantiles, rootMeanSquare, tick, ticks, withSign } from "../../src/model/numbers.ts";
 import { ORBIT } from "../../src/model/settings.ts";
 import { Frame } from "../../src/views/frame.ts";
-import { ordered, paired } from "../../src/views/gallery.ts";
+import { numbers, ordered, paired } from "../../src/views/gallery.ts";
 import { eye, nearer, projected, shifted, turned } from "../../src/views/matrix.ts";
 
 test("lengths have three figures, a unit and a true minus", () => {
@@ -21,6 +21,34 @@ test("quantiles and root mean squares", () => {
   assert.deepEqual(quantiles([5, 1, NaN, 3, 2, 4], [0, 0.5, 1]), [1, 3, 5]);
   assert.equal(rootMeanSquare([3, 4]), Math.sqrt(12.5));
   assert.equal(rootMeanSquare([]), null);
+});
+
+test("the median is that of all values", () => {
+  // All residues of a prime, in another order, and values that do not count.
+  const values = Float32Array.from({ length: 100_000 }, (_, i) => (((i + 1) * 7919) % 100_003) / 1000);
+  const sorted = [...values].sort((a, b) => a - b);
+  assert.equal(median(values), sorted[50_000]);
+  assert.equal(median(values.subarray(1)), [...values.subarray(1)].sort((a, b) => a - b)[49_999]);
+  const more = new Float32Array(300_000).fill(NaN);
+  more.set(values);
+  more.set([0, -1, Infinity, -Infinity], 200_000);
+  assert.equal(median(more), sorted[50_000]);
+  assert.equal(median(new Float32Array(10)), NaN);
+});
+
+test("labels do not touch each other", () => {
+  const measure = (text: string) => 6 * text.length;
+  for (const width of [60, 100, 150, 194, 240, 500]) {
+    for (const [low, high] of [[-0.0174, 0.0174], [2.18, 7.29], [0, 0.0044], [-123.4, 250]] as const) {
+      const found = labels(low, high, width, measure);
+      assert.ok(found.length > 0);
+      found.forEach(({ text, left }, i) => {
+        assert.ok(left >= 0 && left + measure(text) <= width + 1e-9, `${text} at ${width}`);
+        if (i > 0) assert.ok(left >= found[i - 1]!.left + measure(found[i - 1]!.text) + 6, `${found.map((label) => label.text)} at ${width}`);
+      });
+    }
+  }
+  assert.deepEqual(labels(0, 1, 300, measure).map(({ text }) => text), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
 });
 
 const STRAIGHT = { ...ORBIT, yaw: 0, pitch: 0, distance: 1, x: 0, y: 0, z: 0 };
@@ -65,6 +93,12 @@ test("pixels and places on the stage are inverse, also magnified", () => {
   assert.ok(!frame.magnified);
   const [left, top, width, height] = frame.box();
   assert.ok(Math.abs(2 * left + width - 490) < 1e-9 && Math.abs(2 * top + height - 380) < 1e-9);
+});
+
+test("an error and a standard deviation are two numbers", () => {
+  assert.deepEqual(numbers({ id: "1", error: 0.238, error_kind: "RMSE", standard_deviation: 0.0912 }), [["RMSE", "0.238 m"], ["σ", "0.0912 m"]]);
+  assert.deepEqual(numbers({ id: "1", standard_deviation: 0.0912 }), [["σ", "0.0912 m"]]);
+  assert.deepEqual([numbers(null), numbers({ id: "1", failure: "no points" })], [[], []]);
 });
 
 test("frames of two runs are paired and ordered", () => {

@@ -1,0 +1,11 @@
+//! The check of JPEG files that were cut off.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use lsdc_files::doubts::check_jpeg;
+
+fuzz_target!(|data: &[u8]| {
+    let _ = check_jpeg(data);
+    let _ = check_jpeg(&[&[0xff, 0xd8], data].concat());
+});
