@@ -203,6 +203,8 @@ class Completion(Unpicklable):
           numbers of points; `given = used + invalid + outside`
         - `ignored`: values of a map that were NaN, infinite or negative
         - `without_deviation`: points without a usable standard deviation where others had one
+        - `smoothed`: dense points that were smoothed by their standard deviations
+        - `limited`: pixels in holes of dense depths at which basis functions contradicted the depths around
         - `method`: the model of depth
         - `residual`: root mean square of the residuals
         - `rank`: directions that the points determine, of `functions`

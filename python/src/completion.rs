@@ -196,6 +196,8 @@ impl Completion {
         fields.set_item("invalid", report.invalid)?;
         fields.set_item("outside", report.outside)?;
         fields.set_item("without_deviation", report.without_deviation)?;
+        fields.set_item("smoothed", report.smoothed)?;
+        fields.set_item("limited", report.limited)?;
         fields.set_item("method", report.method.name())?;
         fields.set_item("residual", report.residual)?;
         fields.set_item("rank", report.rank)?;

@@ -8,7 +8,13 @@ mod source;
 
 pub use frame::{Frame, FrameId, Place, Target, check_name};
 pub use lsdc_files::{
-    Camera, Cloud, Colmap, Colored, Contents, DepthKind, DepthMap, GUIDE_ENDINGS, GuideSource, Orientation, Point, Sparse, StoredAs, StoredMap, Unit, Upright, View, check_foreign, check_output, check_writable, hide_caught_panics, images_below, is_depth_image, is_image, png_unit, raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_rgb, read_upright, remove_leftovers, stored_unit, without_uncertain, would_replace, write_atomically, write_colour_map, write_depth_png, write_exr, write_folder_atomically, write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
+    Camera, Cloud, Colmap, Colored, Contents, DepthKind, DepthMap, GUIDE_ENDINGS, GuideSource,
+    Orientation, Point, Sparse, StoredAs, StoredMap, Unit, Upright, View, check_foreign,
+    check_output, check_writable, hide_caught_panics, images_below, is_depth_image, is_image,
+    png_unit, raised_in_png, read_depth, read_depth_png, read_mask, read_npy, read_rgb,
+    read_upright, remove_leftovers, stored_unit, without_uncertain, would_replace,
+    write_atomically, write_colour_map, write_depth_png, write_exr, write_folder_atomically,
+    write_npy, write_npz, write_pfm, write_ply, write_rgb, write_tiff,
 };
 pub use mixture::Mixture;
 pub use sets::{Depths, DiodeConfig, Folder, FolderConfig, NyuConfig, Rooms, RoomsConfig};

@@ -394,7 +394,9 @@ mod tests {
         assert!((share - ONE_DEVIATION).abs() < 0.002, "{share}");
         // Nothing is left out of few.
         let mut ratios = Ratios::new(0);
-        [3.0, 1.0, 2.0, 4.0].map(|ratio| ratios.add(ratio));
+        for ratio in [3.0, 1.0, 2.0, 4.0] {
+            ratios.add(ratio);
+        }
         assert_eq!(ratios.quantile(0.5), 3.0);
         assert_eq!(Ratios::new(0).quantile(0.5), 1.0);
     }

@@ -52,6 +52,9 @@ pub struct Report {
     /// Number of used observations that were smoothed before the fit: each is the mean of those around it that it
     /// agrees with. Observations are smoothed where they are dense and their standard deviations are known.
     pub smoothed: usize,
+    /// Number of pixels of the field, in holes of dense depths, at which basis functions contradicted the depths around
+    /// and were limited.
+    pub limited: usize,
     /// The model of depth.
     pub method: FitMethod,
     /// Root mean square of the residuals, in the unit of the observations.
@@ -150,6 +153,7 @@ impl Completion {
                 .smoothed
                 .as_ref()
                 .map_or(0, |smoothed| smoothed.count),
+            limited: fit.limited(),
             method,
             residual: root_mean_square(&residuals),
             rank: fit.rank,

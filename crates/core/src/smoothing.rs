@@ -1,8 +1,9 @@
 //! Smoothing of dense depths whose standard deviations are known, as those of a depth camera with a noise model.
 //!
-//! The fit follows dense depths pixel by pixel. If their deviations are known, each becomes the mean of those around it
-//! that it agrees with (bilateral filter, Tomasi and Manduchi 1998, as KinectFusion filters its input, Newcombe et al.
-//! 2011), weighted by precision. Depths on the other side of an edge are off by many deviations and have no weight.
+//! The fit follows dense depths pixel by pixel. If their deviations are known, each becomes that of a plane through those
+//! around it that it agrees with, weighted by precision: a bilateral filter (Tomasi and Manduchi 1998, as KinectFusion
+//! filters its input, Newcombe et al. 2011) of first order, so that slopes stay at the borders of holes. Depths on the
+//! other side of an edge are off by many deviations and have no weight.
 
 use rayon::prelude::*;
 
@@ -29,6 +30,51 @@ pub(crate) struct Smoothed {
 struct Pixel {
     depth: f32,
     precision: f32,
+}
+
+/// Sums for a plane through depths around a pixel, weighted by w: of w, w x, w y, w x x, w x y, w y y; the same times the
+/// depth; and the first six for w^2 times the variance in place of w.
+#[derive(Default)]
+struct Plane {
+    weights: [f32; 6],
+    depths: [f32; 3],
+    variances: [f32; 6],
+}
+
+impl Plane {
+    fn add(&mut self, [x, y]: [f32; 2], depth: f32, weight: f32, variance: f32) {
+        let terms = [1.0, x, y, x * x, x * y, y * y];
+        for (i, term) in terms.into_iter().enumerate() {
+            self.weights[i] += weight * term;
+            self.variances[i] += variance * term;
+        }
+        for (sum, term) in self.depths.iter_mut().zip(terms) {
+            *sum += weight * depth * term;
+        }
+    }
+
+    /// The plane at the pixel, and its variance; nothing if depths lie on a line.
+    fn at_centre(&self) -> Option<(f32, f32)> {
+        let [s, sx, sy, sxx, sxy, syy] = self.weights.map(f64::from);
+        // The first row of the inverse of the normal matrix.
+        let cofactors = [
+            sxx * syy - sxy * sxy,
+            sy * sxy - sx * syy,
+            sx * sxy - sy * sxx,
+        ];
+        let determinant = s * cofactors[0] + sx * cofactors[1] + sy * cofactors[2];
+        // Of the product of the diagonal.
+        const LEAST: f64 = 1e-3;
+        if determinant.is_nan() || determinant <= LEAST * s * sxx * syy {
+            return None;
+        }
+        let [a, b, c] = cofactors.map(|cofactor| cofactor / determinant);
+        let [d, dx, dy] = self.depths.map(f64::from);
+        let [v, vx, vy, vxx, vxy, vyy] = self.variances.map(f64::from);
+        let variance =
+            a * a * v + 2.0 * a * (b * vx + c * vy) + b * b * vxx + 2.0 * b * c * vxy + c * c * vyy;
+        Some(((a * d + b * dx + c * dy) as f32, variance as f32))
+    }
 }
 
 impl Smoothed {
@@ -60,7 +106,7 @@ impl Smoothed {
             let deviation = deviation?;
             let (depth, variance) = (depth / unit, (deviation / unit).powi(2));
             let (x, y) = pixel(place);
-            let (mut sum, mut total, mut squares) = (0.0, 0.0, 0.0);
+            let mut plane = Plane::default();
             let (mut observed, mut all) = (0.0, 0.0);
             for v in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
                 for u in x.saturating_sub(REACH)..(x + REACH + 1).min(width) {
@@ -70,18 +116,21 @@ impl Smoothed {
                         continue;
                     }
                     observed += 1.0;
-                    let square = (u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2)) as f32;
-                    let step = (other.depth - depth).powi(2)
-                        / (AGREE * AGREE * (variance + other.precision.recip()));
-                    let share =
-                        other.precision * (-0.5 * (square / (SPREAD * SPREAD) + step)).exp();
-                    sum += share * (other.depth - depth);
-                    total += share;
-                    squares += share * share / other.precision;
+                    let [right, down] = [u as f32 - x as f32, v as f32 - y as f32];
+                    let step = other.depth - depth;
+                    let square = (right * right + down * down) / (SPREAD * SPREAD)
+                        + step * step / (AGREE * AGREE * (variance + other.precision.recip()));
+                    let share = (-0.5 * square).exp();
+                    plane.add(
+                        [right, down],
+                        step,
+                        share * other.precision,
+                        share * share * other.precision,
+                    );
                 }
             }
-            let smooth = observed >= DENSE * all && total > 0.0;
-            smooth.then(|| ((depth + sum / total) * unit, squares.sqrt() / total * unit))
+            let (step, variance) = plane.at_centre().filter(|_| observed >= DENSE * all)?;
+            Some(((depth + step) * unit, variance.sqrt() * unit))
         };
         let all = places.par_iter().zip(depths).zip(deviations);
         let found: Vec<Option<(f32, f32)>> = all.map(smooth).collect();

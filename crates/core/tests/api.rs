@@ -302,13 +302,56 @@ fn unusable_deviations_are_unknown() {
     for sigma in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         assert_eq!(map(Some(sigma)), unknown, "{sigma}");
     }
-    // They are not followed like exact ones.
-    let exact = with_sigma(&given, |i| Some(if i < 5 { 1e-6 } else { 0.1 }));
-    let exact = scene.complete(&exact).unwrap().residuals();
-    let points = with_sigma(&given, |i| (i >= 5).then_some(0.1));
-    let residuals = scene.complete(&points).unwrap().residuals();
-    let size = |values: &[f64]| values[..5].iter().map(|v| v.abs()).sum::<f64>();
-    assert!(size(&residuals) > 2.0 * size(&exact));
+    // They do not count like exact ones.
+    let least = |sigma: Option<f32>| {
+        let points = with_sigma(&given, |i| if i < 5 { sigma } else { Some(0.1) });
+        let weights = scene.complete(&points).unwrap().point_weights();
+        weights[..5].iter().copied().fold(f64::INFINITY, f64::min)
+    };
+    assert!(least(None) <= 0.5 && least(Some(1e-9)) > 0.99);
+}
+
+/// The depths of a wall with a step, of most pixels of an image that is larger than the grid.
+fn dense_depths(width: usize, height: usize) -> Observations {
+    let mut points = Observations::new();
+    for y in 0..height {
+        for x in 0..width {
+            let wave = 0.05 * ((x * 7 + y * 3) as f32 * 0.9).sin();
+            let step = if x > width / 2 { 0.6 } else { 0.0 };
+            if (x * 13 + y * 7) % 5 > 0 {
+                points.add(x as f64, y as f64, 1.5 + 0.002 * x as f32 + step + wave);
+            }
+        }
+    }
+    points
+}
+
+/// In dense input, leave-one-out errors are those of the map that is written, which follows each depth.
+#[test]
+fn leave_one_out_errors_of_dense_depths_are_those_of_maps_without_the_point() {
+    let (width, height) = (400, 300);
+    let scene = scene_of(&COMPLETER, width, height);
+    let given = dense_depths(width, height);
+    let completion = scene.complete(&given).unwrap();
+    assert!(completion.report().residual < 1e-4);
+    let found = completion.leave_one_out();
+    let (mut squares, mut differences) = (0.0, 0.0);
+    for i in (1000..given.len()).step_by(given.len() / 6) {
+        let others = given.iter().enumerate().filter(|(j, _)| *j != i);
+        let others: Observations = others.map(|(_, point)| *point).collect();
+        let point = given.as_slice()[i];
+        let without = scene.complete(&others).unwrap();
+        let depth = without.at(&[[point.u, point.v]]).unwrap()[0];
+        let expected = f64::from(point.depth - depth);
+        squares += expected.powi(2);
+        differences += (found[i] - expected).powi(2);
+    }
+    assert!(
+        differences.sqrt() < 0.1 * squares.sqrt(),
+        "{} {}",
+        differences.sqrt(),
+        squares.sqrt()
+    );
 }
 
 /// Standard deviations are in the unit of the depths: precise measurements are followed, rough ones are smoothed,

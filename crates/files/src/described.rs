@@ -80,6 +80,12 @@ pub struct DescribedFit {
     /// The number of standard deviations that hold 95 % of errors, if standard deviations are asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deviations_of_95: Option<f64>,
+    /// Points that were smoothed by their standard deviations before the fit.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub smoothed: usize,
+    /// Pixels in holes of dense depths at which basis functions contradicted the depths around.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub limited: usize,
     /// Directions that the points determine.
     pub rank: usize,
     /// Basis functions, of which that many directions at most are determined.
@@ -108,6 +114,8 @@ impl DescribedFit {
             leave_one_out_inliers: of_inliers,
             outliers: outliers.map(<[Outlier]>::len),
             deviations_of_95: deviations_of_95.flatten(),
+            smoothed: report.smoothed,
+            limited: report.limited,
             rank: report.rank,
             functions: report.functions,
             guide_trust: report.guide_trust,

@@ -125,11 +125,7 @@ impl Frame {
     ///
     /// # Errors
     /// Options that were not checked.
-    pub(crate) fn listed(
-        &self,
-        points: Observations,
-        options: &Options,
-    ) -> Result<Sparse, Fault> {
+    pub(crate) fn listed(&self, points: Observations, options: &Options) -> Result<Sparse, Fault> {
         let depths = points.iter().map(|point| point.depth);
         let depths = depths.filter(|depth| depth.is_finite() && *depth > 0.0);
         let implausible = implausible_unit(Unit::METRE, depths.collect());

@@ -159,7 +159,20 @@ fn of_fit(fit: &DescribedFit) -> Vec<String> {
             "sigma     68.3 % of errors are expected within 1 standard deviation, 95 % within {deviations:.1}"
         )
     });
-    guide.into_iter().chain(sigma).collect()
+    let smoothed = (fit.smoothed > 0).then(|| {
+        format!(
+            "smoothed  {} by their standard deviations",
+            counted(fit.smoothed, "point")
+        )
+    });
+    let limited = (fit.limited > 0).then(|| {
+        format!(
+            "holes     {} follow the depths around, which basis functions contradict",
+            counted(fit.limited, "pixel")
+        )
+    });
+    let all = [guide, sigma, smoothed, limited];
+    all.into_iter().flatten().collect()
 }
 
 /// That pixels are nearer than half a unit of the PNG, if any are.

@@ -152,6 +152,43 @@ fn examples() -> [Example; 10] {
     ]
 }
 
+/// Lumped, every other observation is one of each of its pixels; if all are, and nothing pulls the field to 0, it is nowhere
+/// outside the range of the targets.
+#[test]
+fn lumped_observations_are_those_of_their_pixels() {
+    for example in examples() {
+        let (taps, weights) = (&example.taps, &example.weights);
+        let lumped = |i: usize| i.is_multiple_of(2);
+        let grid = example.grid(example.level);
+        let field = Observed::with_lumped(&grid, taps, weights, lumped).unwrap();
+        let x = [1.0, -0.5, 0.25, 3.0];
+        let mut matrix = example.dense();
+        for (i, (taps, weight)) in taps.iter().zip(weights).enumerate() {
+            for (one, share) in taps.iter().filter(|_| lumped(i)) {
+                for (other, across) in taps.iter() {
+                    matrix[(one as usize, other as usize)] -= weight * share * across;
+                }
+                matrix[(one as usize, one as usize)] += weight * share;
+            }
+        }
+        let expected = matrix.partial_piv_lu().solve(example.right_side(&x));
+        let found = field.extend(&example.targets(&x));
+        for (i, found) in found.iter().enumerate() {
+            assert!((found - expected[(i, 0)]).abs() < 1e-9, "{i}");
+        }
+        if example.right.iter().chain(&example.down).any(|c| *c == 0.0) {
+            continue;
+        }
+        let all = Observed::with_lumped(&example.grid(0.0), taps, weights, |_| true).unwrap();
+        let targets = example.targets(&x);
+        let low = targets.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = targets.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        for value in all.extend(&targets) {
+            assert!((low - 1e-9..=high + 1e-9).contains(&value), "{value}");
+        }
+    }
+}
+
 #[test]
 fn moments_are_the_sum_at_its_minimum() {
     for example in examples() {

@@ -79,6 +79,12 @@ impl Fit {
         self.field.as_ref().map(|field| &field.smooth)
     }
 
+    /// The number of pixels of the field, in holes of dense depths, at which basis functions contradicted the depths around
+    /// and were limited.
+    pub fn limited(&self) -> usize {
+        self.field.as_ref().map_or(0, |field| field.limited)
+    }
+
     /// Height and width of that field.
     pub(crate) fn field_size(&self) -> Option<(usize, usize)> {
         self.field.as_ref().map(|field| field.size)

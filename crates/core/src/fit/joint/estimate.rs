@@ -38,6 +38,8 @@ struct Found {
     sample: Sample,
     /// What the weights leave of each point, if that was needed.
     residuals: Option<Vec<f64>>,
+    /// Pixels in holes at which basis functions contradicted the depths around.
+    limited: usize,
 }
 
 /// The weights are estimated from all of at most so many sites.
@@ -109,6 +111,7 @@ impl FieldEstimator<'_> {
                 size,
                 data: self.joint.data,
                 ridges: self.ridges.to_vec(),
+                limited: found.limited,
             })),
         })
     }
@@ -145,6 +148,7 @@ impl FieldEstimator<'_> {
             },
             sample: sites.sample(0, rows)?,
             residuals: None,
+            limited: 0,
         })
     }
 
@@ -168,6 +172,7 @@ impl FieldEstimator<'_> {
             form: Form::Few(field),
             sample,
             residuals: None,
+            limited: 0,
         })
     }
 
@@ -223,7 +228,7 @@ impl FieldEstimator<'_> {
             (field, sites.means(&residuals), Some(residuals))
         };
         let mut values = field.extend(&rest);
-        self.limit_holes(sites, rows, &solution.weights, &field, &mut values);
+        let limited = self.limit_holes(sites, rows, &solution.weights, &field, &mut values);
         Ok(Found {
             solution,
             noise,
@@ -236,10 +241,11 @@ impl FieldEstimator<'_> {
             },
             sample,
             residuals,
+            limited,
         })
     }
 
-    /// Limits what basis functions add in the holes of dense sites.
+    /// Limits what basis functions add in the holes of dense sites. Returns the number of pixels that this changes.
     fn limit_holes(
         self,
         sites: &Sites,
@@ -247,10 +253,10 @@ impl FieldEstimator<'_> {
         weights: &[f64],
         field: &Observed,
         values: &mut [f64],
-    ) {
+    ) -> usize {
         let (grid, size) = (self.scene.affinities.size(), self.scene.size);
         let Some(holes) = Holes::new(&sites.taps, &sites.depths, grid, size.0, rows.scale) else {
-            return;
+            return 0;
         };
         let place = |&pixel: &u32| {
             let (x, y) = (pixel as usize % grid.1, pixel as usize / grid.1);
@@ -258,9 +264,9 @@ impl FieldEstimator<'_> {
         };
         let places: Vec<[f64; 2]> = holes.pixels().iter().map(place).collect();
         // None where basis functions are known at the points only.
-        if let Some(functions) = rows.combine(&places, weights) {
-            holes.limit(&functions, values, || field.extend(&sites.depths));
-        }
+        rows.combine(&places, weights).map_or(0, |functions| {
+            holes.limit(&functions, values, || field.extend(&sites.depths))
+        })
     }
 
     /// The weights in the coordinates of the prior, which are its scale and its directions, and those of the

@@ -23,6 +23,8 @@ pub(in crate::fit) struct FieldFit {
     pub(in crate::fit) data: f64,
     /// The penalties on the last weights, those of the cosines.
     pub(in crate::fit) ridges: Vec<f64>,
+    /// The number of pixels in holes at which basis functions contradicted the depths around.
+    pub(in crate::fit) limited: usize,
 }
 
 /// The field of a few or many sites.
