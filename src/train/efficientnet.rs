@@ -22,7 +22,10 @@ const LINE: [(&str, &str); 4] = [
 ///
 /// # Errors
 /// A file that cannot be read, is damaged, or lacks one of these tensors.
-pub(crate) fn read_backbone(path: &Path, config: BackboneConfig) -> Result<BTreeMap<String, Tensor>> {
+pub(crate) fn read_backbone(
+    path: &Path,
+    config: BackboneConfig,
+) -> Result<BTreeMap<String, Tensor>> {
     let all = read_tensors(path)?;
     let mut found = BTreeMap::new();
     let mut layer = |conv: String, norm: String, to: String| {

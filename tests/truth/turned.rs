@@ -54,7 +54,8 @@ fn points_of_turned_photos_are_where_the_upright_image_shows_them() {
     let read = data::Camera::read(&write_camera(folder.path(), &camera)).unwrap();
     for orientation in 1..=8 {
         let path = write_photo(folder.path(), &image, orientation);
-        let (shown, turned) = read_upright(&path).unwrap();
+        let read_back = read_upright(&path).unwrap();
+        let (shown, turned) = (read_back.rgb, read_back.orientation);
         let truth: Vec<Sight> = points
             .iter()
             .map(|&point| {

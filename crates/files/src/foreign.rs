@@ -22,12 +22,16 @@ const AVIF: [&[u8; 4]; 2] = [b"avif", b"avis"];
 /// # Errors
 /// A video, HEIC, AVIF or GIF, by its first bytes or its ending; the hint converts it.
 pub fn check_foreign(path: &Path) -> Result<()> {
+    // What is read from a pipe is lost.
+    if !path.is_file() {
+        return Ok(());
+    }
     let mut head = Vec::new();
     let read = File::open(path).and_then(|file| file.take(16).read_to_end(&mut head));
     if read.is_err() {
         return Ok(());
     }
-    let name = path.display();
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
     let brand = head.get(8..12).filter(|_| head.get(4..8) == Some(b"ftyp"));
     let is = |brands: &[&[u8; 4]]| {
         brand.is_some_and(|brand| brands.iter().any(|known| known[..] == *brand))

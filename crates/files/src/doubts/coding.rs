@@ -18,17 +18,17 @@ pub fn is_rotated(values: &[f32]) -> bool {
         }
         let value = value as u16;
         all += 1;
-        if value % 8 != 0 {
-            far += 1;
-            // Most maps are decided here, after a few pixels.
-            if far as f64 > FAR * values.len() as f64 {
-                return false;
-            }
-        } else {
+        if value.is_multiple_of(8) {
             common = divisor(common, value);
             if different.len() < MANY {
                 different.insert(value);
             }
+            continue;
+        }
+        far += 1;
+        // Most maps are decided here, after a few pixels.
+        if far as f64 > FAR * values.len() as f64 {
+            return false;
         }
     }
     common == 8 && different.len() >= MANY && far as f64 <= FAR * all as f64
@@ -52,7 +52,7 @@ mod tests {
 
     #[test]
     fn rotated_bits_are_recognised_and_rotated_back() {
-        let millimetres: Vec<u16> = (0..500).map(|i| 600 + 15 * i).chain([0, 8400]).collect();
+        let millimetres: Vec<u16> = (0..500).map(|i| 601 + 15 * i).chain([0, 8400]).collect();
         let stored = millimetres.iter().map(|d| f32::from(d.rotate_left(3)));
         let mut values: Vec<f32> = stored.collect();
         assert!(is_rotated(&values));

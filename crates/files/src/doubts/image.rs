@@ -65,7 +65,7 @@ where
     let (low, high) = percentiles(&counts);
     let (low, high) = (low as u16, high as u16);
     let narrow = high - low < NARROW;
-    if high >= DEEP && !narrow || high == low {
+    if (high >= DEEP && !narrow) || high == low {
         return (P::divided(image), None);
     }
     // Counts that lie close together far from 0 have no black of their own.

@@ -68,12 +68,12 @@ pub fn check_jpeg(bytes: &[u8]) -> Result<(), CutOff> {
         match marker {
             0xc4 => image.add_tables(segment),
             0xc0..=0xcf if !matches!(marker, 0xc8 | 0xcc) => {
-                image.frame = Frame::of(marker, segment)
+                image.frame = Frame::of(marker, segment);
             }
             0xdd => {
                 image.interval = segment
                     .first_chunk()
-                    .map_or(0, |n| usize::from(u16::from_be_bytes(*n)))
+                    .map_or(0, |n| usize::from(u16::from_be_bytes(*n)));
             }
             0xda => {
                 image.scans += 1;

@@ -1,6 +1,7 @@
 //! Values that mark missing measurements and background.
 
 use super::{Doubt, Numbers};
+use std::collections::HashSet;
 
 /// What is known of stored numbers.
 #[derive(Clone, Copy, Debug)]
@@ -99,8 +100,8 @@ pub fn leave_out_marks(values: &mut [f32], known: &Known) -> Vec<Doubt> {
     if let Some(ends) = Ends::of(values) {
         let far = ends.is_cluster(ends.highs) && ends.next_high < 0.5 * ends.high;
         let near = ends.is_cluster(ends.lows) && ends.next_low > 2.0 * ends.low;
-        // A map of one value, or of two, is no map with marks.
-        let spread = ends.highs + ends.lows < ends.measured;
+        // A scene of a few planes holds few numbers, all of them in many pixels.
+        let spread = (far || near) && is_varied(values);
         let high = (far && spread).then_some((ends.high, GAP, ends.highs));
         let low = (near && spread).then_some((ends.low, GAP, ends.lows));
         for (value, why, count) in suspected.or(high).into_iter().chain(low) {
@@ -127,6 +128,17 @@ pub fn marks_in_guide(values: &mut [f32], numbers: Numbers, declared: Option<f64
     let few = (values.len() as f64 * SHARE) as usize;
     doubts.retain(|doubt| !matches!(doubt, Doubt::Suspected { count, .. } if *count < few));
     doubts
+}
+
+/// Whether a map holds many different values.
+fn is_varied(values: &[f32]) -> bool {
+    const MANY: usize = 32;
+    let mut different = HashSet::new();
+    let positive = values.iter().filter(|v| **v > 0.0);
+    positive.map(|v| v.to_bits()).any(|bits| {
+        different.insert(bits);
+        different.len() > MANY
+    })
 }
 
 /// Why a largest value may be a mark, and whether it is known as one.
@@ -357,6 +369,10 @@ mod tests {
             (ramp, U16),
             (far_wall, Numbers::Floats),
             (vec![2.0; 1000], Numbers::Floats),
+            (
+                [[1.0; 300], [2.0; 300], [9.0; 300]].concat(),
+                Numbers::Floats,
+            ),
             (vec![0.0; 10], U16),
             (vec![255.0, 0.0, 255.0], Numbers::Booleans),
         ] {

@@ -82,6 +82,11 @@ pub enum Doubt {
         /// Pixels of the window outside the picture.
         outside: usize,
     },
+    /// An image is a window of a larger picture. It was taken as it is.
+    Offset {
+        /// Left and top of the window.
+        place: [i64; 2],
+    },
     /// The scale factor in a header was not applied.
     Scale(f64),
     /// An image uses a small part of its range and was stretched.
@@ -106,6 +111,18 @@ pub enum Doubt {
 }
 
 impl Doubt {
+    /// That the first of so many `what`s is read, if there are several.
+    pub(crate) fn first(what: &'static str, count: usize) -> Option<Self> {
+        /// More are not listed.
+        const MOST: usize = 1000;
+        let others = (2..=count.min(MOST)).map(|number| number.to_string());
+        (count > 1).then(|| Self::Chosen {
+            what,
+            name: "1".to_owned(),
+            others: others.collect(),
+        })
+    }
+
     /// Whether it is about distances along the ray.
     pub fn is_distance(&self) -> bool {
         matches!(self, Self::RayDistance { .. })
@@ -150,8 +167,9 @@ fn pixels(count: usize) -> String {
     format!("{count} pixel{}", if count == 1 { "" } else { "s" })
 }
 
-/// A stored number, short where it is large.
+/// A stored number, as short as it is known.
 fn number(value: f64) -> String {
+    let value = value as f32;
     if value.abs() >= 1e7 {
         format!("{value:e}")
     } else {
@@ -224,6 +242,11 @@ impl Display for Doubt {
                 }
                 Ok(())
             }
+            Self::Offset { place: [left, top] } => write!(
+                f,
+                "the image is a window at {left}, {top} of a larger picture; points and camera are taken to refer to \
+                 the pixels of the window"
+            ),
             Self::Scale(scale) => write!(
                 f,
                 "the scale factor {scale} in the header is not applied; --depth-unit sets the unit"

@@ -1,7 +1,7 @@
 //! What names of files, arrays and channels say about their values.
 
-/// The words of names that say distance along the ray. Hypersim and CARLA's lidar say `distance`, SemanticKITTI and
-/// Ouster `range`, AirSim `perspective`.
+/// The words of names that say distance along the ray. Hypersim and CARLA's lidar say `distance`, `SemanticKITTI` and
+/// Ouster `range`, `AirSim` `perspective`.
 pub const RAY: [&str; 7] = [
     "distance",
     "distances",
@@ -27,10 +27,10 @@ fn words(name: &str) -> impl Iterator<Item = String> {
         if !letter.is_alphabetic() || hump {
             words.push(String::new());
         }
-        if letter.is_alphabetic() {
-            let last = words.last_mut();
-            last.into_iter()
-                .for_each(|word| word.extend(letter.to_lowercase()));
+        if letter.is_alphabetic()
+            && let Some(word) = words.last_mut()
+        {
+            word.extend(letter.to_lowercase());
         }
     }
     words.into_iter().filter(|word| !word.is_empty())
@@ -64,11 +64,12 @@ pub(crate) fn quoted(names: &[String]) -> String {
     /// More are not listed.
     const MOST: usize = 12;
     let listed = names.iter().take(MOST).map(|name| format!("`{name}`"));
-    let mut text = listed.collect::<Vec<_>>().join(", ");
+    let text = listed.collect::<Vec<_>>().join(", ");
     if names.len() > MOST {
-        text += &format!(" and {} more", names.len() - MOST);
+        format!("{text} and {} more", names.len() - MOST)
+    } else {
+        text
     }
-    text
 }
 
 #[cfg(test)]

@@ -28,7 +28,7 @@ type Part = Layer<AnyChannels<FlatSamples>>;
 /// A channel of a part.
 struct Channel<'a> {
     part: &'a Part,
-    channel: &'a AnyChannel<FlatSamples>,
+    samples: &'a AnyChannel<FlatSamples>,
     /// With the name of the part, if there are several.
     name: String,
 }
@@ -75,8 +75,8 @@ pub(crate) fn read_exr(path: &Path) -> Result<(Raster, Option<Raster>)> {
         .list
         .iter()
         .find(|other| other.name.eq(SIGMA));
-    let sigma = sigma.map(|channel| Channel {
-        channel,
+    let sigma = sigma.map(|samples| Channel {
+        samples,
         name: SIGMA.to_owned(),
         ..*depths
     });
@@ -88,7 +88,7 @@ pub(crate) fn read_exr(path: &Path) -> Result<(Raster, Option<Raster>)> {
         raster.doubts.push(Doubt::RayDistance { name });
     }
     let is_sigma =
-        |other: &Channel<'_>| std::ptr::eq(other.part, depths.part) && other.channel.name.eq(SIGMA);
+        |other: &Channel<'_>| std::ptr::eq(other.part, depths.part) && other.samples.name.eq(SIGMA);
     let others = channels
         .iter()
         .filter(|other| !std::ptr::eq(*other, depths) && !is_sigma(other));
@@ -120,7 +120,7 @@ fn channels(parts: &[Part]) -> Vec<Channel<'_>> {
             };
             channels.push(Channel {
                 part,
-                channel,
+                samples: channel,
                 name,
             });
         }
@@ -158,7 +158,7 @@ fn depths<'a, 'b>(channels: &'b [Channel<'a>]) -> Option<&'b Channel<'a>> {
     let called = |name: &str| {
         channels
             .iter()
-            .find(|channel| channel.channel.name.eq(name))
+            .find(|channel| channel.samples.name.eq(name))
     };
     let [red, green, blue] = ["R", "G", "B"].map(called);
     let colour = red.or(green).or(blue).or_else(|| called("RY"));
@@ -166,7 +166,7 @@ fn depths<'a, 'b>(channels: &'b [Channel<'a>]) -> Option<&'b Channel<'a>> {
         return VALUES.iter().find_map(|name| called(name));
     }
     let samples =
-        |channel: Option<&Channel<'_>>| channel.map(|channel| channel.channel.sample_data.clone());
+        |channel: Option<&Channel<'_>>| channel.map(|channel| channel.samples.sample_data.clone());
     let (first, second, third) = (samples(red)?, samples(green)?, samples(blue)?);
     (first == second && second == third)
         .then_some(red)
@@ -177,7 +177,7 @@ impl Channel<'_> {
     /// The numbers, in the place of their data window within the display window.
     fn raster(&self, path: &Path, display: IntegerBounds, length: u64) -> Result<Raster> {
         let Vec2(width, height) = self.part.size;
-        let samples = &self.channel.sample_data;
+        let samples = &self.samples.sample_data;
         if samples.len() != width * height {
             let what = format!("channel `{}` has fewer samples than pixels", self.name);
             return Err(Error::format(path, what).hint("write the depths at full resolution"));
@@ -267,12 +267,12 @@ mod tests {
     use super::*;
     use exr::prelude::{Encoding, ImageAttributes, LayerAttributes, Text};
 
+    /// A part that is written: its name, place, and channels with their first values.
+    type Written<'a> = (&'a str, (i32, i32), &'a [(&'a str, f32)]);
+
     /// Writes parts, each with its name, place and channels of 2x2 values, into a display window.
-    fn write(
-        parts: &[(&str, (i32, i32), &[(&str, f32)])],
-        display: (usize, usize),
-    ) -> tempfile::NamedTempFile {
-        let layer = |(name, place, channels): &(&str, (i32, i32), &[(&str, f32)])| {
+    fn write(parts: &[Written<'_>], display: (usize, usize)) -> tempfile::NamedTempFile {
+        let layer = |(name, place, channels): &Written<'_>| {
             let list = channels.iter().map(|(name, first)| {
                 let values = (0..4).map(|i| first + i as f32).collect();
                 AnyChannel::new(*name, FlatSamples::F32(values))

@@ -2,7 +2,7 @@
 
 use super::depth_png::declared_unit;
 use super::picture::open;
-use super::{check_pixels, pgm, read_tiff};
+use super::{check_pixels, chunks, pgm, read_tiff};
 use crate::doubts::{Doubt, Numbers};
 use crate::error::{Error, Result};
 use crate::raster::Raster;
@@ -54,7 +54,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
         ColorType::GrayscaleAlpha => 2,
         ColorType::Rgb | ColorType::Rgba | ColorType::Indexed => return Err(colour(path)),
     };
-    if let Some([x, y]) = offset(bytes) {
+    if let Some([x, y]) = chunks::offset(bytes) {
         let what = format!("is a window at {x}, {y} of a larger picture (chunk oFFs)");
         return Err(Error::format(path, what)
             .hint("write the whole picture, 0 where there is no measurement"));
@@ -64,9 +64,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
         .exif_metadata
         .clone()
         .and_then(|exif| Orientation::from_exif_chunk(&exif));
-    let frames = info
-        .animation_control
-        .map_or(1, |animation| animation.num_frames);
+    let frames = chunks::frames(bytes);
     let plain = declared_unit(info).is_some();
     let transparent = info
         .trns
@@ -106,15 +104,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let mut raster = Raster::new((columns, rows), values, Numbers::unsigned(depth as u32));
     raster.declared = transparent.map(f64::from);
     raster.plain = plain;
-    if frames > 1 {
-        raster.doubts.push(Doubt::Chosen {
-            what: "frame",
-            name: "1".to_owned(),
-            others: (2..=frames.min(1000))
-                .map(|number| number.to_string())
-                .collect(),
-        });
-    }
+    raster.doubts.extend(Doubt::first("frame", frames));
     Ok(raster)
 }
 
@@ -127,30 +117,6 @@ fn unpacked(row: &[u8], bits: usize) -> impl Iterator<Item = u16> + '_ {
             .rev()
             .map(move |i| u16::from(byte) >> (i * bits) & mask)
     })
-}
-
-/// The offset of the chunk oFFs, where it is not 0 (Extensions to the PNG 1.2 specification, section 3.1).
-fn offset(bytes: &[u8]) -> Option<[i32; 2]> {
-    let mut rest = bytes.get(8..)?;
-    loop {
-        let (head, after) = rest.split_first_chunk::<8>()?;
-        let [length, kind] = [0, 4].map(|at| {
-            head[at..at + 4]
-                .first_chunk::<4>()
-                .copied()
-                .unwrap_or_default()
-        });
-        let length = u32::from_be_bytes(length) as usize;
-        if &kind == b"oFFs" {
-            let numbers = after.as_chunks::<4>().0.get(..2)?;
-            let place = [numbers[0], numbers[1]].map(i32::from_be_bytes);
-            return (place != [0, 0]).then_some(place);
-        }
-        if &kind == b"IDAT" {
-            return None;
-        }
-        rest = after.get(length.checked_add(4)?..)?;
-    }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Single files: one reader or writer per format.
 
+mod chunks;
 mod colour_map;
 mod depth_png;
 mod exr;

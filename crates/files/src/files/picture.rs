@@ -2,7 +2,7 @@
 
 use super::tags::Tags;
 use super::tiff::check_tags;
-use super::{check_pixels, read_grey, write_atomically};
+use super::{check_pixels, chunks, read_grey, write_atomically};
 use crate::doubts::{Doubt, check_jpeg, to_rgb8};
 use crate::error::{Error, Result};
 use crate::foreign::check_foreign;
@@ -39,12 +39,13 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage> {
 /// # Errors
 /// A missing, damaged or unknown file.
 pub fn read_upright(path: &Path) -> Result<Upright> {
-    let (image, orientation, pages) = open(path)?;
+    let (image, orientation, mut doubts) = open(path)?;
     let (rgb, doubt) = to_rgb8(image);
+    doubts.extend(doubt);
     Ok(Upright {
         rgb,
         orientation,
-        doubts: pages.into_iter().chain(doubt).collect(),
+        doubts,
     })
 }
 
@@ -98,30 +99,37 @@ pub fn is_depth_image(path: &Path) -> Result<bool> {
     image_kind(path).map(|(_, kind)| kind == ColorType::L16)
 }
 
-/// An image turned upright, how, and which page it is, if there are several.
-pub(super) fn open(path: &Path) -> Result<(DynamicImage, Orientation, Option<Doubt>)> {
+/// An image turned upright, how, and what the rest of its file says.
+pub(super) fn open(path: &Path) -> Result<(DynamicImage, Orientation, Vec<Doubt>)> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     check_jpeg(&bytes).map_err(|cut_off| {
         Error::format(path, "is not a readable image")
             .because(cut_off)
             .hint("the file is incomplete; copy or write it again")
     })?;
-    let pages = pages(path, &bytes)?;
+    let doubts = beside(path, &bytes)?;
     let mut decoder = decoder(path, Cursor::new(&bytes), bytes.len() as u64)?;
     let damaged = |e: ImageError| damaged(path, e);
     let exif = decoder.orientation().map_err(damaged)?;
     let mut image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     let size = (image.width() as usize, image.height() as usize);
     image.apply_orientation(exif);
-    Ok((image, Orientation::new(size, exif.to_exif()), pages))
+    Ok((image, Orientation::new(size, exif.to_exif()), doubts))
 }
 
-/// That a TIFF has several pages, of which the first is read.
-fn pages(path: &Path, bytes: &[u8]) -> Result<Option<Doubt>> {
-    if !matches!(image::guess_format(bytes), Ok(ImageFormat::Tiff)) {
-        return Ok(None);
-    }
-    Ok(Tags::of(path, bytes)?.chosen_page())
+/// Pages and frames beside the first, and the place of the image in a larger picture.
+fn beside(path: &Path, bytes: &[u8]) -> Result<Vec<Doubt>> {
+    let (several, offset) = if matches!(image::guess_format(bytes), Ok(ImageFormat::Tiff)) {
+        let tags = Tags::of(path, bytes)?;
+        (tags.chosen_page(), tags.offset(bytes))
+    } else {
+        (
+            Doubt::first("frame", chunks::frames(bytes)),
+            chunks::offset(bytes),
+        )
+    };
+    let offset = offset.map(|place| Doubt::Offset { place });
+    Ok(several.into_iter().chain(offset).collect())
 }
 
 fn damaged(path: &Path, cause: ImageError) -> Error {

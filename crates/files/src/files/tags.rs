@@ -14,6 +14,12 @@ pub(super) struct Tags {
     pages: usize,
 }
 
+/// Places are in the unit of the resolution, which is pixels to that unit.
+const X_POSITION: u64 = 286;
+const Y_POSITION: u64 = 287;
+const X_RESOLUTION: u64 = 282;
+const Y_RESOLUTION: u64 = 283;
+
 /// More pages are not counted.
 const MOST: usize = 10_000;
 
@@ -88,12 +94,20 @@ impl Tags {
 
     /// That the first of several pages is read.
     pub(super) fn chosen_page(&self) -> Option<Doubt> {
-        let others = (2..=self.pages).map(|number| number.to_string());
-        (self.pages > 1).then(|| Doubt::Chosen {
-            what: "page",
-            name: "1".to_owned(),
-            others: others.collect(),
-        })
+        Doubt::first("page", self.pages)
+    }
+
+    /// The place of the image in a larger picture in pixels, where it is not 0.
+    pub(super) fn offset(&self, bytes: &[u8]) -> Option<[i64; 2]> {
+        let along = |place: u64, resolution: u64| {
+            let number = |tag| self.number(tag, bytes).filter(|v: &f64| v.is_finite());
+            (number(place).unwrap_or(0.0) * number(resolution).unwrap_or(1.0)).round() as i64
+        };
+        let place = [
+            along(X_POSITION, X_RESOLUTION),
+            along(Y_POSITION, Y_RESOLUTION),
+        ];
+        (place != [0, 0]).then_some(place)
     }
 
     /// Where the values of a tag lie, and their type.

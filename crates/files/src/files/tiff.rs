@@ -16,8 +16,6 @@ use tiff::encoder::colortype::Gray32Float;
 
 /// Tags of TIFF 6.0, and of GDAL.
 const PHOTOMETRIC: u64 = 262;
-const PLACE: [u64; 2] = [286, 287];
-const RESOLUTION: [u64; 2] = [282, 283];
 const NODATA: u64 = 42113;
 /// Values of `PHOTOMETRIC`.
 const WHITE_IS_ZERO: f64 = 0.0;
@@ -33,23 +31,8 @@ pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
     let mut bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let size = bytes.len() as u64;
     let tags = Tags::of(path, &bytes)?;
-    let place = PLACE.map(|tag| {
-        tags.number(tag, &bytes)
-            .filter(|v| v.is_finite())
-            .unwrap_or(0.0)
-    });
-    if place != [0.0, 0.0] {
-        let [x, y] = place;
-        let [across, down] = RESOLUTION.map(|tag| {
-            tags.number(tag, &bytes)
-                .filter(|v| v.is_finite())
-                .unwrap_or(1.0)
-        });
-        let what = format!(
-            "is a window at {}, {} of a larger picture (XPosition, YPosition)",
-            x * across,
-            y * down
-        );
+    if let Some([x, y]) = tags.offset(&bytes) {
+        let what = format!("is a window at {x}, {y} of a larger picture (XPosition, YPosition)");
         return Err(Error::format(path, what)
             .hint("write the whole picture, 0 where there is no measurement"));
     }

@@ -83,15 +83,16 @@ fn unusable_deviations_are_unknown_and_counted() {
 
 #[test]
 fn marks_in_tables_are_left_out_and_counted() {
-    let mut text = "u,v,depth\n".to_owned();
-    for i in 0..12 {
+    let line = |i: usize| {
         let depth = if i < 3 {
             "65535".to_owned()
         } else {
             format!("{}", 1000 + 70 * i)
         };
-        text += &format!("{},{},{depth}\n", i % 4, i / 4);
-    }
+        format!("{},{},{depth}\n", i % 4, i / 4)
+    };
+    let lines: String = (0..12).map(line).collect();
+    let text = format!("u,v,depth\n{lines}");
     let found = read_as("points.csv", &text, Some(Unit::MILLIMETRE)).unwrap();
     assert_eq!((found.points.len(), found.ignored), (9, 3));
     assert!(
