@@ -54,12 +54,14 @@ pub(crate) fn read_points<'py>(
 ) -> PyResult<Points<'py>> {
     let read = || {
         let camera = camera.map(|path| Camera::read(&path)).transpose()?;
-        Sparse::read(
+        let mut found = Sparse::read(
             &path,
             unit.map(str::parse).transpose()?,
             camera.as_ref(),
             size,
-        )
+        )?;
+        found.remarks.extend(camera.iter().flat_map(Camera::doubts));
+        Ok(found)
     };
     let found = py.detach(read).map_err(|e| raised(py, &e))?;
     points(py, found)
