@@ -473,10 +473,21 @@ fn points() {
     let place = numbers(&[1.0, 1.0, 5.0]);
     let track = [&one[..], &none, &none].concat();
     let landmark = [&one[..], &one, &place, &[1, 2, 3], &numbers(&[0.5]), &track].concat();
+    // One camera, number 1, and its image in a frame.
+    let words = |words: &[u32]| {
+        words
+            .iter()
+            .flat_map(|w| w.to_le_bytes())
+            .collect::<Vec<_>>()
+    };
+    let rig = [&one[..], &words(&[1, 1, 0, 1])].concat();
+    let frame = [&one[..], &words(&[1, 1]), &pose, &words(&[1, 0, 1, 0, 0])].concat();
     let files = [
         ("cameras.bin", camera),
         ("images.bin", image),
         ("points3D.bin", landmark),
+        ("rigs.bin", rig),
+        ("frames.bin", frame),
     ];
     for (name, bytes) in &files {
         std::fs::write(model.join(name), bytes).unwrap();

@@ -12,18 +12,25 @@ fuzz_target!(|data: &[u8]| {
         return;
     };
     let endings = [["bin", "txt"], ["txt", "txt"]][usize::from(which & 1)];
-    let names = ["cameras", "images", "points3D"];
-    let own = usize::from(which >> 1) % 3;
+    let names = ["cameras", "images", "points3D", "rigs", "frames"];
+    let own = usize::from(which >> 1) % names.len();
     with_file(data, &format!("{}.{}", names[own], endings[0]), |path| {
         let sound = [
             "1 PINHOLE 64 48 50 50 32 24\n",
             "1 1 0 0 0 0 0 0 1 a.png\n3 4 1\n",
             "1 0 0 5 0 0 0 0.5 1 0\n",
+            "1 1 CAMERA 1\n",
+            "1 1 1 0 0 0 0 0 0 1 CAMERA 1 1\n",
         ];
         for (name, text) in names.iter().zip(sound) {
-            let other = path.with_file_name(format!("{name}.txt"));
             if *name != names[own] {
-                write(other, text).expect("a file");
+                write(path.with_file_name(format!("{name}.txt")), text).expect("a file");
+            }
+        }
+        // Rigs and frames are of the form of the images.
+        if own > 2 && endings[0] == "bin" {
+            for name in &names[..3] {
+                write(path.with_file_name(format!("{name}.bin")), [0; 8]).expect("a file");
             }
         }
         let folder = path.parent().expect("a folder");

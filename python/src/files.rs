@@ -75,7 +75,10 @@ pub(crate) fn read_points<'py>(
             unit: unit.map(str::parse).transpose()?,
             kind: kind.map(str::parse).transpose()?,
         };
-        Sparse::read_as(&path, how, camera.map(|camera| &camera.0), size)
+        let mut found = Sparse::read_as(&path, how, camera.map(|camera| &camera.0), size)?;
+        let doubts = camera.iter().flat_map(|camera| camera.0.doubts());
+        found.remarks.extend(doubts);
+        Ok(found)
     };
     let found = py.detach(read).map_err(|e| raised_by_file(py, &e))?;
     points(py, found)

@@ -73,6 +73,7 @@ fn described(recording: &Recording, survey: &Survey) -> Value {
         "start_ns": times.map(|(first, _)| first),
         "seconds": times.map(|(first, last)| (last - first) as f64 * 1e-9),
         "cut_off": survey.flaws.cut, "damaged": survey.flaws.damaged, "first_damage": survey.flaws.first,
+        "absent": survey.flaws.absent,
         "topics": survey.topics.iter().map(topic).collect::<Vec<_>>(),
     })
 }

@@ -126,9 +126,29 @@ fn every_image_of_a_colmap_model_is_completed() {
     let run = lsdc(folder.path())
         .args(["complete", "images", "model", "-o", "out"])
         .assert()
-        .code(3);
-    let text = String::from_utf8(run.get_output().stderr.clone()).unwrap();
-    assert!(text.contains("its name leads out of the folder"), "{text}");
+        .success();
+    // What one did not pass is no failure, and what the model does not know is named.
+    let output = run.get_output();
+    let text = String::from_utf8([&output.stdout[..], &output.stderr].concat()).unwrap();
+    assert!(
+        text.contains("model     2 images, 1 of them not in the folder"),
+        "{text}"
+    );
+    assert!(
+        text.contains("1 image is not in the model: b/c.png"),
+        "{text}"
+    );
+    std::fs::write(at("model/images.txt"), "1 1 0 0 0 0 0 0 1 left/9.png\n\n").unwrap();
+    let none = ["complete", "images", "model", "-o", "more"];
+    refused(
+        folder.path(),
+        &none,
+        &[
+            "none of 2 images is in the model",
+            "a.png, b/c.png",
+            "left/9.png",
+        ],
+    );
     let found = read_npy(&at("out/a_depth.npy"), 1.0).unwrap();
     // Errors grow with the depth, so that far points count less than in a map without deviations.
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();

@@ -26,6 +26,37 @@ pub struct StoredMap {
     pub remarks: Vec<String>,
 }
 
+impl StoredMap {
+    /// The map of numbers that are in no file, row by row, such as those of a message. Marks of no measurement are left out.
+    /// Without a unit integers are millimetres and other numbers metres, which is no guess where a standard says so
+    /// (ROS REP 118), but doubted if the depths are implausible.
+    ///
+    /// # Errors
+    /// Another number of values than pixels.
+    pub fn of_numbers(
+        (width, height): (usize, usize),
+        values: Vec<f32>,
+        numbers: Numbers,
+        unit: Option<Unit>,
+    ) -> Result<Self> {
+        let known = KnownUnit::new(unit, numbers);
+        let raster = Raster::new((width, height), values, numbers);
+        let (depth, doubts) = raster.depth(known.unit.metres())?;
+        let doubt = known.doubt(depth.points().map(|point| point.depth).collect());
+        Ok(Self {
+            depth,
+            sigma: None,
+            unit: known.unit,
+            guessed: false,
+            remarks: doubts
+                .iter()
+                .map(ToString::to_string)
+                .chain(doubt)
+                .collect(),
+        })
+    }
+}
+
 /// What a file holds.
 pub(super) enum Stored {
     Map(StoredMap),

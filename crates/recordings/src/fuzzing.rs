@@ -21,7 +21,7 @@ pub(crate) fn read(kind: Kind, data: &[u8]) -> bool {
     match kind {
         Kind::Image | Kind::CompressedImage => {
             let colours = colours(kind, data).is_ok();
-            let depths = depths(kind, data, |_| 0.001).is_ok();
+            let depths = depths(kind, data, None).is_ok();
             colours || depths
         }
         Kind::CameraInfo => camera_of(data, false).is_ok() && camera_of(data, true).is_ok(),

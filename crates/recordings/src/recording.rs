@@ -11,6 +11,10 @@ use std::sync::Arc;
 
 /// The endings of recordings.
 const ENDINGS: [&str; 2] = ["mcap", "db3"];
+/// How bags of ROS 1 begin.
+const ROS_1: &[u8] = b"#ROSBAG V";
+/// The ending of files that rosbag2 packed as a whole.
+const PACKED: &str = "zstd";
 /// What describes the folder of a bag.
 const METADATA: &str = "metadata.yaml";
 
@@ -20,14 +24,18 @@ pub struct Recording {
     files: Vec<Box<dyn Container>>,
     /// Of all files together.
     size: u64,
+    /// Files that the folder should have.
+    absent: Vec<String>,
 }
 
 impl Recording {
-    /// Whether a path is that of a recording: a file of MCAP or SQLite by its ending, or a folder that holds any.
+    /// Whether a path is that of a recording: a file of MCAP or SQLite by its ending, or a folder that holds any; or a bag of
+    /// ROS 1, which is not read.
     pub fn is_at(path: &Path) -> bool {
-        ENDINGS.iter().any(|ending| has_ending(path, ending))
+        is_recording(path)
+            || has_ending(path, "bag")
             || path.join(METADATA).is_file()
-            || path.is_dir() && files_in(path).is_ok_and(|files| !files.is_empty())
+            || path.is_dir() && files_in(path).is_ok_and(|(files, _)| !files.is_empty())
     }
 
     /// Opens an MCAP file, an SQLite file of rosbag2, or the folder of a bag.
@@ -35,13 +43,21 @@ impl Recording {
     /// # Errors
     /// A path that cannot be read or holds no recording.
     pub fn open(path: &Path) -> Result<Self> {
-        let paths = if path.is_dir() {
+        let (paths, absent) = if path.is_dir() {
             files_in(path)?
         } else {
-            vec![path.to_owned()]
+            (vec![path.to_owned()], Vec::new())
         };
         if paths.is_empty() {
-            return Err(Error::format(path, "holds no recording").hint(
+            let what = if absent.is_empty() {
+                "holds no recording".to_owned()
+            } else {
+                format!(
+                    "does not hold the files of its recording: {}",
+                    absent.join(", ")
+                )
+            };
+            return Err(Error::format(path, what).hint(
                 "a bag is a folder with files of MCAP or SQLite (db3); unpack those that end in .zstd: zstd -d",
             ));
         }
@@ -53,6 +69,7 @@ impl Recording {
             path: path.to_owned(),
             size: sizes.sum::<Result<u64>>()?,
             files: paths.iter().map(|path| open(path)).collect::<Result<_>>()?,
+            absent,
         })
     }
 
@@ -92,7 +109,10 @@ impl Recording {
         each: &mut dyn FnMut(&Arc<Topic>, &Message<'_>) -> Result<()>,
     ) -> Result<Flaws> {
         let each: &mut Each<'_> = each;
-        let mut flaws = Flaws::default();
+        let mut flaws = Flaws {
+            absent: self.absent.clone(),
+            ..Flaws::default()
+        };
         for (number, file) in self.files.iter_mut().enumerate() {
             flaws.and(file.visit(number, wanted, each)?);
         }
@@ -118,6 +138,10 @@ fn open(path: &Path) -> Result<Box<dyn Container>> {
     if start.is_empty() {
         return Err(Error::format(path, "is empty"));
     }
+    if start.starts_with(ROS_1) {
+        return Err(Error::format(path, "is a bag of ROS 1, which is not read")
+            .hint("convert it to ROS 2, as by rosbags-convert"));
+    }
     Ok(if start == SQLITE {
         Box::new(Rosbag::open(path)?)
     } else {
@@ -125,25 +149,39 @@ fn open(path: &Path) -> Result<Box<dyn Container>> {
     })
 }
 
-/// The recordings in the folder of a bag, in the order that it describes; else by the numbers in their names.
-fn files_in(folder: &Path) -> Result<Vec<PathBuf>> {
+/// Whether a name is that of a file of a recording, packed or not.
+fn is_recording(path: &Path) -> bool {
+    let is_one = |path: &Path| ENDINGS.iter().any(|ending| has_ending(path, ending));
+    is_one(path) || has_ending(path, PACKED) && is_one(&path.with_extension(""))
+}
+
+/// The recordings in the folder of a bag, in the order that it describes; else by the numbers in their names. And those
+/// that it describes, but does not hold.
+fn files_in(folder: &Path) -> Result<(Vec<PathBuf>, Vec<String>)> {
     let entries = std::fs::read_dir(folder).map_err(|e| Error::read(folder, e))?;
     let mut found = Vec::new();
     for entry in entries {
         let path = entry.map_err(|e| Error::read(folder, e))?.path();
-        if ENDINGS.iter().any(|ending| has_ending(&path, ending)) {
+        if is_recording(&path) && !has_ending(&path, PACKED) {
             found.push(path);
         }
     }
     let text = std::fs::read_to_string(folder.join(METADATA)).unwrap_or_default();
-    let listed = |path: &Path| {
+    let listed: Vec<&str> = text
+        .lines()
+        .filter_map(|line| line.trim().strip_prefix("- "))
+        .map(|name| name.trim().trim_matches(['"', '\'']))
+        .filter(|name| is_recording(Path::new(name)))
+        .collect();
+    let place = |path: &Path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let mut lines = text.lines();
-        lines.position(|line| line.trim().trim_start_matches("- ").trim_matches('"') == name)
+        listed.iter().position(|listed| *listed == name)
     };
     found.sort_by_key(|path| {
-        let place = listed(path).unwrap_or(usize::MAX);
+        let place = place(path).unwrap_or(usize::MAX);
         (place, path.as_os_str().len(), path.clone())
     });
-    Ok(found)
+    let absent = listed.iter().filter(|name| !folder.join(name).exists());
+    let absent = absent.map(|name| (*name).to_owned()).collect();
+    Ok((found, absent))
 }

@@ -16,6 +16,8 @@ pub struct Transforms {
     links: BTreeMap<String, Link>,
     /// Transforms of a frame whose parent was another one before: these are left out.
     pub elsewhere: usize,
+    /// Transforms that hold at all times, but differ from one before, which they replace.
+    pub replaced: usize,
 }
 
 /// Where a frame is in its parent.
@@ -25,6 +27,32 @@ struct Link {
     is_static: bool,
     /// In the order of time, if it moves; else the last that was said.
     samples: Vec<(Stamp, Rigid)>,
+    /// Transforms further apart, in nanoseconds, say nothing of the motion between them.
+    longest: u64,
+}
+
+impl Link {
+    /// Motion is even between transforms at their usual rate. So many times the usual time between two may be missing: a
+    /// few lost messages, not the outage of an odometry.
+    const USUAL: u64 = 5;
+    /// Nanoseconds. An acceleration of 3 m/s² over a quarter of a second leaves a straight line by 2.3 cm (a t² / 8).
+    const LEAST: u64 = 250_000_000;
+    /// The same over 2 seconds: 1.5 m. Poses that are rarer say too little of a motion.
+    const MOST: u64 = 2_000_000_000;
+
+    /// The longest time between two transforms that motion is interpolated over: by the median time between all.
+    fn longest(samples: &[(Stamp, Rigid)]) -> u64 {
+        let times = samples.windows(2).map(|pair| pair[1].0.abs_diff(pair[0].0));
+        let mut times: Vec<u64> = times.collect();
+        let middle = times.len() / 2;
+        if times.is_empty() {
+            return Self::LEAST;
+        }
+        let usual = *times.select_nth_unstable(middle).1;
+        usual
+            .saturating_mul(Self::USUAL)
+            .clamp(Self::LEAST, Self::MOST)
+    }
 }
 
 /// That the place of a frame is not known at a time.
@@ -32,8 +60,21 @@ struct Link {
 pub struct Gap {
     child: String,
     parent: String,
-    /// Seconds from the time to the nearest transform.
-    away: String,
+    /// Nanoseconds from the time to the nearest transform.
+    away: u64,
+    /// Nanoseconds between the transforms before and after the time, and how many there may be; none where it is before
+    /// the first or after the last.
+    between: Option<(u64, u64)>,
+}
+
+impl Gap {
+    /// Which kind of gap it is, for counting.
+    pub fn kind(&self) -> &'static str {
+        match self.between {
+            None => "without transforms at their time",
+            Some(_) => "in a gap between transforms",
+        }
+    }
 }
 
 impl std::fmt::Display for Gap {
@@ -42,11 +83,23 @@ impl std::fmt::Display for Gap {
             child,
             parent,
             away,
+            between,
         } = self;
+        let seconds = |nanoseconds: &u64| *nanoseconds as f64 * 1e-9;
         write!(
             f,
-            "`{child}` has no place in `{parent}` at its time, the nearest is {away} s away"
-        )
+            "`{child}` has no place in `{parent}` at its time, the nearest is {:.3} s away",
+            seconds(away)
+        )?;
+        match between {
+            None => Ok(()),
+            Some((apart, longest)) => write!(
+                f,
+                ", in a gap of {:.3} s: motion is interpolated over {:.3} s at most",
+                seconds(apart),
+                seconds(longest)
+            ),
+        }
     }
 }
 
@@ -68,6 +121,7 @@ impl Transforms {
             parent: found.parent.clone(),
             is_static,
             samples: Vec::new(),
+            longest: 0,
         });
         if link.parent != found.parent {
             self.elsewhere += 1;
@@ -75,6 +129,8 @@ impl Transforms {
         }
         link.is_static |= is_static;
         if link.is_static {
+            let differs = |(_, last): &(Stamp, Rigid)| *last != found.rigid;
+            self.replaced += usize::from(link.samples.last().is_some_and(differs));
             link.samples.clear();
         }
         link.samples.push((found.stamp, found.rigid));
@@ -87,7 +143,22 @@ impl Transforms {
             link.samples.reverse();
             link.samples.sort_by_key(|(stamp, _)| *stamp);
             link.samples.dedup_by_key(|(stamp, _)| *stamp);
+            link.longest = Link::longest(&link.samples);
         }
+    }
+
+    /// The frames that are in another one, or that others are in.
+    pub fn frames(&self) -> impl Iterator<Item = &str> {
+        let parents = self.links.values().map(|link| link.parent.as_str());
+        let mut all: Vec<&str> = self
+            .links
+            .keys()
+            .map(String::as_str)
+            .chain(parents)
+            .collect();
+        all.sort_unstable();
+        all.dedup();
+        all.into_iter()
     }
 
     /// The frames from one up to that which is in no other; none twice.
@@ -189,24 +260,30 @@ impl Transforms {
         if let (true, Some((_, rigid))) = (link.is_static, link.samples.last()) {
             return Ok(*rigid);
         }
+        let gap = |away, between| Gap {
+            child: frame.to_owned(),
+            parent: link.parent.clone(),
+            away,
+            between,
+        };
         let after = link.samples.partition_point(|(time, _)| *time < stamp);
         let next = link.samples.get(after);
         let before = after.checked_sub(1).map(|i| link.samples[i]);
         match (before, next) {
             (_, Some((time, rigid))) if *time == stamp => Ok(*rigid),
             (Some((start, a)), Some((end, b))) => {
-                let share = (stamp - start) as f64 / (end - start) as f64;
-                Ok(a.towards(*b, share))
+                let (apart, past) = (end.abs_diff(start), stamp.abs_diff(start));
+                // What stays where it was has not moved, however seldom that is said.
+                if apart > link.longest && a != *b {
+                    let away = past.min(apart - past);
+                    return Err(gap(away, Some((apart, link.longest))));
+                }
+                Ok(a.towards(*b, past as f64 / apart as f64))
             }
             (one, other) => {
-                let nearest = one
-                    .or(other.copied())
-                    .map_or(0, |(time, _)| time.abs_diff(stamp));
-                Err(Gap {
-                    child: frame.to_owned(),
-                    parent: link.parent.clone(),
-                    away: format!("{:.3}", nearest as f64 * 1e-9),
-                })
+                let nearest = one.or(other.copied());
+                let away = nearest.map_or(0, |(time, _)| time.abs_diff(stamp));
+                Err(gap(away, None))
             }
         }
     }
@@ -268,6 +345,62 @@ mod tests {
         assert_eq!(moved(&tree, &route, [30, 30]), -1.0);
         let route = tree.route("lidar", "camera", Some("base")).unwrap();
         assert_eq!(moved(&tree, &route, [5, 8]), -1.0);
+    }
+
+    /// 50 Hz with an outage of 30 s: what is near its ends is known no better than what is in the middle.
+    #[test]
+    fn motion_is_not_interpolated_over_an_outage() {
+        const SECOND: Stamp = 1_000_000_000;
+        let tree = |stamps: &mut dyn Iterator<Item = Stamp>| {
+            let mut tree = Transforms::default();
+            for stamp in stamps {
+                add(&mut tree, "odom", "base", stamp, stamp as f64 * 1e-9, false);
+            }
+            tree.sort();
+            tree
+        };
+        let driven = tree(&mut (0..100).chain(1600..1700).map(|step| step * SECOND / 50));
+        let at = |tree: &Transforms, seconds: f64| {
+            let stamp = (seconds * 1e9) as Stamp;
+            let route = tree.route("base", "odom", Some("odom")).unwrap();
+            let found = tree.between(&route, [stamp, 0]);
+            found.map(|moved| moved.apply([0.0; 3])[0])
+        };
+        assert!((at(&driven, 1.01).unwrap() - 1.01).abs() < 1e-9);
+        for seconds in [1.99, 17.0, 31.9] {
+            let gap = at(&driven, seconds).unwrap_err();
+            assert_eq!(gap.kind(), "in a gap between transforms", "{gap}");
+            assert!(gap.to_string().contains("in a gap of 30.020 s"), "{gap}");
+            assert!(gap.to_string().contains("over 0.250 s"), "{gap}");
+        }
+        assert_eq!(
+            at(&driven, 34.1).unwrap_err().kind(),
+            "without transforms at their time"
+        );
+        // Four lost messages are bridged, and so is what is measured once a second.
+        let mut lost = (0..10).chain(14..30).map(|step| step * SECOND / 20);
+        assert!(at(&tree(&mut lost), 0.58).is_ok());
+        assert!(at(&tree(&mut (0..10).map(|step| step * SECOND)), 4.5).is_ok());
+        // Two poses with nothing in between are an outage, but not for what has not moved.
+        assert!(at(&tree(&mut [0, 30 * SECOND].into_iter()), 15.0).is_err());
+        let mut still = Transforms::default();
+        for stamp in [0, 30 * SECOND] {
+            add(&mut still, "odom", "base", stamp, 7.0, false);
+        }
+        still.sort();
+        assert_eq!(at(&still, 15.0).unwrap(), 7.0);
+        // Stamps as far apart as there are.
+        let ends = tree(&mut [Stamp::MIN, Stamp::MAX].into_iter());
+        assert!(at(&ends, 1.0).is_err());
+    }
+
+    #[test]
+    fn static_transforms_that_change_are_counted() {
+        let mut tree = car();
+        add(&mut tree, "base", "lidar", 5, 2.0, true);
+        assert_eq!(tree.replaced, 0);
+        add(&mut tree, "base", "lidar", 5, 2.5, true);
+        assert_eq!(tree.replaced, 1);
     }
 
     #[test]

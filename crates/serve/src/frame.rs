@@ -49,7 +49,7 @@ impl Frame {
             Some(path) => {
                 let (camera, remark) = camera(path)?.for_image(&orientation)?;
                 remarks.extend(remark);
-                remarks.extend(camera.doubt());
+                remarks.extend(camera.doubts());
                 Some(camera)
             }
         };

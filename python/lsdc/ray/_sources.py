@@ -19,6 +19,7 @@ from ._tables import Tables
 from ._tars import Tars
 
 IMAGES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".ppm", ".pgm")
+MODEL = ("cameras", "images", "points3D", "rigs", "frames")
 MAPS = (".npy", ".png", ".pgm", ".tif", ".tiff")
 
 Entry = tuple[str, Any]
@@ -140,7 +141,7 @@ class Models:
 
     @cached_property
     def _model(self) -> Colmap:
-        names = [f"{part}.{ending}" for part in ("cameras", "images", "points3D") for ending in ("bin", "txt")]
+        names = [f"{part}.{ending}" for part in MODEL for ending in ("bin", "txt")]
         files = {name: self._place.read(name) for name in names if self._place.is_file(name)}
         return Colmap(str(self._place), files=files)
 

@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use image::RgbImage;
 use lsdc_core::{DepthGuide, DepthNoise};
 use lsdc_recordings::Frame;
+use serde_json::json;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
@@ -166,7 +167,7 @@ impl Job {
         let camera = match (&args.camera, &self.points) {
             (Some(camera), _) => {
                 let (camera, remark) = camera.for_image(&image)?;
-                assumed.extend(remark.into_iter().chain(camera.doubt()));
+                assumed.extend(remark.into_iter().chain(camera.doubts()));
                 Some(camera)
             }
             (None, Points::View(view)) => view.camera_of(&image, args.depth_unit)?,
@@ -236,9 +237,11 @@ pub(super) fn one(args: &Complete) -> Result<Job> {
     check_foreign(sparse)?;
     let points = if Colmap::is_at(sparse) {
         let views = Colmap::read(sparse)?.views;
-        Points::View(Box::new(view_of(&image, &views).cloned().ok_or_else(
-            || Error::format(sparse, format!("has no image `{}`", image.display())),
-        )?))
+        Points::View(Box::new(
+            view_of(&image, &by_name(&views)).cloned().ok_or_else(|| {
+                Error::format(sparse, format!("has no image `{}`", image.display()))
+            })?,
+        ))
     } else if sparse.is_dir() {
         let name = Path::new(image.file_name().unwrap_or_default());
         Points::File(same_name(sparse, name, &image)?)
@@ -284,26 +287,21 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
         return Ok(jobs.found);
     }
     let mut views = Vec::new();
-    if Colmap::is_at(&args.sparse) {
+    let is_model = Colmap::is_at(&args.sparse);
+    if is_model {
         views = Colmap::read(&args.sparse)?.views;
-        if let ([folder], true) = (&args.rgb[..], args.rgb[0].is_dir()) {
-            let mut jobs = Jobs::new(args, failures);
-            for view in views {
-                let name = PathBuf::from(&view.name);
-                if holds(&name) {
-                    jobs.add(folder.join(&name), name, Ok(Points::View(Box::new(view))));
-                }
-            }
-            return Ok(jobs.found);
-        }
     } else if !args.sparse.is_dir() {
         let what = "is no folder of points and no model of COLMAP";
         return Err(Error::format(&args.sparse, what).hint(
             "for several images give a folder with a file of points for each, or a list; for one image give its path",
         ));
     }
+    let views = by_name(&views);
     let mut jobs = Jobs::new(args, failures);
-    let found = images(args, output)?;
+    let mut found = images(args, output)?;
+    if is_model && args.rgb.iter().all(|path| path.is_dir()) {
+        found = in_model(args, found, &views)?;
+    }
     let shared = shared_points(&found, |one| {
         let view = view_of(&one.image, &views).map(|view| PathBuf::from(&view.name));
         view.or_else(|| same_name(&args.sparse, &one.name, &one.image).ok())
@@ -333,6 +331,69 @@ pub(super) fn many(args: &Complete, output: &Path, failures: &Failures) -> Resul
         jobs.add(image, name, points);
     }
     Ok(jobs.found)
+}
+
+/// The images of folders that a model knows; says which it does not know, and how many of its own are not there.
+fn in_model(args: &Complete, found: Vec<Found>, views: &Views<'_>) -> Result<Vec<Found>> {
+    /// So many are named.
+    const NAMED: usize = 5;
+    let all = found.len();
+    let is_known = |one: &Found| view_of(&one.image, views).is_some();
+    let (known, unknown): (Vec<Found>, Vec<Found>) = found.into_iter().partition(is_known);
+    let of = |count: usize| {
+        if count == 1 {
+            "1 image is"
+        } else {
+            &format!("{count} images are")
+        }
+        .to_owned()
+    };
+    let names = unknown
+        .iter()
+        .take(NAMED)
+        .map(|one| one.name.display().to_string());
+    let names = names.collect::<Vec<_>>().join(", ");
+    let more = unknown.len().saturating_sub(NAMED);
+    let more = if more > 0 {
+        format!(", and {more} more")
+    } else {
+        String::new()
+    };
+    let unknown_line = format!("{} not in the model: {names}{more}", of(unknown.len()));
+    if known.is_empty() {
+        let what = format!("none of {all} images is in the model; {unknown_line}");
+        let first = views
+            .values()
+            .map(|view| view.name.as_str())
+            .min()
+            .unwrap_or("none");
+        return Err(Error::format(&args.sparse, what).hint(format!(
+            "give the folder of images that the model was made of; the first name in the model: {first}"
+        )));
+    }
+    let tell = if args.json { ui::say } else { ui::tell };
+    let seen: HashSet<&str> = known
+        .iter()
+        .filter_map(|one| view_of(&one.image, views))
+        .map(|view| view.name.as_str())
+        .collect();
+    let absent = views.len().saturating_sub(seen.len());
+    if absent > 0 {
+        tell(&format!(
+            "model     {} images, {absent} of them not in the folder",
+            views.len()
+        ));
+    }
+    if !unknown.is_empty() {
+        ui::warn(&format!("warning: {unknown_line}"));
+    }
+    for one in unknown.iter().filter(|_| args.json) {
+        let value = json!({
+            "image": one.name.display().to_string(), "status": "left out", "reason": "it is not in the model",
+        });
+        ui::print(&value.to_string());
+    }
+    Ok(known)
 }
 
 /// Images with their points, each of another name.
@@ -379,11 +440,25 @@ impl<'a> Jobs<'a> {
     }
 }
 
+/// The images of a model by name.
+type Views<'a> = HashMap<&'a Path, &'a View>;
+
+fn by_name(views: &[View]) -> Views<'_> {
+    views
+        .iter()
+        .map(|view| (Path::new(&view.name), view))
+        .collect()
+}
+
 /// The image of a model whose path an image's ends with; of several the longest.
-fn view_of<'a>(image: &Path, views: &'a [View]) -> Option<&'a View> {
-    let length = |view: &&View| Path::new(&view.name).components().count();
-    let named = views.iter().filter(|view| image.ends_with(&view.name));
-    named.max_by_key(length)
+fn view_of<'a>(image: &Path, views: &Views<'a>) -> Option<&'a View> {
+    let mut rest = image.components();
+    loop {
+        if let Some(view) = views.get(rest.as_path()) {
+            return Some(view);
+        }
+        rest.next()?;
+    }
 }
 
 /// The file of points that is called as the image, in the same subfolder or in none; its ending is in

@@ -69,6 +69,9 @@ impl Recorded {
             found.len(),
             dropped.len()
         ));
+        if let Some(camera) = self.frames.seen_by() {
+            tell(&format!("camera    {camera}"));
+        }
         match self.frames.deskewed() {
             Some(Deskewed { field, seconds, .. }) => tell(&format!(
                 "deskewed  each point counts at its own time: `{field}`, {seconds:.4} s from the first of a cloud to the last"
@@ -94,6 +97,11 @@ impl Recorded {
             ));
         }
         if json {
+            let value = json!({
+                "recording": self.path.display().to_string(), "images": found.len() + dropped.len(), "with_points": found.len(),
+                "left_out": dropped.len(), "camera": self.frames.seen_by(), "remarks": self.frames.remarks,
+            });
+            ui::print(&value.to_string());
             for Dropped { stamp, reason } in dropped {
                 let value = json!({
                     "image": stamp.to_string(), "status": "left out", "reason": reason.to_string(),

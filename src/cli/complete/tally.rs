@@ -4,15 +4,15 @@ use super::lines::{left_out_of_clouds, left_out_of_points, raised};
 use super::summary::Summary;
 use crate::cli::ui::{self, counted};
 use indicatif::ProgressBar;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What was written of many frames: said as it goes on, and counted for the end.
 pub(super) struct Tally<'a> {
     bar: &'a ProgressBar,
     json: bool,
-    /// What holds for many frames is said once.
-    said: HashSet<String>,
+    /// What holds for many frames is said of the first, and counted. By the remark without its numbers.
+    said: BTreeMap<String, Said>,
     count: usize,
     unusual_png_units: BTreeMap<String, usize>,
     png_raised: usize,
@@ -22,13 +22,34 @@ pub(super) struct Tally<'a> {
     skewed: usize,
 }
 
+/// A remark of one frame or more.
+#[derive(Default)]
+struct Said {
+    frames: usize,
+    /// The first frame, and what was said of it.
+    first: String,
+}
+
+/// A remark with `#` in place of each number: the same remark of another frame has other counts and depths.
+fn without_numbers(remark: &str) -> String {
+    let mut kind = String::with_capacity(remark.len());
+    for letter in remark.chars() {
+        match letter {
+            '0'..='9' if !kind.ends_with('#') => kind.push('#'),
+            '0'..='9' | '.' if kind.ends_with('#') => {}
+            _ => kind.push(letter),
+        }
+    }
+    kind
+}
+
 impl<'a> Tally<'a> {
     /// Beside a bar, which steps with every frame; with `json` each is an object on stdout too.
     pub(super) fn new(bar: &'a ProgressBar, json: bool) -> Self {
         Self {
             bar,
             json,
-            said: HashSet::new(),
+            said: BTreeMap::new(),
             count: 0,
             unusual_png_units: BTreeMap::new(),
             png_raised: 0,
@@ -42,11 +63,14 @@ impl<'a> Tally<'a> {
     /// Takes in a frame that is written.
     pub(super) fn add(&mut self, name: &Path, summary: &Summary) {
         for remark in summary.remarks() {
-            if self.said.insert(remark.clone()) {
+            let said = self.said.entry(without_numbers(remark)).or_default();
+            if said.frames == 0 {
                 let name = name.display();
+                said.first = format!("{name}: {remark}");
                 self.bar
-                    .suspend(|| ui::warn(&format!("warning: {name}: {remark}")));
+                    .suspend(|| ui::warn(&format!("warning: {}", said.first)));
             }
+            said.frames += 1;
         }
         self.count += 1;
         if let Some(unit) = summary.unusual_png_unit() {
@@ -79,6 +103,9 @@ impl<'a> Tally<'a> {
         tell(&format!(
             "frames    {done} completed, {there} there already, {failed} failed"
         ));
+        for Said { frames, first } in self.said.values().filter(|said| said.frames > 1) {
+            tell(&format!("remarked  of {frames} frames, the first {first}"));
+        }
         if let Some(points) = left_out_of_points(self.left_out_of_points) {
             tell(&format!("points    {points}"));
         }

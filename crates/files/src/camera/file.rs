@@ -1,6 +1,6 @@
 //! Cameras as they are written in files.
 
-use super::{Camera, IDENTITY, Pose, ros};
+use super::{Camera, IDENTITY, Pose, dot, ros};
 use crate::error::{Error, Result};
 use crate::files::has_ending;
 use lsdc_core::Lens;
@@ -26,7 +26,11 @@ impl Camera {
         } else {
             toml::from_str(&text).map_err(|e| Error::format(path, "is no camera").because(e))
         }
-        .map_err(|e| e.hint("a camera is TOML or JSON with fx, fy, cx, cy, or the camera_info of ROS; see docs/guide.md"))?;
+        .map_err(|e| match foreign(&text) {
+            Some(kind) => Error::format(path, format!("is {kind}, which is not read")),
+            None => e,
+        })
+        .map_err(|e| e.hint("a camera is TOML or JSON with fx, fy, cx, cy, model and distortion, or the camera_info of ROS; see docs/guide.md"))?;
         Self::try_from(stored).map_err(|what| Error::format(path, what))
     }
 }
@@ -75,6 +79,29 @@ pub(super) struct Stored {
     pub(super) distortion: Vec<f64>,
     pub(super) world_to_camera: Option<Vec<[f64; 4]>>,
     pub(super) camera_to_world: Option<Vec<[f64; 4]>>,
+    #[serde(skip)]
+    pub(super) assumed: Vec<String>,
+}
+
+/// What calibrations of other programs are called, by a word that they hold.
+const FOREIGN: [(&str, &str); 8] = [
+    ("fl_x", "the transforms.json of nerfstudio or Instant NGP"),
+    ("camera_angle_x", "the transforms.json of a NeRF"),
+    ("distortion_coeffs", "a calibration of Kalibr"),
+    ("<opencv_storage>", "XML of OpenCV"),
+    (
+        "PinholeCameraParameters",
+        "a camera with its pose by Open3D",
+    ),
+    ("PinholeCameraTrajectory", "a trajectory of Open3D"),
+    ("\"ppx\"", "the intrinsics of librealsense"),
+    ("T_cam_imu", "a calibration of Kalibr"),
+];
+
+/// What a calibration is that is not read, if it is one that is known.
+fn foreign(text: &str) -> Option<&'static str> {
+    let found = FOREIGN.iter().find(|(word, _)| text.contains(word));
+    found.map(|(_, kind)| *kind)
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
@@ -93,14 +120,17 @@ impl TryFrom<Stored> for Camera {
         let numbers = [stored.fx, stored.fy, stored.cx, stored.cy];
         let [fx, fy, cx, cy] = match (numbers, stored.intrinsic_matrix) {
             ([Some(fx), Some(fy), Some(cx), Some(cy)], None) => [fx, fy, cx, cy],
-            ([None, None, None, None], Some(m)) => [m[0], m[4], m[6], m[7]],
+            ([None, None, None, None], Some(m)) => {
+                intrinsics([[m[0], m[3], m[6]], [m[1], m[4], m[7]], [m[2], m[5], m[8]]])
+                    .map_err(|what| format!("has an intrinsic_matrix, column by column, {what}"))?
+            }
             _ => return Err("needs fx, fy, cx and cy, or an intrinsic_matrix".to_owned()),
         };
         let sound = fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|v| v.is_finite());
         if !sound {
             return Err(format!("cannot have fx {fx}, fy {fy}, cx {cx}, cy {cy}"));
         }
-        let mut camera = Self::pinhole([fx, fy], [cx, cy]);
+        let mut camera = Self::pinhole([fx, fy], [cx, cy]).assuming(stored.assumed);
         camera.size = match (stored.width, stored.height) {
             (Some(width), Some(height)) if width > 0 && height > 0 => Some((width, height)),
             (None, None) => None,
@@ -118,6 +148,24 @@ impl TryFrom<Stored> for Camera {
         Ok(camera.with_pose(rotation, translation))
     }
 }
+
+/// fx, fy, cx and cy of a matrix row by row.
+pub(super) fn intrinsics(rows: [[f64; 3]; 3]) -> std::result::Result<[f64; 4], String> {
+    let [[fx, skew, cx], [a, fy, cy], last] = rows;
+    if rows.iter().flatten().all(|&v| v == 0.0) {
+        return Err("of zeros: the camera is not calibrated".to_owned());
+    }
+    if a != 0.0 || last != [0.0, 0.0, 1.0] {
+        return Err("that is no camera matrix; is it transposed?".to_owned());
+    }
+    if skew.abs() > SKEW * fx.abs() {
+        return Err(format!("with a skew of {skew}, which is not supported"));
+    }
+    Ok([fx, fy, cx, cy])
+}
+
+/// A skew below this part of the focal length moves no pixel by a tenth.
+const SKEW: f64 = 1e-4;
 
 impl Model {
     fn lens(self, distortion: &[f64]) -> std::result::Result<Lens, String> {
@@ -176,10 +224,6 @@ fn pose(rows: &[[f64; 4]]) -> std::result::Result<Pose, String> {
         return Err("has a pose that mirrors the world: its axes are left-handed".to_owned());
     }
     Ok((rotation, [a[3], b[3], c[3]]))
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn inverse((rotation, translation): Pose) -> Pose {

@@ -20,6 +20,8 @@ pub struct Camera {
     optics: lsdc_core::Camera,
     /// How the stored image is turned upright, if it is.
     turned: Option<Orientation>,
+    /// What its file does not say and was assumed, a sentence each.
+    assumed: Vec<String>,
 }
 
 impl Camera {
@@ -34,6 +36,7 @@ impl Camera {
             size,
             optics,
             turned: None,
+            assumed: Vec::new(),
         }
     }
 
@@ -42,9 +45,8 @@ impl Camera {
         &self.optics
     }
 
-    /// Width and height of the upright image, if they are known.
-    pub fn size(&self) -> Option<(usize, usize)> {
-        self.size
+    fn assuming(self, assumed: Vec<String>) -> Self {
+        Self { assumed, ..self }
     }
 
     pub(super) fn with_lens(self, lens: Lens) -> Self {
@@ -71,6 +73,20 @@ impl Camera {
         }
     }
 
+    /// The same camera where a point of another world is first brought into this one, by a rotation (row by row) and a
+    /// translation.
+    #[must_use]
+    pub fn moved(self, rotation: [[f64; 3]; 3], translation: [f64; 3]) -> Self {
+        let (own, [x, y, z]) = self.optics.pose();
+        if (own, [x, y, z]) == (IDENTITY, [0.0; 3]) {
+            return self.with_pose(rotation, translation);
+        }
+        let columns = [0, 1, 2].map(|j| rotation.map(|row| row[j]));
+        let turned = own.map(|row| columns.map(|column| dot(row, column)));
+        let [a, b, c] = own.map(|row| dot(row, translation));
+        self.with_pose(turned, [a + x, b + y, c + z])
+    }
+
     /// Pixels from edge to edge of a radian straight ahead, the mean of both axes.
     pub(super) fn focal(&self) -> f64 {
         let [fx, fy] = self.optics.focal();
@@ -83,13 +99,22 @@ impl Camera {
         self.with_pose(rotation, translation.map(|v| v * factor))
     }
 
-    /// The camera of the same image at another size.
+    /// The camera of the same image at another size, which is one of its [`Self::doubts`]: a part of the image of the same
+    /// shape would have another camera.
     ///
     /// # Errors
     /// A size of another shape: a part of the image, or another image.
     pub fn resized(&self, size: (usize, usize)) -> Result<Self> {
         match self.size {
             Some(own) if !same_shape(own, size) => Err(other_shape(own, size)),
+            Some(own) if own != size => {
+                let mut camera = self.stretched(size);
+                camera.assumed.push(format!(
+                    "the camera of images of {}x{} is scaled to {}x{}: the image is taken for all of such an image at another size",
+                    own.0, own.1, size.0, size.1
+                ));
+                Ok(camera)
+            }
             _ => Ok(self.stretched(size)),
         }
     }
@@ -109,6 +134,7 @@ impl Camera {
                 .optics
                 .scaled([factor(from.0, to.0), factor(from.1, to.1)]),
             turned,
+            assumed: self.assumed.clone(),
         }
     }
 
@@ -140,7 +166,7 @@ impl Camera {
         let camera = Self {
             turned: Some(*image),
             size: Some(upright),
-            ..self.stretched(stored)
+            ..self.resized(stored)?
         };
         let what = format!(
             "the camera is taken for that of the pixels as stored, {}x{}, and turned upright with the \
@@ -150,17 +176,25 @@ impl Camera {
         Ok((camera, Some(what)))
     }
 
-    /// What should be checked of the numbers of the camera of an image.
-    pub fn doubt(&self) -> Option<String> {
-        let size = self.size?;
-        let (width, height) = self.turned.map_or(size, |turned| turned.stored());
-        let [cx, cy] = self.optics.center();
-        pixel([cx, cy], (width, height)).is_none().then(|| {
-            format!(
-                "the principal point of the camera, {cx}, {cy}, lies outside the image of \
-                 {width}x{height}; cx and cy are pixels of this image"
-            )
-        })
+    /// What should be checked of the camera of an image, a sentence each: what its file does not say and was assumed, and
+    /// numbers that are implausible.
+    pub fn doubts(&self) -> Vec<String> {
+        let outside = self.size.and_then(|size| {
+            let (width, height) = self.turned.map_or(size, |turned| turned.stored());
+            let [cx, cy] = self.optics.center();
+            pixel([cx, cy], (width, height)).is_none().then(|| {
+                format!(
+                    "the principal point of the camera, {cx}, {cy}, lies outside the image of \
+                     {width}x{height}; cx and cy are pixels of this image"
+                )
+            })
+        });
+        self.assumed.iter().cloned().chain(outside).collect()
+    }
+
+    /// Width and height of the image, upright, if they are known.
+    pub fn size(&self) -> Option<(usize, usize)> {
+        self.size
     }
 
     /// Pixels between the principal point and the centre of an image.
@@ -201,6 +235,10 @@ impl Camera {
 
 /// A rotation, row by row, and a translation.
 type Pose = ([[f64; 3]; 3], [f64; 3]);
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
 
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 

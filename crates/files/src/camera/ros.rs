@@ -2,7 +2,7 @@
 //! `ros2 topic echo` print.
 
 use super::Camera;
-use super::file::{Model, Stored};
+use super::file::{Model, Stored, intrinsics};
 use std::collections::HashMap;
 
 /// What ROS says of a camera.
@@ -16,6 +16,8 @@ pub struct CameraInfo {
     pub distortion: Vec<f64>,
     /// K, row by row: of the whole sensor, before the image is rectified.
     pub matrix: [f64; 9],
+    /// R, row by row: from the axes of the camera to those of the rectified image.
+    pub rotation: Option<[f64; 9]>,
     /// P, row by row: after that.
     pub projection: Option<[f64; 12]>,
     /// A window of the sensor: its first column and row, its width and its height; 0 stands for all.
@@ -25,7 +27,7 @@ pub struct CameraInfo {
 }
 
 impl CameraInfo {
-    /// The camera of the image before it was rectified.
+    /// The camera of the image before it was rectified: K and D.
     ///
     /// # Errors
     /// What is wrong with it, to be said after its name.
@@ -33,33 +35,121 @@ impl CameraInfo {
         self.stored()?.try_into()
     }
 
-    /// The camera of the image after it was rectified, which has no distortion.
+    /// The camera of the image after it was rectified, which has no distortion: the first three columns of P. For the
+    /// fourth see [`Self::baseline`].
     ///
     /// # Errors
     /// What is wrong with it, to be said after its name.
     pub fn rectified(&self) -> Result<Camera, String> {
         self.check_whole()?;
-        let [fx, _, cx, _, _, fy, cy, ..] = self
-            .projection
+        let projection = self.projection.filter(|p| p.iter().any(|&v| v != 0.0));
+        let rows = projection
+            .map(columns)
             .ok_or("has no P, which rectified images need")?;
-        self.of(Model::Pinhole, &[], [fx, fy, cx, cy]).try_into()
+        let numbers = intrinsics(rows).map_err(|what| format!("has a P {what}"))?;
+        let mut stored = self.of(Model::Pinhole, &[], numbers);
+        stored.assumed = self.unused("P", true);
+        stored.try_into()
+    }
+
+    /// Where the optical centre of the camera is in its frame by the fourth column of P, in metres along x and y: not at 0
+    /// for the second camera of a stereo pair, as both are in the frame of the first.
+    pub fn baseline(&self) -> [f64; 2] {
+        let Some([fx, _, _, tx, _, fy, _, ty, ..]) = self.projection else {
+            return [0.0; 2];
+        };
+        let part = |shift: f64, focal: f64| if shift == 0.0 { 0.0 } else { -shift / focal };
+        [part(tx, fx), part(ty, fy)]
     }
 
     fn stored(&self) -> Result<Stored, String> {
         self.check_whole()?;
-        let [fx, _, cx, _, fy, cy, ..] = self.matrix;
-        let straight = self.distortion.iter().all(|&k| k == 0.0);
+        let [a, b, c, d, e, f, g, h, i] = self.matrix;
+        let rows = [[a, b, c], [d, e, f], [g, h, i]];
+        let numbers = intrinsics(rows).map_err(|what| format!("has a K {what}"))?;
+        let straight = !self.is_bent();
+        let mut assumed = self.unused("K and D", false);
         let (model, distortion) = match self.model.as_str() {
-            _ if straight => (Model::Pinhole, &[][..]),
-            "plumb_bob" | "rational_polynomial" | "" => (Model::Radtan, &self.distortion[..]),
             "equidistant" | "fisheye" => (Model::Fisheye, &self.distortion[..]),
+            "" | "plumb_bob" | "rational_polynomial" | "radtan" if straight => {
+                (Model::Pinhole, &[][..])
+            }
+            "plumb_bob" | "rational_polynomial" | "radtan" => (Model::Radtan, &self.distortion[..]),
+            "" => {
+                assumed.push(format!(
+                    "the camera names no distortion model: its {} coefficients are taken for plumb_bob (k1, k2, p1, p2, ...), \
+                     not for a fisheye lens; add `distortion_model`",
+                    self.distortion.len()
+                ));
+                (Model::Radtan, &self.distortion[..])
+            }
+            other if straight => {
+                assumed.push(format!(
+                    "the distortion model `{other}` is not known; as all coefficients are 0, the lens is taken for one without \
+                     distortion"
+                ));
+                (Model::Pinhole, &[][..])
+            }
             other => {
                 return Err(format!(
                     "has the distortion_model `{other}`, which is not known"
                 ));
             }
         };
-        Ok(self.of(model, distortion, [fx, fy, cx, cy]))
+        let stored = self.of(model, distortion, numbers);
+        Ok(Stored { assumed, ..stored })
+    }
+
+    fn is_bent(&self) -> bool {
+        self.distortion.iter().any(|&k| k != 0.0)
+    }
+
+    /// What is said of an image that is taken for rectified, or not, by which `used` holds: where the other numbers are
+    /// none that agree.
+    fn unused(&self, used: &str, rectified: bool) -> Vec<String> {
+        /// In pixels: files round.
+        const NEAR: f64 = 0.01;
+        let Some(projection) = self.projection.filter(|p| p[0] != 0.0) else {
+            return Vec::new();
+        };
+        let near = |a: &f64, b: &f64| (a - b).abs() <= NEAR;
+        let mut differ = Vec::new();
+        let matrix = columns(projection).concat();
+        if !matrix.iter().zip(&self.matrix).all(|(a, b)| near(a, b)) {
+            differ.push(format!(
+                "P (fx {}, cx {}) differs from K (fx {}, cx {})",
+                projection[0], projection[2], self.matrix[0], self.matrix[2]
+            ));
+        }
+        let angle = self.rotation.map_or(0.0, angle);
+        if angle > 1e-4 {
+            differ.push(format!(
+                "R is a rotation of {:.2} degrees",
+                angle.to_degrees()
+            ));
+        }
+        let [x, y] = self.baseline();
+        if !rectified && (x != 0.0 || y != 0.0) {
+            differ.push(format!(
+                "the fourth column of P is a stereo baseline of {:.4} m",
+                x.hypot(y)
+            ));
+        }
+        if rectified && self.is_bent() {
+            differ.push("D is not 0".to_owned());
+        }
+        let (is, not) = if rectified {
+            ("rectified", "R and D are not applied")
+        } else {
+            ("unrectified", "R and P are not applied")
+        };
+        if differ.is_empty() {
+            return Vec::new();
+        }
+        vec![format!(
+            "the image is taken for {is}: {used} of the camera are used, {not}, though {}",
+            differ.join(", and ")
+        )]
     }
 
     fn of(&self, model: Model, distortion: &[f64], [fx, fy, cx, cy]: [f64; 4]) -> Stored {
@@ -100,6 +190,24 @@ impl CameraInfo {
     }
 }
 
+/// The first three columns of P, row by row.
+fn columns(projection: [f64; 12]) -> [[f64; 3]; 3] {
+    let [a, b, c, _, d, e, f, _, g, h, i, _] = projection;
+    [[a, b, c], [d, e, f], [g, h, i]]
+}
+
+/// The angle of a rotation in radians; of no rotation (as of zeros, where there is none) 0.
+fn angle(rotation: [f64; 9]) -> f64 {
+    let [a, b, c, d, e, f, g, h, i] = rotation;
+    // Twice the sine and the cosine: exact for small angles, too.
+    let sine = (h - f).hypot(c - g).hypot(d - b);
+    let cosine = a + e + i - 1.0;
+    if rotation.iter().all(|&v| v == 0.0) {
+        return 0.0;
+    }
+    sine.atan2(cosine)
+}
+
 /// Of the image before it was rectified: `K` and `D`, which are those of the whole sensor.
 pub(super) fn parse(text: &str) -> Result<Stored, String> {
     let values = flatten(text);
@@ -134,17 +242,34 @@ pub(super) fn parse(text: &str) -> Result<Stored, String> {
     else {
         return Err("has no camera_matrix or K of 9 numbers".to_owned());
     };
-    let named = find(&["distortion_model"]).and_then(|texts| texts.first());
+    let one = |name: &str| find(&[name]).and_then(|texts| texts.first());
+    // As `cv2.FileStorage` writes it for OpenCV's calibration program.
+    let fisheye = one("fisheye_model").map(|flag| match flag.as_str() {
+        "0" => Ok("plumb_bob".to_owned()),
+        "1" => Ok("fisheye".to_owned()),
+        other => Err(format!("has the fisheye_model `{other}`, expected 0 or 1")),
+    });
+    let model = match (one("distortion_model"), fisheye.transpose()?) {
+        (Some(named), _) => named.clone(),
+        (None, Some(flagged)) => flagged,
+        (None, None) => String::new(),
+    };
     let info = CameraInfo {
         size: sides.0.zip(sides.1),
-        model: named.cloned().unwrap_or_default(),
+        model,
         distortion: numbers(&["distortion_coefficients.data", "D", "d"])?.unwrap_or_default(),
         matrix,
-        projection: None,
+        rotation: numbers(&["rectification_matrix.data", "R", "r"])?
+            .and_then(|r| r.try_into().ok()),
+        projection: numbers(&["projection_matrix.data", "P", "p"])?.and_then(|p| p.try_into().ok()),
         window,
         binning,
     };
-    let stored = info.stored()?;
+    let mut stored = info.stored()?;
+    if stored.assumed.is_empty() && info.is_bent() && info.projection.is_some() {
+        let said = "the image is taken for unrectified: K and D of the camera are used, R and P are not applied";
+        stored.assumed.push(said.to_owned());
+    }
     Ok(Stored {
         width: sides.0,
         height: sides.1,

@@ -159,7 +159,7 @@ fn a_camera_is_turned_with_the_image_in_all_eight_orientations() {
 fn a_principal_point_outside_the_image_is_doubted() {
     let doubt = |center, image: Orientation| {
         let camera = Camera::pinhole([500.0; 2], center);
-        camera.for_image(&image).unwrap().0.doubt()
+        camera.for_image(&image).unwrap().0.doubts().pop()
     };
     let image = || Orientation::from((640, 480));
     assert_eq!(doubt([319.5, 239.5], image()), None);
@@ -259,4 +259,157 @@ fn a_window_or_a_binning_of_the_sensor_is_refused() {
         assert!(error.to_string().contains(what), "{error}");
         assert!(error.advice().is_some());
     }
+}
+
+/// What is read of a YAML file, or why not.
+fn yaml(text: &str) -> Result<Camera> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("camera.yml");
+    std::fs::write(&path, text).unwrap();
+    Camera::read(&path)
+}
+
+/// As `cv2.FileStorage` writes it for the calibration program of OpenCV (samples/cpp/tutorial_code/calib3d).
+const STORAGE: &str = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\nfisheye_model: 1\n\
+    camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 380., 0., 319.5, 0., 380., 239.5,\n\
+    \x20      0., 0., 1. ]\ndistortion_coefficients: !!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n\
+    \x20  data: [ -0.01, 0.02, -0.015, 0.003 ]\n";
+
+#[test]
+fn the_lens_of_a_calibration_by_opencv_is_what_its_flag_says() {
+    let fisheye = yaml(STORAGE).unwrap();
+    for (point, pixel) in POINTS.into_iter().zip(OPENCV_FISHEYE) {
+        let (found, _) = fisheye.project(point).unwrap();
+        let off = (found[0] - pixel[0]).hypot(found[1] - pixel[1]);
+        assert!(off < 1e-6, "{found:?} {pixel:?}");
+    }
+    assert_eq!(fisheye.doubts(), Vec::<String>::new());
+    let flagged = yaml(&STORAGE.replace("fisheye_model: 1", "fisheye_model: 0")).unwrap();
+    assert!(flagged.to_string().contains("radtan"), "{flagged}");
+    assert_eq!(flagged.doubts(), Vec::<String>::new());
+    // Neither a flag nor a name.
+    let unnamed = yaml(&STORAGE.replace("fisheye_model: 1\n", "")).unwrap();
+    let doubts = unnamed.doubts();
+    assert!(
+        doubts.len() == 1 && doubts[0].contains("names no distortion model"),
+        "{doubts:?}"
+    );
+    assert!(doubts[0].contains("fisheye"), "{doubts:?}");
+    assert!(yaml(&STORAGE.replace("fisheye_model: 1", "fisheye_model: 2")).is_err());
+}
+
+/// r = f theta (Kannala and Brandt with all coefficients 0): 45 degrees are 380 pi / 4 pixels, not 380.
+#[test]
+fn a_fisheye_without_coefficients_is_no_pinhole() {
+    let zeros = STORAGE.replace("-0.01, 0.02, -0.015, 0.003", "0., 0., 0., 0.");
+    let ([u, v], _) = yaml(&zeros).unwrap().project([1.0, 0.0, 1.0]).unwrap();
+    assert!((u - 319.5 - 380.0 * std::f64::consts::FRAC_PI_4).abs() < 1e-9 && v == 239.5);
+}
+
+#[test]
+fn what_a_camera_info_assumes_of_rectification_is_said() {
+    let with = |p: &str, r: &str| {
+        let r = CALIBRATED.replace("rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]", r);
+        yaml(&format!(
+            "{r}projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{p}]\n"
+        ))
+    };
+    let doubts = |p: &str| with(p, "").unwrap().doubts();
+    let said = doubts("400., 0., 310., 0., 0., 400., 240., 0., 0., 0., 1., 0.");
+    assert!(
+        said.len() == 1 && said[0].contains("taken for unrectified"),
+        "{said:?}"
+    );
+    assert!(
+        said[0].contains("P (fx 400, cx 310) differs from K (fx 500, cx 320)"),
+        "{said:?}"
+    );
+    let said = doubts("500., 0., 320., -60., 0., 510., 240., 0., 0., 0., 1., 0.");
+    assert!(
+        said.len() == 1 && said[0].contains("stereo baseline of 0.1200 m"),
+        "{said:?}"
+    );
+    let said = doubts("500., 0., 320., 0., 0., 510., 240., 0., 0., 0., 1., 0.");
+    assert!(
+        said.len() == 1 && said[0].contains("taken for unrectified"),
+        "{said:?}"
+    );
+    let turned = "rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1., 0., 0., 0., 0., -1., 0., 1., 0.]";
+    let said = with(
+        "500., 0., 320., 0., 0., 510., 240., 0., 0., 0., 1., 0.",
+        turned,
+    );
+    let said = said.unwrap().doubts();
+    assert!(
+        said[0].contains("R is a rotation of 90.00 degrees"),
+        "{said:?}"
+    );
+}
+
+#[test]
+fn matrices_that_are_no_intrinsics_are_refused() {
+    for (data, what) in [
+        ("0., 0., 0., 0., 0., 0., 0., 0., 0.", "not calibrated"),
+        ("500., 0., 0., 0., 510., 0., 320., 240., 1.", "transposed"),
+        ("500., 3., 320., 0., 510., 240., 0., 0., 1.", "skew of 3"),
+    ] {
+        let text = CALIBRATED.replace("500., 0., 320., 0., 510., 240., 0., 0., 1.", data);
+        let error = yaml(&text).unwrap_err().to_string();
+        assert!(error.contains(what), "{error}");
+    }
+    // Row by row, where Open3D writes column by column.
+    let text = "intrinsic_matrix = [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]";
+    assert!(stored(text).unwrap_err().contains("transposed"));
+    let text = "intrinsic_matrix = [500.0, 0.0, 0.0, 0.0, 510.0, 0.0, 320.0, 240.0, 1.0]";
+    assert_eq!(
+        stored(text).unwrap().intrinsics(),
+        [500.0, 510.0, 320.0, 240.0]
+    );
+}
+
+#[test]
+fn calibrations_of_other_programs_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text, kind) in [
+        (
+            "transforms.json",
+            "{\"fl_x\": 500, \"frames\": []}",
+            "nerfstudio",
+        ),
+        (
+            "camchain.yaml",
+            "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0.1, 0, 0, 0]\n",
+            "Kalibr",
+        ),
+        (
+            "camera.xml",
+            "<?xml version=\"1.0\"?>\n<opencv_storage>\n</opencv_storage>\n",
+            "XML of OpenCV",
+        ),
+        (
+            "view.json",
+            "{\"class_name\": \"PinholeCameraParameters\"}",
+            "Open3D",
+        ),
+        ("rs.json", "{\"width\": 640, \"ppx\": 320}", "librealsense"),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let error = Camera::read(&path).unwrap_err();
+        assert!(error.to_string().contains(kind), "{error}");
+        assert!(error.advice().unwrap().contains("TOML"), "{error}");
+    }
+}
+
+#[test]
+fn a_camera_that_is_scaled_to_the_image_says_so() {
+    let camera = stored(&format!("{RADTAN}width = 640\nheight = 480\n")).unwrap();
+    let (half, _) = camera.for_image(&(320, 240).into()).unwrap();
+    assert!(
+        half.doubts()[0].contains("640x480 is scaled to 320x240"),
+        "{:?}",
+        half.doubts()
+    );
+    let (same, _) = camera.for_image(&(640, 480).into()).unwrap();
+    assert_eq!(same.doubts(), Vec::<String>::new());
 }

@@ -1,11 +1,14 @@
 //! Models in binary form: little-endian, as COLMAP's `reconstruction_io` writes them.
 
 use super::calibration::{Calibration, model};
-use super::{Landmark, Parsed, Pose};
+use super::rigs::{Frame, Frames, Placed, Rigs};
+use super::{Image, Landmark, Parsed};
 use std::collections::HashMap;
 
 /// The number of a point that is none.
 const NONE: u64 = u64::MAX;
+/// The type of sensors that are cameras.
+const CAMERA: u32 = 0;
 
 pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, Calibration>> {
     let mut bytes = Bytes(bytes);
@@ -26,17 +29,13 @@ pub(super) fn cameras(bytes: &[u8]) -> Parsed<HashMap<u32, Calibration>> {
     Ok(cameras)
 }
 
-pub(super) fn poses(bytes: &[u8]) -> Parsed<Vec<Pose>> {
+pub(super) fn images(bytes: &[u8]) -> Parsed<Vec<Image>> {
     let mut bytes = Bytes(bytes);
     let count = bytes.count(73)?;
-    let mut poses = Vec::with_capacity(count);
+    let mut images = Vec::with_capacity(count);
     for _ in 0..count {
-        bytes.skip(4)?;
-        let mut numbers = [0.0; 7];
-        for value in &mut numbers {
-            *value = bytes.f64()?;
-        }
-        let [w, x, y, z, translation @ ..] = numbers;
+        let id = bytes.u32()?.into();
+        let placed = bytes.placed()?;
         let camera = bytes.u32()?;
         let name = bytes.name()?;
         let keypoints = bytes.count(24)?;
@@ -47,15 +46,63 @@ pub(super) fn poses(bytes: &[u8]) -> Parsed<Vec<Pose>> {
                 seen.push((place, point));
             }
         }
-        poses.push(Pose {
-            rotation: [w, x, y, z],
-            translation,
+        images.push(Image {
+            id,
+            placed,
             camera,
             name,
             seen,
         });
     }
-    Ok(poses)
+    Ok(images)
+}
+
+/// As `ReadRigsBinary` of COLMAP 3.12 and later.
+pub(super) fn rigs(bytes: &[u8]) -> Parsed<Rigs> {
+    let mut bytes = Bytes(bytes);
+    let count = bytes.count(8)?;
+    let mut rigs = Rigs::default();
+    for _ in 0..count {
+        let (rig, sensors) = (bytes.u32()?, bytes.u32()?);
+        for number in 0..sensors {
+            let (kind, sensor) = (bytes.u32()?, bytes.u32()?);
+            // The first is the rig's own place.
+            let placed = match number {
+                0 => Some(Placed::ORIGIN),
+                _ if bytes.take::<1>()? == [0] => None,
+                _ => Some(bytes.placed()?),
+            };
+            if kind == CAMERA {
+                rigs.add(rig, sensor, placed);
+            }
+        }
+    }
+    Ok(rigs)
+}
+
+/// As `ReadFramesBinary` of COLMAP 3.12 and later.
+pub(super) fn frames(bytes: &[u8]) -> Parsed<Frames> {
+    let mut bytes = Bytes(bytes);
+    let count = bytes.count(68)?;
+    let mut frames = Frames::default();
+    for _ in 0..count {
+        bytes.skip(4)?;
+        let (rig, placed, data) = (bytes.u32()?, bytes.placed()?, bytes.u32()?);
+        for _ in 0..data {
+            let (kind, sensor, image) = (bytes.u32()?, bytes.u32()?, bytes.u64()?);
+            if kind == CAMERA {
+                frames.add(
+                    image,
+                    Frame {
+                        rig,
+                        sensor,
+                        placed,
+                    },
+                );
+            }
+        }
+    }
+    Ok(frames)
 }
 
 pub(super) fn landmarks(bytes: &[u8]) -> Parsed<HashMap<u64, Landmark>> {
@@ -102,6 +149,15 @@ impl Bytes<'_> {
 
     fn f64(&mut self) -> Parsed<f64> {
         self.take().map(f64::from_le_bytes)
+    }
+
+    /// A quaternion w, x, y, z and a translation.
+    fn placed(&mut self) -> Parsed<Placed> {
+        let mut numbers = [0.0; 7];
+        for value in &mut numbers {
+            *value = self.f64()?;
+        }
+        Ok(Placed::new(numbers))
     }
 
     /// A number of things of so many bytes at least, which must be there.

@@ -9,12 +9,12 @@ pub(super) struct Calibration {
     pub(super) size: (u64, u64),
     /// In pixels.
     pub(super) focal: f64,
-    /// `None` for the models of fields of view and thin prisms.
+    /// `None` for the models of fields of view, thin prisms, divisions and EUCM.
     pub(super) camera: Option<Camera>,
 }
 
 /// Names and numbers of parameters, in the order of the models' numbers.
-const MODELS: [(&str, usize); 12] = [
+const MODELS: [(&str, usize); 18] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
     ("SIMPLE_RADIAL", 4),
@@ -27,7 +27,17 @@ const MODELS: [(&str, usize); 12] = [
     ("RADIAL_FISHEYE", 5),
     ("THIN_PRISM_FISHEYE", 12),
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    // From COLMAP 4 on.
+    ("SIMPLE_DIVISION", 4),
+    ("DIVISION", 5),
+    ("SIMPLE_FISHEYE", 3),
+    ("FISHEYE", 4),
+    ("EUCM", 6),
+    (EVERYWHERE, 2),
 ];
+
+/// What looks all around has no axis that depths could be measured along.
+const EVERYWHERE: &str = "EQUIRECTANGULAR";
 
 /// Name and number of parameters of the model of that number.
 pub(super) fn model(number: u32) -> Option<(&'static str, usize)> {
@@ -62,6 +72,12 @@ impl Calibration {
             ("OPENCV_FISHEYE", &[fx, fy, cx, cy, k1, k2, k3, k4]) => {
                 Some(pinhole(fx, fy, cx, cy).with_lens(Lens::fisheye([k1, k2, k3, k4])))
             }
+            ("SIMPLE_FISHEYE", &[f, cx, cy]) => {
+                Some(pinhole(f, f, cx, cy).with_lens(Lens::fisheye([0.0; 4])))
+            }
+            ("FISHEYE", &[fx, fy, cx, cy]) => {
+                Some(pinhole(fx, fy, cx, cy).with_lens(Lens::fisheye([0.0; 4])))
+            }
             ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k]) => {
                 Some(pinhole(f, f, cx, cy).with_lens(Lens::fisheye([k, 0.0, 0.0, 0.0])))
             }
@@ -72,6 +88,9 @@ impl Calibration {
         };
         let expected = MODELS.iter().find(|(name, _)| *name == model);
         match (expected, parameters) {
+            _ if model == EVERYWHERE => Err(format!(
+                "a camera {model} looks all around, so that there are no depths along its axis"
+            )),
             (Some((_, count)), _) if *count != parameters.len() => Err(format!(
                 "a camera {model} has {} parameters, expected {count}",
                 parameters.len()

@@ -3,11 +3,13 @@
 
 mod binary;
 mod calibration;
+mod rigs;
 mod text;
 
 use super::{Camera, Orientation, Unit};
 use crate::error::{Error, Result};
 use calibration::Calibration;
+use rigs::{Frames, Placed, Rigs};
 use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -32,6 +34,8 @@ pub struct View {
     pub ignored: usize,
     /// The camera at its place, in the unit of the model, if its kind is known.
     pub camera: Option<Camera>,
+    /// Where files of the model contradict each other about it, a sentence each.
+    pub remarks: Vec<String>,
 }
 
 /// Where an image sees a point of the model.
@@ -46,10 +50,9 @@ pub(super) struct Keypoint {
 }
 
 /// What a file says of an image.
-struct Pose {
-    /// w, x, y, z: from the world to the camera.
-    rotation: [f64; 4],
-    translation: [f64; 3],
+struct Image {
+    id: u64,
+    placed: Placed,
     camera: u32,
     name: String,
     /// Place and point of each observation that has one.
@@ -65,11 +68,13 @@ struct Landmark {
     track: usize,
 }
 
-/// The three files of a model.
+/// The files of a model but for that of its images.
 struct Parts {
     cameras: HashMap<u32, Calibration>,
-    poses: Vec<Pose>,
     landmarks: HashMap<u64, Landmark>,
+    /// From COLMAP 3.12 on.
+    rigs: Option<Rigs>,
+    frames: Option<Frames>,
 }
 
 /// What is wrong with a file, and where.
@@ -82,7 +87,8 @@ impl Colmap {
         forms.iter().any(|path| path.exists())
     }
 
-    /// Reads the folder that holds `cameras`, `images` and `points3D`, `.bin` or `.txt`.
+    /// Reads the folder that holds `cameras`, `images` and `points3D`, and from COLMAP 3.12 on `rigs` and `frames`: all
+    /// `.bin` or all `.txt`, of both the former. The poses of frames and rigs override those of images, as in COLMAP.
     ///
     /// # Errors
     /// Files that are missing or damaged, an image of an unknown camera.
@@ -106,20 +112,28 @@ impl Colmap {
         folder: &Path,
         file: impl Fn(&str) -> Result<Option<Bytes>>,
     ) -> Result<Self> {
+        let [cameras, images, landmarks] = whole(folder, &file)?;
+        let form = images.form();
+        let optional = |name: &'static str| Stored::read(folder, name, form, &file);
         let parts = Parts {
-            cameras: part(folder, &file, "cameras", binary::cameras, text::cameras)?,
-            poses: part(folder, &file, "images", binary::poses, text::poses)?,
-            landmarks: part(
-                folder,
-                &file,
-                "points3D",
-                binary::landmarks,
-                text::landmarks,
-            )?,
+            cameras: cameras.parsed(binary::cameras, text::cameras)?,
+            landmarks: landmarks.parsed(binary::landmarks, text::landmarks)?,
+            rigs: optional("rigs")?
+                .map(|rigs| rigs.parsed(binary::rigs, text::rigs))
+                .transpose()?,
+            frames: optional("frames")?
+                .map(|frames| frames.parsed(binary::frames, text::frames))
+                .transpose()?,
         };
-        let mut views = Vec::with_capacity(parts.poses.len());
-        for pose in &parts.poses {
-            views.push(parts.view(folder, pose)?);
+        let images = images.parsed(binary::images, text::images)?;
+        let others = match form {
+            BINARY => placed_in_text(Stored::read(folder, "images", TEXT, &file)?),
+            _ => HashMap::new(),
+        };
+        let mut views = Vec::with_capacity(images.len());
+        for image in images {
+            let other = others.get(&image.name);
+            views.push(parts.view(folder, image, other)?);
         }
         views.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(Self { views })
@@ -149,23 +163,63 @@ impl View {
     }
 }
 
+/// Poses that differ by more are said: radians, and parts of their largest coordinate. Files round.
+const NEAR: f64 = 1e-5;
+
 impl Parts {
-    fn view(&self, folder: &Path, pose: &Pose) -> Result<View> {
-        let camera = self.cameras.get(&pose.camera).ok_or_else(|| {
+    /// Where an image is, and what is said of that. Frames and rigs override the file of images; `other` is the place in
+    /// the same model as text, where both forms are there.
+    fn placed(&self, image: &Image, other: Option<&Placed>) -> (Placed, Vec<String>) {
+        let mut remarks = Vec::new();
+        let mut differ = |one: &Placed, used: &str, place: &Placed, unused: &str| {
+            let (angle, distance) = one.apart(place);
+            let scale = one.translation.iter().fold(1.0_f64, |a, v| a.max(v.abs()));
+            if angle > NEAR.to_degrees() || distance > NEAR * scale {
+                remarks.push(format!(
+                    "the model holds two poses of this image that differ by {angle:.3} degrees and {distance:.4} units: that of \
+                     {used} is used, not that of {unused}"
+                ));
+            }
+        };
+        let placed = match (&self.rigs, &self.frames) {
+            (Some(rigs), Some(frames)) => frames.placed(image.id, rigs),
+            _ => None,
+        };
+        if let Some(placed) = &placed {
+            differ(
+                placed,
+                "its frame and rig",
+                &image.placed,
+                "the file of images",
+            );
+        }
+        if let Some(other) = other {
+            differ(&image.placed, "images.bin", other, "images.txt");
+        }
+        if placed.is_none() && (self.rigs.is_some() || self.frames.is_some()) {
+            remarks.push(
+                "the rigs and frames of the model give no pose of this image: that of the file of images is used".to_owned(),
+            );
+        }
+        (placed.unwrap_or(image.placed), remarks)
+    }
+
+    fn view(&self, folder: &Path, image: Image, other: Option<&Placed>) -> Result<View> {
+        let camera = self.cameras.get(&image.camera).ok_or_else(|| {
             Error::format(
                 folder,
-                format!("image `{}` has no camera {}", pose.name, pose.camera),
+                format!("image `{}` has no camera {}", image.name, image.camera),
             )
         })?;
-        let rotation = matrix(pose.rotation);
-        let row = rotation[2];
-        let mut keypoints = Vec::with_capacity(pose.seen.len());
-        for ([u, v], point) in &pose.seen {
+        let (placed, remarks) = self.placed(&image, other);
+        let row = placed.rotation[2];
+        let mut keypoints = Vec::with_capacity(image.seen.len());
+        for ([u, v], point) in &image.seen {
             let Some(landmark) = self.landmarks.get(point) else {
                 continue;
             };
             let along = row.iter().zip(landmark.place).map(|(r, x)| r * x);
-            let depth = along.sum::<f64>() + pose.translation[2];
+            let depth = along.sum::<f64>() + placed.translation[2];
             if depth > 0.0 && depth.is_finite() {
                 keypoints.push(Keypoint {
                     // COLMAP has the centre of the first pixel at 0.5.
@@ -181,15 +235,16 @@ impl Parts {
             return Err(Error::format(folder, "a camera is implausibly large"));
         };
         Ok(View {
-            name: pose.name.clone(),
             size: (width, height),
             camera: camera.camera.clone().map(|camera| {
                 camera
                     .with_size((width, height))
-                    .with_pose(rotation, pose.translation)
+                    .with_pose(placed.rotation, placed.translation)
             }),
-            ignored: pose.seen.len() - keypoints.len(),
+            ignored: image.seen.len() - keypoints.len(),
             keypoints,
+            name: image.name,
+            remarks,
         })
     }
 }
@@ -203,55 +258,100 @@ fn deviation(depth: f64, landmark: &Landmark, focal: f64) -> f64 {
     depth * error / (focal.max(1.0) * (landmark.track.max(2) as f64 - 1.0).sqrt())
 }
 
-/// The rotation of a unit quaternion w, x, y, z.
-fn matrix(quaternion: [f64; 4]) -> [[f64; 3]; 3] {
-    let norm = quaternion.iter().map(|v| v * v).sum::<f64>().sqrt();
-    let [w, x, y, z] = quaternion.map(|v| v / norm.max(f64::MIN_POSITIVE));
-    [
-        [
-            1.0 - 2.0 * (y * y + z * z),
-            2.0 * (x * y - w * z),
-            2.0 * (x * z + w * y),
-        ],
-        [
-            2.0 * (x * y + w * z),
-            1.0 - 2.0 * (x * x + z * z),
-            2.0 * (y * z - w * x),
-        ],
-        [
-            2.0 * (x * z - w * y),
-            2.0 * (y * z + w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        ],
-    ]
+/// The endings of the two forms of a model.
+const BINARY: &str = "bin";
+const TEXT: &str = "txt";
+
+/// A file of a model, before it is parsed.
+struct Stored<'a, Bytes> {
+    folder: &'a Path,
+    name: &'a str,
+    form: &'static str,
+    bytes: Bytes,
 }
 
-/// Reads one file of a model, in the form in which it is there.
-fn part<Bytes: AsRef<[u8]>, T>(
-    folder: &Path,
-    file: impl Fn(&str) -> Result<Option<Bytes>>,
-    name: &str,
-    binary: impl Fn(&[u8]) -> Parsed<T>,
-    text: impl Fn(&str) -> Parsed<T>,
-) -> Result<T> {
-    let parsed = |name: &str, parsed: Parsed<T>| {
+impl<'a, Bytes: AsRef<[u8]>> Stored<'a, Bytes> {
+    fn read(
+        folder: &'a Path,
+        name: &'a str,
+        form: &'static str,
+        file: impl Fn(&str) -> Result<Option<Bytes>>,
+    ) -> Result<Option<Self>> {
+        let found = file(&format!("{name}.{form}"))?;
+        Ok(found.map(|bytes| Self {
+            folder,
+            name,
+            form,
+            bytes,
+        }))
+    }
+
+    fn form(&self) -> &'static str {
+        self.form
+    }
+
+    fn parsed<T>(
+        self,
+        binary: impl Fn(&[u8]) -> Parsed<T>,
+        text: impl Fn(&str) -> Parsed<T>,
+    ) -> Result<T> {
+        let Self {
+            folder, name, form, ..
+        } = self;
+        let bytes = self.bytes.as_ref();
+        let parsed = if form == BINARY {
+            binary(bytes)
+        } else {
+            let found = std::str::from_utf8(bytes).map_err(|_| "is no text".to_owned());
+            found.and_then(text)
+        };
         parsed.map_err(|what| {
-            Error::format(&folder.join(name), what)
+            Error::format(&folder.join(format!("{name}.{form}")), what)
                 .hint("export the model again (`colmap model_converter`)")
         })
+    }
+}
+
+/// The files that every model has: `cameras`, `images` and `points3D`. All are binary, or else all are text, as COLMAP
+/// chooses; of a model that is whole in neither form each is in the form that is there.
+fn whole<'a, Bytes: AsRef<[u8]>>(
+    folder: &'a Path,
+    file: impl Fn(&str) -> Result<Option<Bytes>>,
+) -> Result<[Stored<'a, Bytes>; 3]> {
+    let read = |name: &'static str, form| Stored::read(folder, name, form, &file);
+    let all = |form| -> Result<_> {
+        Ok([
+            read("cameras", form)?,
+            read("images", form)?,
+            read("points3D", form)?,
+        ])
     };
-    let (as_binary, as_text) = (format!("{name}.bin"), format!("{name}.txt"));
-    if let Some(bytes) = file(&as_binary)? {
-        return parsed(&as_binary, binary(bytes.as_ref()));
-    }
-    if let Some(bytes) = file(&as_text)? {
-        let found = std::str::from_utf8(bytes.as_ref()).map_err(|_| "is no text".to_owned());
-        return parsed(&as_text, found.and_then(text));
-    }
-    Err(
-        Error::format(folder, format!("holds no {as_binary} or {as_text}"))
-            .hint("a sparse model of COLMAP is a folder such as sparse/0"),
-    )
+    let found = match all(BINARY)? {
+        binary @ [Some(_), Some(_), Some(_)] => binary,
+        [a, b, c] => match all(TEXT)? {
+            text @ [Some(_), Some(_), Some(_)] => text,
+            [d, e, f] => [a.or(d), b.or(e), c.or(f)],
+        },
+    };
+    let missing = |name: &str| {
+        Error::format(folder, format!("holds no {name}.{BINARY} or {name}.{TEXT}"))
+            .hint("a sparse model of COLMAP is a folder such as sparse/0")
+    };
+    let [cameras, images, landmarks] = found;
+    Ok([
+        cameras.ok_or_else(|| missing("cameras"))?,
+        images.ok_or_else(|| missing("images"))?,
+        landmarks.ok_or_else(|| missing("points3D"))?,
+    ])
+}
+
+/// The poses of images in a text file that is not used, by name; none if it cannot be read.
+fn placed_in_text<Bytes: AsRef<[u8]>>(
+    images: Option<Stored<'_, Bytes>>,
+) -> HashMap<String, Placed> {
+    let images = images.and_then(|images| images.parsed(|_| Ok(Vec::new()), text::images).ok());
+    let images = images.unwrap_or_default().into_iter();
+    images.map(|image| (image.name, image.placed)).collect()
 }
 
 #[cfg(test)]

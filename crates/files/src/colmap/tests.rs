@@ -154,3 +154,208 @@ fn what_is_wrong_with_a_text_is_said_with_its_line() {
         "{error}"
     );
 }
+
+/// A rig whose second camera is turned by 30 degrees, in a frame turned by 15, and an IMU; the file of images has other
+/// poses. Depths and binary files are those of pycolmap 4.2.
+const RIG_CAMERAS: &str =
+    "1 SIMPLE_RADIAL 640 480 500 320 240 0.01\n2 SIMPLE_RADIAL 640 480 500 320 240 0.01\n";
+const RIG_IMAGES: &str = "7 1 0 0 0 0 0 0 1 left.jpg\n100.5 50.5 4\n\
+    8 1 0 0 0 0 0 0 2 right.jpg\n200.25 300.75 5 10 20 4\n";
+const RIG_POINTS: &str = "4 -2 0 4 10 20 30 0.5 7 0 8 1\n5 -1 1 5 10 20 30 0.1 8 0\n";
+const RIGS: &str = "# Rig calib list with one line of data per calib:\n\
+    3 3 CAMERA 1 CAMERA 2 1 0.9659258262890683 0 0.25881904510252074 0 0.1 0.2 -0.3 IMU 1 0\n";
+const FRAMES: &str = "# Frame list with one line of data per frame:\n\
+    1 3 0.9914448613738104 0.13052619222005157 0 0 0.5 -0.25 1.5 2 CAMERA 1 7 CAMERA 2 8\n";
+const RIGS_BINARY: &str = "01000000000000000300000003000000000000000100000000000000020000000115bf4847dde8ee3f000000\
+    0000000000900693c17d90d03f00000000000000009a9999999999b93f9a9999999999c93f333333333333d3bf010000000100000000";
+const FRAMES_BINARY: &str = "010000000000000001000000030000009b68ec92eab9ef3fd0a26d0f15b5c03f000000000000000000000000\
+    00000000000000000000e03f000000000000d0bf000000000000f83f0200000000000000010000000700000000000000000000000200000008\
+    00000000000000";
+const RIG_DEPTHS: [&[f64]; 2] = [
+    &[5.363_703_305_156_273],
+    &[5.655_763_492_407_711, 5.095_103_320_627_889_5],
+];
+
+fn unhex(text: &str) -> Vec<u8> {
+    let digit = |i: usize| u8::from_str_radix(&text[i..i + 2], 16).unwrap();
+    (0..text.len()).step_by(2).map(digit).collect()
+}
+
+fn rig() -> Vec<(&'static str, Vec<u8>)> {
+    [
+        ("cameras.txt", RIG_CAMERAS),
+        ("images.txt", RIG_IMAGES),
+        ("points3D.txt", RIG_POINTS),
+        ("rigs.txt", RIGS),
+        ("frames.txt", FRAMES),
+    ]
+    .map(|(name, text)| (name, text.as_bytes().to_vec()))
+    .to_vec()
+}
+
+/// Images of [`RIG_IMAGES`] in binary form.
+fn rig_in_binary() -> Vec<(&'static str, Vec<u8>)> {
+    let mut images = 2_u64.to_le_bytes().to_vec();
+    let seen: [&[(f64, f64, u64)]; 2] =
+        [&[(100.5, 50.5, 4)], &[(200.25, 300.75, 5), (10.0, 20.0, 4)]];
+    for (number, (name, seen)) in ["left.jpg\0", "right.jpg\0"]
+        .into_iter()
+        .zip(seen)
+        .enumerate()
+    {
+        let number = number as u32;
+        images.extend((7 + number).to_le_bytes());
+        let pose = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        images.extend(pose.map(f64::to_le_bytes).concat());
+        images.extend((1 + number).to_le_bytes());
+        images.extend(name.as_bytes());
+        images.extend((seen.len() as u64).to_le_bytes());
+        for (u, v, point) in seen {
+            images.extend([*u, *v].map(f64::to_le_bytes).concat());
+            images.extend(point.to_le_bytes());
+        }
+    }
+    let mut cameras = 2_u64.to_le_bytes().to_vec();
+    for id in [1_u32, 2] {
+        cameras.extend([id, 2].map(u32::to_le_bytes).concat());
+        cameras.extend([640_u64, 480].map(u64::to_le_bytes).concat());
+        cameras.extend([500.0, 320.0, 240.0, 0.01].map(f64::to_le_bytes).concat());
+    }
+    let mut points = 2_u64.to_le_bytes().to_vec();
+    for (id, place) in [(4_u64, [-2.0, 0.0, 4.0]), (5, [-1.0, 1.0, 5.0])] {
+        points.extend(id.to_le_bytes());
+        points.extend(place.map(f64::to_le_bytes).concat());
+        points.extend([10, 20, 30]);
+        points.extend(0.5_f64.to_le_bytes());
+        points.extend(0_u64.to_le_bytes());
+    }
+    vec![
+        ("cameras.bin", cameras),
+        ("images.bin", images),
+        ("points3D.bin", points),
+        ("rigs.bin", unhex(RIGS_BINARY)),
+        ("frames.bin", unhex(FRAMES_BINARY)),
+    ]
+}
+
+fn depths(model: &Colmap) -> Vec<Vec<f64>> {
+    let of = |view: &View| view.keypoints.iter().map(|point| point.depth).collect();
+    model.views.iter().map(of).collect()
+}
+
+#[test]
+fn poses_of_frames_and_rigs_override_those_of_images() {
+    for files in [rig(), rig_in_binary()] {
+        let found = model(&borrowed(&files)).unwrap();
+        for (found, expected) in depths(&found).iter().zip(RIG_DEPTHS) {
+            assert_eq!(found.len(), expected.len());
+            let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs());
+            assert!(off.fold(0.0, f64::max) < 1e-12, "{found:?} {expected:?}");
+        }
+        // The first camera is turned by 15 degrees about x, and 1.60 away from the origin.
+        for (view, words) in found
+            .views
+            .iter()
+            .zip(["15.000 degrees and 1.6008", "degrees"])
+        {
+            let [remark] = &view.remarks[..] else {
+                panic!("{:?}", view.remarks);
+            };
+            assert!(
+                remark.contains("two poses") && remark.contains(words),
+                "{remark}"
+            );
+        }
+    }
+}
+
+#[test]
+fn poses_that_agree_or_are_alone_are_not_remarked() {
+    let mut files = as_text();
+    let pose = "0.70710678118654757 0 0.70710678118654757 0 0 0 3";
+    let frames = format!("1 1 {pose} 1 CAMERA 1 7\n2 1 1 0 0 0 0 0 0 1 CAMERA 1 8\n");
+    let alone = model(&borrowed(&files)).unwrap();
+    files.push(("rigs.txt", b"1 1 CAMERA 1\n".to_vec()));
+    files.push(("frames.txt", frames.into_bytes()));
+    let both = model(&borrowed(&files)).unwrap();
+    assert_eq!(depths(&alone), depths(&both));
+    let remarks = alone
+        .views
+        .iter()
+        .chain(&both.views)
+        .map(|view| view.remarks.len());
+    assert_eq!(remarks.sum::<usize>(), 0);
+    // Frames without an image, or without their rigs, leave the poses of images, which is said.
+    files.pop();
+    let without = model(&borrowed(&files)).unwrap();
+    assert!(without.views[0].remarks[0].contains("give no pose"));
+    assert_eq!(depths(&alone), depths(&without));
+}
+
+#[test]
+fn of_a_model_in_both_forms_the_binary_one_is_read_and_what_differs_is_said() {
+    let mut files = as_binary();
+    files.extend(as_text());
+    let same = model(&borrowed(&files)).unwrap();
+    assert!(same.views.iter().all(|view| view.remarks.is_empty()));
+    let text = IMAGES.replace(" 3 1 a view", " 9 1 a view").into_bytes();
+    files[4] = ("images.txt", text);
+    let found = model(&borrowed(&files)).unwrap();
+    assert_eq!(depths(&found), depths(&same));
+    assert!(found.views[0].remarks[0].contains("images.bin is used, not that of images.txt"));
+    assert!(found.views[1].remarks.is_empty());
+    // A binary form that is not whole is not read where the text is.
+    files.remove(2);
+    let found = model(&borrowed(&files)).unwrap();
+    assert_eq!(found.views[0].keypoints[0].depth, 11.0);
+}
+
+#[test]
+fn rigs_and_frames_that_are_cut_off_are_refused() {
+    let whole = rig_in_binary();
+    for file in 3..5 {
+        for length in 0..whole[file].1.len() {
+            let mut cut = whole.clone();
+            cut[file].1.truncate(length);
+            assert!(model(&borrowed(&cut)).is_err(), "{file} {length}");
+        }
+    }
+    let mut wrong = rig();
+    wrong[4].1 = FRAMES.replace("CAMERA 1 7", "CAMERA one 7").into_bytes();
+    let error = model(&borrowed(&wrong)).unwrap_err().to_string();
+    assert!(
+        error.contains("frames.txt") && error.contains("line 2: `one`"),
+        "{error}"
+    );
+}
+
+/// Pixels are those of pycolmap 4.2 (`Camera.img_from_cam`), half a pixel less.
+#[test]
+fn the_models_of_colmap_4_are_known() {
+    for (camera, [u, v]) in [
+        (
+            "SIMPLE_FISHEYE 640 480 500 320 240",
+            [463.964_225_350_545_7, 144.023_849_766_302_85],
+        ),
+        (
+            "FISHEYE 640 480 500 510 320 240",
+            [463.964_225_350_545_7, 142.104_326_761_628_9],
+        ),
+    ] {
+        let mut files = as_text();
+        files[0].1 = format!("1 {camera}\n").into_bytes();
+        let found = model(&borrowed(&files)).unwrap();
+        // Of the second image, which stands at the origin.
+        let seeing = found.views[1].camera.clone().unwrap();
+        let (pixel, _) = seeing.project([0.6, -0.4, 2.0]).unwrap();
+        let off = (pixel[0] + 0.5 - u).hypot(pixel[1] + 0.5 - v);
+        assert!(off < 1e-9, "{camera}: {pixel:?}");
+    }
+    let mut files = as_text();
+    files[0].1 = b"1 EUCM 640 480 500 510 320 240 0.5 1.1\n".to_vec();
+    let found = model(&borrowed(&files)).unwrap();
+    assert!(found.views[0].camera.is_none() && found.views[0].count() == 2);
+    files[0].1 = b"1 EQUIRECTANGULAR 640 480 640 480\n".to_vec();
+    let error = model(&borrowed(&files)).unwrap_err().to_string();
+    assert!(error.contains("looks all around"), "{error}");
+}

@@ -1,9 +1,13 @@
 //! Models as text: one camera or point to a line, two lines to an image.
 
 use super::calibration::Calibration;
-use super::{Landmark, Parsed, Pose};
+use super::rigs::{Frame, Frames, Placed, Rigs};
+use super::{Image, Landmark, Parsed};
 use std::collections::HashMap;
 use std::str::FromStr;
+
+/// The type of sensors that are cameras.
+const CAMERA: &str = "CAMERA";
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS...`
 pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, Calibration>> {
@@ -24,8 +28,8 @@ pub(super) fn cameras(text: &str) -> Parsed<HashMap<u32, Calibration>> {
 
 /// `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then `X Y POINT3D_ID` again and again, which may
 /// be an empty line.
-pub(super) fn poses(text: &str) -> Parsed<Vec<Pose>> {
-    let mut poses = Vec::new();
+pub(super) fn images(text: &str) -> Parsed<Vec<Image>> {
+    let mut images = Vec::new();
     let mut lines = text
         .lines()
         .enumerate()
@@ -35,12 +39,8 @@ pub(super) fn poses(text: &str) -> Parsed<Vec<Pose>> {
             continue;
         }
         let mut fields = Fields::new(number, line);
-        fields.skip();
-        let mut numbers = [0.0; 7];
-        for value in &mut numbers {
-            *value = fields.next("a pose")?;
-        }
-        let [w, x, y, z, translation @ ..] = numbers;
+        let id = fields.next("an image")?;
+        let placed = fields.placed()?;
         let camera = fields.next("a camera")?;
         let name = fields.rest();
         let mut seen = Vec::new();
@@ -54,15 +54,68 @@ pub(super) fn poses(text: &str) -> Parsed<Vec<Pose>> {
                 }
             }
         }
-        poses.push(Pose {
-            rotation: [w, x, y, z],
-            translation,
+        images.push(Image {
+            id,
+            placed,
             camera,
             name,
             seen,
         });
     }
-    Ok(poses)
+    Ok(images)
+}
+
+/// `RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID`, then `SENSOR_TYPE SENSOR_ID HAS_POSE` again and
+/// again, each with a pose if it has one.
+pub(super) fn rigs(text: &str) -> Parsed<Rigs> {
+    let mut rigs = Rigs::default();
+    for (number, line) in lines(text) {
+        let mut fields = Fields::new(number, line);
+        let rig = fields.next("a rig")?;
+        let sensors: u32 = fields.next("a number of sensors")?;
+        for number in 0..sensors {
+            let kind = fields.take();
+            let sensor = fields.next("a sensor")?;
+            // The first is the rig's own place.
+            let placed = match number {
+                0 => Some(Placed::ORIGIN),
+                _ if fields.next::<u8>("whether there is a pose")? == 0 => None,
+                _ => Some(fields.placed()?),
+            };
+            if kind == CAMERA {
+                rigs.add(rig, sensor, placed);
+            }
+        }
+    }
+    Ok(rigs)
+}
+
+/// `FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA_IDS`, then `SENSOR_TYPE SENSOR_ID DATA_ID` again and
+/// again.
+pub(super) fn frames(text: &str) -> Parsed<Frames> {
+    let mut frames = Frames::default();
+    for (number, line) in lines(text) {
+        let mut fields = Fields::new(number, line);
+        fields.skip();
+        let rig = fields.next("a rig")?;
+        let placed = fields.placed()?;
+        let data: u32 = fields.next("a number of images")?;
+        for _ in 0..data {
+            let kind = fields.take();
+            let (sensor, image) = (fields.next("a sensor")?, fields.next("an image")?);
+            if kind == CAMERA {
+                frames.add(
+                    image,
+                    Frame {
+                        rig,
+                        sensor,
+                        placed,
+                    },
+                );
+            }
+        }
+    }
+    Ok(frames)
 }
 
 /// `POINT3D_ID X Y Z R G B ERROR`, then `IMAGE_ID POINT2D_IDX` again and again.
@@ -125,6 +178,15 @@ impl<'a> Fields<'a> {
         field
             .parse()
             .map_err(|_| format!("line {}: `{field}` in the place of {what}", self.line))
+    }
+
+    /// A quaternion w, x, y, z and a translation.
+    fn placed(&mut self) -> Parsed<Placed> {
+        let mut numbers = [0.0; 7];
+        for value in &mut numbers {
+            *value = self.next("a pose")?;
+        }
+        Ok(Placed::new(numbers))
     }
 
     fn skip(&mut self) {

@@ -148,7 +148,9 @@ impl Sparse {
         if points.found.is_empty() {
             return Err(points.none(Path::new(&view.name), "keypoints"));
         }
-        Ok(points.sparse(unit, false, "keypoint"))
+        let mut found = points.sparse(unit, false, "keypoint");
+        found.remarks.extend(view.remarks.iter().cloned());
+        Ok(found)
     }
 
     /// What a camera sees of a cloud in metres in an image of this width and height. `name` is what the cloud is called.
@@ -171,25 +173,12 @@ impl Sparse {
         self::cloud(name, points, KnownUnit::new(metres, Numbers::Floats))
     }
 
-    /// The depths of a map of an image's shape, in metres. `name` is what the map is called, and `unit` what it was
-    /// stored in.
+    /// The depths of a map of an image's shape. `name` is what the map is called.
     ///
     /// # Errors
     /// A map of another shape.
-    pub fn of_depths(
-        name: &Path,
-        depth: DepthMap,
-        unit: Unit,
-        size: (usize, usize),
-    ) -> Result<Self> {
+    pub fn of_depths(name: &Path, map: StoredMap, size: (usize, usize)) -> Result<Self> {
         check(size)?;
-        let map = StoredMap {
-            depth,
-            sigma: None,
-            unit,
-            guessed: false,
-            remarks: Vec::new(),
-        };
         Self::of_map(name, map, &size.into())
     }
 

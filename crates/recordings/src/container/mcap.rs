@@ -1,7 +1,7 @@
 //! MCAP (<https://mcap.dev/spec>): records one after the other, most of them in chunks.
 
 use super::record::{Channel, ChunkHead, Schema, Stored, op, summary_start};
-use super::{Container, Each, Flaws, LARGEST, Message, Place, Topic};
+use super::{Container, Each, Flaws, LARGEST, Message, Place, Topic, unfolded};
 use lsdc_files::error::{Cause, Error, Result};
 use mcap::MAGIC;
 use std::collections::HashMap;
@@ -191,7 +191,7 @@ impl Mcap {
         }
         let stored = self.bytes(start + head.length, head.stored)?;
         let unfolded = match head.compression.as_str() {
-            "" => Some(stored),
+            "" | "none" => Some(stored),
             "zstd" => zstd::bulk::decompress(&stored, head.unfolded as usize).ok(),
             "lz4" => unfold_lz4(&stored, head.unfolded),
             other => return strange(&format!("is compressed by `{other}`, which is not read")),
@@ -263,12 +263,19 @@ impl Mcap {
         if !wanted(topic) {
             return Ok(());
         }
+        let data = match unfolded(found.data) {
+            Ok(data) => data,
+            Err(what) => {
+                flaws.damage(format!("a message at byte {} {what}", place.at));
+                return Ok(());
+            }
+        };
         let message = Message {
             place,
             log_time: found.log_time,
             publish_time: found.publish_time,
             sequence: found.sequence,
-            data: found.data,
+            data: &data,
         };
         each(topic, &message)
     }
@@ -357,8 +364,9 @@ impl Container for Mcap {
             chunk = self.kept(place.at)?;
             record(&chunk, place.within as usize).map(|(_, body)| body)
         };
-        match body.and_then(Stored::read) {
-            Some(found) => Ok(found.data.to_vec()),
+        let found = body.and_then(Stored::read);
+        match found.and_then(|found| unfolded(found.data).ok()) {
+            Some(data) => Ok(data.into_owned()),
             None => Err(Error::new(
                 Cause::Read,
                 format!("`{}` has changed while it was read", self.path.display()),

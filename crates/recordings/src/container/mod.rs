@@ -8,6 +8,7 @@ pub(crate) use mcap::Mcap;
 pub(crate) use rosbag::{MAGIC as SQLITE, Rosbag};
 
 use lsdc_files::error::Result;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -64,6 +65,8 @@ pub struct Flaws {
     pub damaged: usize,
     /// What is wrong with the first of them.
     pub first: Option<String>,
+    /// Files that belong to the recording and are not there.
+    pub absent: Vec<String>,
 }
 
 impl Flaws {
@@ -82,7 +85,13 @@ impl Flaws {
             let count = self.damaged;
             format!("{count} parts of the recording are damaged and left out, the first: {what}")
         });
-        cut.into_iter().chain(damaged)
+        let absent = (!self.absent.is_empty()).then(|| {
+            format!(
+                "files of the recording are missing: {}; those that end in .zstd are unpacked first (zstd -d)",
+                self.absent.join(", ")
+            )
+        });
+        cut.into_iter().chain(damaged).chain(absent)
     }
 
     /// Those of another file too.
@@ -90,6 +99,7 @@ impl Flaws {
         self.cut = self.cut.take().or(other.cut);
         self.damaged += other.damaged;
         self.first = self.first.take().or(other.first);
+        self.absent.extend(other.absent);
     }
 }
 
@@ -112,4 +122,20 @@ pub(crate) trait Container: Send {
 
     /// Reads a message that was visited before.
     fn read(&mut self, place: Place) -> Result<Vec<u8>>;
+}
+
+/// How messages begin that rosbag2 compressed each by itself (`compression_mode: message`); cdr begins with a zero.
+const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+
+/// A message as it was before it was compressed, if it was.
+fn unfolded(data: &[u8]) -> std::result::Result<Cow<'_, [u8]>, &'static str> {
+    if !data.starts_with(&ZSTD) {
+        return Ok(data.into());
+    }
+    let size = zstd::zstd_safe::get_frame_content_size(data).ok().flatten();
+    let most = (32 << 20).max(data.len() as u64 * 1100).min(LARGEST);
+    let size = size.filter(|size| *size <= most);
+    let size = size.ok_or("does not say how large it is before its compression, or too much")?;
+    let found = zstd::bulk::decompress(data, size as usize);
+    found.map(Into::into).map_err(|_| "cannot be unfolded")
 }

@@ -1,6 +1,6 @@
 //! The SQLite files of rosbag2: a table of topics and one of messages.
 
-use super::{Container, Each, Flaws, LARGEST, Message, Place, Topic};
+use super::{Container, Each, Flaws, LARGEST, Message, Place, Topic, unfolded};
 use lsdc_files::error::{Error, Result};
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, OpenFlags};
@@ -12,8 +12,6 @@ use std::sync::Arc;
 
 /// How SQLite files begin.
 pub(crate) const MAGIC: &[u8] = b"SQLite format 3\0";
-/// How messages begin that are compressed each by itself.
-const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
 /// An SQLite file.
 pub(crate) struct Rosbag {
@@ -231,17 +229,4 @@ fn missing_pages(path: &Path) -> Result<Option<String>> {
     let pages = u64::from(u32::from_be_bytes([head[28], head[29], head[30], head[31]]));
     let missing = (page * pages).saturating_sub(size);
     Ok((missing > 0).then(|| format!("the last {missing} bytes of the database are missing")))
-}
-
-/// A message as it was before it was compressed, if it was.
-fn unfolded(data: &[u8]) -> std::result::Result<std::borrow::Cow<'_, [u8]>, &'static str> {
-    if !data.starts_with(&ZSTD) {
-        return Ok(data.into());
-    }
-    let size = zstd::zstd_safe::get_frame_content_size(data).ok().flatten();
-    let most = (32 << 20).max(data.len() as u64 * 1100).min(LARGEST);
-    let size = size.filter(|size| *size <= most);
-    let size = size.ok_or("does not say how large it is before its compression, or too much")?;
-    let found = zstd::bulk::decompress(data, size as usize);
-    found.map(Into::into).map_err(|_| "cannot be unfolded")
 }

@@ -87,11 +87,6 @@ impl Topics {
         one.chain(some).chain(&self.tf).any(|topic| topic == name)
     }
 
-    /// Whether the images are rectified, as `image_proc` calls them: `image_rect`, `image_rect_color`.
-    pub(super) fn is_rectified(&self) -> bool {
-        self.image.0.contains("rect")
-    }
-
     /// Checks that the cameras are there that points in another frame need.
     pub(super) fn check_cameras(&self, no_camera: bool, no_depth_camera: bool) -> Result<()> {
         let missing = |what: &str, topic: &Option<String>| {
@@ -111,6 +106,11 @@ impl Topics {
         }
         Ok(())
     }
+}
+
+/// Whether the images of a topic are rectified, as `image_proc` calls them: `image_rect`, `image_rect_color`.
+pub(super) fn is_rectified(topic: &str) -> bool {
+    topic.split('/').any(|part| part.starts_with("image_rect"))
 }
 
 /// Topics to choose from.
@@ -140,7 +140,15 @@ impl Choice {
             let names: Vec<&str> = self.of(kinds).map(|topic| topic.name.as_str()).collect();
             if names.is_empty() {
                 let types: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
-                format!("it has none of {}", types.join(", "))
+                let none = format!("it has none of {}", types.join(", "));
+                let other = self.topics.iter().find(|topic| topic.encoding != CDR);
+                match other {
+                    Some(topic) => format!(
+                        "{none}; `{}` is of type {}, encoded as `{}`: {ENCODED}",
+                        topic.name, topic.kind, topic.encoding
+                    ),
+                    None => none,
+                }
             } else {
                 format!("these are of that type: {}", names.join(", "))
             }
@@ -184,6 +192,12 @@ impl Choice {
     }
 }
 
+/// What messages of ROS 2 are encoded in.
+const CDR: &str = "cdr";
+/// What to do about other encodings.
+const ENCODED: &str = "messages of ROS 2 in cdr are read: convert recordings of ROS 1, as by rosbags-convert, and record json and protobuf \
+                       (as of Foxglove) as sensor_msgs";
+
 /// The name and type of a topic, if it is one of these.
 fn sound(topic: &Topic, kinds: &[Kind]) -> Result<(String, Kind)> {
     let Topic {
@@ -197,10 +211,9 @@ fn sound(topic: &Topic, kinds: &[Kind]) -> Result<(String, Kind)> {
             "the topic `{name}` is of type {kind}"
         )));
     };
-    if encoding != "cdr" {
-        let what = format!("the messages of `{name}` are encoded as `{encoding}`, not as cdr");
-        return Err(Error::config(what)
-            .hint("recordings of ROS 1 are not read: convert them, as by rosbags-convert"));
+    if encoding != CDR {
+        let what = format!("the messages of `{name}` are encoded as `{encoding}`, not as {CDR}");
+        return Err(Error::config(what).hint(ENCODED));
     }
     Ok((name.clone(), known))
 }

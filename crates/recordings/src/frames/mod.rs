@@ -1,5 +1,6 @@
 //! The frames of a recording: each image with the points that are nearest in time.
 
+mod cameras;
 mod choice;
 mod loaded;
 mod sweep;
@@ -9,11 +10,12 @@ pub use sweep::Deskewed;
 pub(crate) use sweep::timed;
 
 use crate::container::Place;
-use crate::message::{Header, Kind, Points, Stamp, camera_of, transforms};
+use crate::message::{Header, Kind, Points, Stamp, transforms};
 use crate::series::Series;
 use crate::transforms::{Gap, Route, Transforms};
 use crate::{Flaws, Recording};
-use choice::Topics;
+use cameras::{Cameras, apart};
+use choice::{Topics, is_rectified};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{Camera, Unit};
 use std::time::Duration;
@@ -36,7 +38,7 @@ pub struct Wanted {
     pub tolerance: Duration,
     /// The camera, at its place in the frame of the points, instead of what the recording says of both.
     pub camera: Option<Camera>,
-    /// What depths are stored in; else millimetres for whole numbers and metres for others.
+    /// What depths and coordinates of clouds are stored in; else millimetres for whole numbers and metres for others.
     pub unit: Option<Unit>,
     /// Whether points that have times of their own are seen from where the scanner was at these; else all count at the stamp of
     /// their cloud.
@@ -71,9 +73,11 @@ pub struct Frames {
     pub remarks: Vec<String>,
     unit: Option<Unit>,
     given: Option<Camera>,
-    cameras: Series<Camera>,
-    /// Of images of depths that are not of the camera's frame.
-    depth_cameras: Series<Camera>,
+    cameras: Cameras,
+    /// Of images of depths.
+    depth_cameras: Cameras,
+    /// Whether images of depths are of the pixels of the image.
+    registered: bool,
     transforms: Transforms,
     /// From the points to the camera, unless that is given.
     route: Option<Route>,
@@ -122,7 +126,7 @@ impl Reason {
     pub fn kind(&self) -> &'static str {
         match self {
             Self::NoPoints(_) => "without points near their time",
-            Self::NoTransform(_) => "without transforms at their time",
+            Self::NoTransform(gap) => gap.kind(),
             Self::OtherFrame(_) => "of another frame of reference",
             Self::Damaged(_) => "damaged",
         }
@@ -200,29 +204,6 @@ impl Collected {
     }
 }
 
-/// The cameras that a topic describes, each once.
-#[derive(Default)]
-struct Cameras {
-    found: Vec<(Stamp, Camera)>,
-    /// What is wrong with the first that is none.
-    bad: Option<Error>,
-}
-
-impl Cameras {
-    fn add(&mut self, message: &[u8], rectified: bool) {
-        match camera_of(message, rectified) {
-            Ok((header, camera)) => {
-                if self.found.last().is_none_or(|(_, last)| *last != camera) {
-                    self.found.push((header.stamp, camera));
-                }
-            }
-            Err(error) => {
-                self.bad.get_or_insert(error);
-            }
-        }
-    }
-}
-
 impl Frames {
     /// Finds the frames of a recording, which is read once for it, but for topics that are not needed.
     ///
@@ -231,9 +212,9 @@ impl Frames {
     /// cannot be read.
     pub fn of(recording: &mut Recording, wanted: &Wanted) -> Result<Self> {
         let topics = Topics::choose(recording, wanted)?;
-        let rectified = topics.is_rectified();
         let (mut images, mut points) = (Collected::default(), Collected::default());
-        let (mut cameras, mut depth_cameras) = (Cameras::default(), Cameras::default());
+        let [mut cameras, mut depth_cameras] = [&topics.image.0, &topics.points.0]
+            .map(|topic| cameras::Collected::new(is_rectified(topic)));
         let mut tree = Transforms::default();
         let mut unusable = 0;
         let deskew = wanted.deskew && topics.points.1 == Kind::PointCloud2;
@@ -251,10 +232,10 @@ impl Frames {
                 }
             }
             if topics.camera_info.as_deref() == Some(name) {
-                cameras.add(message.data, rectified);
+                cameras.add(message.data);
             }
             if topics.depth_info.as_deref() == Some(name) {
-                depth_cameras.add(message.data, false);
+                depth_cameras.add(message.data);
             }
             if topics.tf.iter().any(|tf| tf == name) {
                 match transforms(message.data) {
@@ -271,20 +252,29 @@ impl Frames {
             Ok(())
         })?;
         tree.sort();
+        let unusable = [
+            (
+                cameras.unusable + depth_cameras.unusable,
+                "messages of cameras cannot be used and are left out",
+            ),
+            (unusable, "transforms are damaged and left out"),
+        ];
+        let bad = cameras.bad.take().or(depth_cameras.bad.take());
         let mut frames = Self {
             found: Vec::new(),
             dropped: std::mem::take(&mut images.damaged),
-            remarks: remarks(&flaws, [&images, &points], unusable, &tree),
+            remarks: remarks(&flaws, [&images, &points], &unusable, &tree),
             unit: wanted.unit,
             given: wanted.camera.clone(),
-            cameras: Series::new(cameras.found),
-            depth_cameras: Series::new(depth_cameras.found),
+            cameras: cameras.cameras(),
+            depth_cameras: depth_cameras.cameras(),
+            registered: false,
             transforms: tree,
             route: None,
             deskewed: None,
             topics,
         };
-        let bad = cameras.bad.or(depth_cameras.bad);
+        frames.see([&images, &points]);
         frames.route = frames.routed([&images, &points], wanted, bad)?;
         frames.deskew(trial);
         frames.pair(images, points, wanted.tolerance);
@@ -296,9 +286,100 @@ impl Frames {
         self.deskewed.as_ref()
     }
 
+    /// The camera of the images, and what of it holds: of unrectified images K and D, of rectified ones P. Nothing if no
+    /// topic has one.
+    pub fn seen_by(&self) -> Option<String> {
+        let Topics {
+            image, camera_info, ..
+        } = &self.topics;
+        if self.given.is_some() {
+            return Some("given, in the frame of the points".to_owned());
+        }
+        let topic = camera_info.as_ref().filter(|_| !self.cameras.is_empty())?;
+        Some(if is_rectified(&image.0) {
+            format!(
+                "P of {topic}: the images are taken for rectified, as {} says `image_rect`",
+                image.0
+            )
+        } else {
+            format!(
+                "K and D of {topic}: the images are taken for unrectified, as {} does not say `image_rect`",
+                image.0
+            )
+        })
+    }
+
     /// Whether points are clouds, all of one time unless they are deskewed.
     pub fn has_clouds(&self) -> bool {
         self.topics.points.1 == Kind::PointCloud2
+    }
+
+    /// Whether points are images of depths.
+    fn has_maps(&self) -> bool {
+        !self.has_clouds()
+    }
+
+    /// Places cameras in their frames, decides whether depths are of the pixels of the image, and remarks what that assumes.
+    fn see(&mut self, [images, points]: [&Collected; 2]) {
+        let (Some(image), Some(cloud)) = (&images.frame, &points.frame) else {
+            return;
+        };
+        let stamp = images.found.first().map_or(0, |(stamp, _)| *stamp);
+        let topics = &self.topics;
+        for (cameras, topic, frame) in [
+            (&mut self.cameras, &topics.camera_info, image),
+            (&mut self.depth_cameras, &topics.depth_info, cloud),
+        ] {
+            let Some(topic) = topic else {
+                continue;
+            };
+            self.remarks
+                .extend(cameras.place(topic, frame, stamp, &self.transforms));
+            if let Some(own) = cameras.frame.as_ref().filter(|own| *own != frame) {
+                self.remarks.push(format!(
+                    "`{topic}` is in the frame `{own}`, but its images are in `{frame}`, which is used"
+                ));
+            }
+        }
+        let same = image == cloud && self.given.is_none();
+        if same && image.is_empty() {
+            self.remarks.push(
+                "the messages name no frame of reference: the points are taken to be in that of the camera".to_owned(),
+            );
+        }
+        if self.has_clouds() || !same && self.given.is_none() {
+            return;
+        }
+        let why = if self.given.is_some() {
+            "the camera is given".to_owned()
+        } else {
+            format!("both are in the frame `{image}`")
+        };
+        let camera = self.given.clone().or_else(|| self.cameras.at(stamp));
+        let remark = match (camera, self.depth_cameras.at(stamp)) {
+            (Some(camera), Some(depths)) => {
+                let pixels = apart(&depths, &camera);
+                self.registered = pixels <= NEAR;
+                (!self.registered).then(|| {
+                    format!(
+                        "the cameras of depths ({depths}) and images ({camera}) differ by up to {pixels:.1} pixels, though {why}: the \
+                         depths are not taken for registered to the image, but projected by both cameras"
+                    )
+                })
+            }
+            (camera, _) => {
+                self.registered = true;
+                let whose = match camera {
+                    Some(_) => "of the depths",
+                    None => "of the images",
+                };
+                Some(format!(
+                    "the depths are taken for registered to the pixels of the image, as {why}: the recording has no camera {whose} \
+                     to check it"
+                ))
+            }
+        };
+        self.remarks.extend(remark);
     }
 
     /// Sees points by their own times, or remarks why they are not, though they have some.
@@ -334,8 +415,8 @@ impl Frames {
         let (Some(image), Some(cloud)) = (&images.frame, &points.frame) else {
             return Ok(None);
         };
-        let is_map = self.topics.points.1 != Kind::PointCloud2;
-        if self.given.is_some() || is_map && image == cloud {
+        // What was in one frame stays there, whatever time has passed.
+        if self.given.is_some() || self.has_maps() && image == cloud {
             return Ok(None);
         }
         self.topics
@@ -410,11 +491,14 @@ impl Frames {
     }
 }
 
+/// Cameras that see the same place so many pixels apart are one.
+const NEAR: f64 = 1.0;
+
 /// What should be said of a recording.
 fn remarks(
     flaws: &Flaws,
     [images, points]: [&Collected; 2],
-    unusable: usize,
+    unusable: &[(usize, &str)],
     tree: &Transforms,
 ) -> Vec<String> {
     let mut remarks: Vec<String> = flaws.lines().collect();
@@ -428,13 +512,19 @@ fn remarks(
             points.damaged.len(),
             "messages of points are damaged and left out",
         ),
-        (unusable, "transforms are damaged and left out"),
         (
             tree.elsewhere,
             "transforms are left out, as their frames were in another one before",
         ),
+        (
+            tree.replaced,
+            "transforms that hold at all times are replaced by later ones that differ",
+        ),
     ];
-    let counts = counts.into_iter().filter(|(count, _)| *count > 0);
+    let counts = counts
+        .iter()
+        .chain(unusable)
+        .filter(|(count, _)| *count > 0);
     remarks.extend(counts.map(|(count, what)| format!("{count} {what}")));
     remarks
 }

@@ -5,11 +5,22 @@ use crate::cdr::{Reader, damaged};
 use lsdc_files::error::Result;
 use lsdc_files::{Camera, CameraInfo};
 
+/// A camera as a message describes it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Described {
+    pub(crate) header: Header,
+    /// At the origin.
+    pub(crate) camera: Camera,
+    /// Where the camera may be in its frame, along x and y in metres: the second of a stereo pair, whose images are
+    /// rectified, is not at the origin.
+    pub(crate) baseline: [f64; 2],
+}
+
 /// The camera that a message describes: of the image before it was rectified, or after.
 ///
 /// # Errors
 /// A damaged message, and a camera that is not calibrated or of a lens that is not known.
-pub(crate) fn camera_of(message: &[u8], rectified: bool) -> Result<(Header, Camera)> {
+pub(crate) fn camera_of(message: &[u8], rectified: bool) -> Result<Described> {
     let read = || {
         let mut reader = Reader::new(message)?;
         let header = Header::read(&mut reader)?;
@@ -19,7 +30,11 @@ pub(crate) fn camera_of(message: &[u8], rectified: bool) -> Result<(Header, Came
         } else {
             info.camera()
         };
-        Ok((header, camera.map_err(damaged)?))
+        Ok(Described {
+            header,
+            camera: camera.map_err(damaged)?,
+            baseline: if rectified { info.baseline() } else { [0.0; 2] },
+        })
     };
     read().map_err(|e| unusable(Kind::CameraInfo, e))
 }
@@ -30,7 +45,7 @@ fn read_info(reader: &mut Reader<'_>) -> Result<CameraInfo> {
     let count = reader.length(8)?;
     let distortion = (0..count).map(|_| reader.f64()).collect::<Result<_>>()?;
     let matrix = reader.array()?;
-    let _rectification: [f64; 9] = reader.array()?;
+    let rotation = reader.array()?;
     let projection = reader.array()?;
     let binning = [reader.u32()?, reader.u32()?].map(|v| v as usize);
     let [x, y, rows, columns] =
@@ -40,6 +55,7 @@ fn read_info(reader: &mut Reader<'_>) -> Result<CameraInfo> {
         model,
         distortion,
         matrix,
+        rotation: Some(rotation),
         projection: Some(projection),
         window: [x, y, columns, rows],
         binning,

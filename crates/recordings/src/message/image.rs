@@ -2,22 +2,17 @@
 
 use super::{Header, Kind, bayer, rvl, unusable, yuv};
 use crate::cdr::{Reader, Writer, damaged};
-use image::{DynamicImage, ImageFormat, ImageReader, RgbImage};
+use image::{DynamicImage, ImageBuffer, ImageFormat, ImageReader, RgbImage};
 use lsdc_core::DepthMap;
+use lsdc_files::doubts::{Doubt, Numbers, check_jpeg, to_rgb8};
 use lsdc_files::error::{Error, Result};
+use lsdc_files::{StoredMap, Unit};
 use std::io::Cursor;
 
-/// An image of depths.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct DepthImage {
-    /// In metres; 0 where there is none.
-    pub(crate) depth: DepthMap,
-    /// Whether it is stored as whole numbers.
-    pub(crate) whole: bool,
-}
+/// Numbers of pixels as they are stored, and their type.
+type Stored = (Vec<f32>, Numbers);
 
-/// Numbers as they are stored, and whether they are whole.
-type Numbers = (Vec<f32>, bool);
+const WHOLE: Numbers = Numbers::unsigned(16);
 
 /// An image before its pixels are looked at.
 pub(super) struct Raw<'a> {
@@ -75,18 +70,22 @@ impl<'a> Raw<'a> {
         ))
     }
 
-    fn colours(&self) -> Result<RgbImage> {
+    fn colours(&self) -> Result<DynamicImage> {
         let (width, height) = self.size;
         let encoding = self.encoding.as_str();
         if let Some(pattern) = bayer::pattern(encoding) {
-            return Ok(bayer::colours(
-                &self.rows(1)?.collect::<Vec<_>>().concat(),
-                self.size,
-                pattern,
-            ));
+            let pixels = self.rows(1)?.collect::<Vec<_>>().concat();
+            return Ok(bayer::colours(&pixels, self.size, pattern).into());
         }
         if let Some(layout) = yuv::layout(encoding) {
-            return yuv::colours(self, layout);
+            return Ok(yuv::colours(self, layout)?.into());
+        }
+        if encoding == "mono16" {
+            let values = self.whole()?.collect();
+            let image = ImageBuffer::from_raw(width as u32, height as u32, values);
+            return image
+                .map(DynamicImage::ImageLuma16)
+                .ok_or_else(|| self.too_short());
         }
         // Where red, green and blue are in the bytes of a pixel.
         let (pixel, [r, g, b]) = match encoding {
@@ -97,7 +96,7 @@ impl<'a> Raw<'a> {
             "mono8" | "8UC1" => (1, [0, 0, 0]),
             _ => {
                 return Err(damaged(format!("is encoded as `{encoding}`, which is not read")).hint(
-                    "colours are read as rgb8, bgr8, rgba8, bgra8, mono8, bayer_*8, uyvy (yuv422), yuyv (yuv422_yuy2), \
+                    "colours are read as rgb8, bgr8, rgba8, bgra8, mono8, mono16, bayer_*8, uyvy (yuv422), yuyv (yuv422_yuy2), \
                      nv12, nv21 and nv24, or as JPEG or PNG",
                 ));
             }
@@ -110,10 +109,25 @@ impl<'a> Raw<'a> {
             }
         }
         let image = RgbImage::from_raw(width as u32, height as u32, values);
-        image.ok_or_else(|| damaged("is of another size than it says"))
+        image
+            .map(Into::into)
+            .ok_or_else(|| damaged("is of another size than it says"))
     }
 
-    fn depths(&self) -> Result<Numbers> {
+    /// Pixels that are whole numbers of 16 bits.
+    fn whole(&self) -> Result<impl Iterator<Item = u16>> {
+        let big = self.big_endian;
+        let number = move |bytes: &[u8; 2]| {
+            if big {
+                u16::from_be_bytes(*bytes)
+            } else {
+                u16::from_le_bytes(*bytes)
+            }
+        };
+        Ok(self.rows(2)?.flat_map(|row| row.as_chunks().0).map(number))
+    }
+
+    fn depths(&self) -> Result<Stored> {
         let big = self.big_endian;
         Ok(match self.encoding.as_str() {
             "32FC1" => {
@@ -125,19 +139,9 @@ impl<'a> Raw<'a> {
                     }
                 };
                 let rows = self.rows(4)?.flat_map(|row| row.as_chunks().0);
-                (rows.map(|bytes| number(*bytes)).collect(), false)
+                (rows.map(|bytes| number(*bytes)).collect(), Numbers::Floats)
             }
-            "16UC1" | "mono16" => {
-                let number = |bytes: [u8; 2]| {
-                    if big {
-                        u16::from_be_bytes(bytes)
-                    } else {
-                        u16::from_le_bytes(bytes)
-                    }
-                };
-                let rows = self.rows(2)?.flat_map(|row| row.as_chunks().0);
-                (rows.map(|bytes| number(*bytes).into()).collect(), true)
-            }
+            "16UC1" | "mono16" => (self.whole()?.map(f32::from).collect(), WHOLE),
             other => {
                 return Err(damaged(format!("is encoded as `{other}`, which holds no depths"))
                     .hint("depths are read as 32FC1 (metres) and 16UC1 (millimetres, or --depth-unit)"));
@@ -146,52 +150,42 @@ impl<'a> Raw<'a> {
     }
 }
 
-/// The colours of a message of either type.
+/// The colours of a message of either type, and what should be checked of them.
 ///
 /// # Errors
-/// A damaged message, and an encoding that holds no colours that are known.
-pub(crate) fn colours(kind: Kind, message: &[u8]) -> Result<(Header, RgbImage)> {
+/// A damaged message, one that was cut off, and an encoding that holds no colours that are known.
+pub(crate) fn colours(kind: Kind, message: &[u8]) -> Result<(Header, RgbImage, Option<Doubt>)> {
     let read = || {
         let mut reader = Reader::new(message)?;
         let header = Header::read(&mut reader)?;
         let image = if kind == Kind::CompressedImage {
             let _format = reader.string()?;
-            decode(reader.bytes()?)?.into_rgb8()
+            decode(reader.bytes()?)?
         } else {
             Raw::read(&mut reader)?.colours()?
         };
-        Ok((header, image))
+        let (rgb, doubt) = to_rgb8(image);
+        Ok((header, rgb, doubt))
     };
     read().map_err(|e| unusable(kind, e))
 }
 
-/// The depths of a message of either type: metres = numbers x `scale`, which may depend on whether these are whole.
+/// The depths of a message of either type. Without a unit whole numbers are millimetres and others metres (ROS REP 118).
 ///
 /// # Errors
 /// A damaged message, and an encoding that holds no depths.
-pub(crate) fn depths(
-    kind: Kind,
-    message: &[u8],
-    scale: impl Fn(bool) -> f64,
-) -> Result<DepthImage> {
+pub(crate) fn depths(kind: Kind, message: &[u8], unit: Option<Unit>) -> Result<StoredMap> {
     let read = || {
         let mut reader = Reader::new(message)?;
         Header::read(&mut reader)?;
-        let ((width, height), (mut values, whole)) = if kind == Kind::CompressedImage {
+        let (size, (values, numbers)) = if kind == Kind::CompressedImage {
             let format = reader.string()?;
             compressed_depths(&format, reader.bytes()?)?
         } else {
             let raw = Raw::read(&mut reader)?;
             (raw.size, raw.depths()?)
         };
-        let scale = scale(whole);
-        for value in &mut values {
-            *value = (f64::from(*value) * scale) as f32;
-        }
-        Ok(DepthImage {
-            depth: DepthMap::new(width, height, values)?,
-            whole,
-        })
+        StoredMap::of_numbers(size, values, numbers, unit)
     };
     read().map_err(|e| unusable(kind, e))
 }
@@ -204,8 +198,9 @@ fn largest(bytes: &[u8]) -> u64 {
     LARGEST.min((16 << 20).max(bytes.len() as u64 * 1100))
 }
 
-/// A JPEG or PNG.
+/// A JPEG or PNG, which is complete.
 fn decode(bytes: &[u8]) -> Result<DynamicImage> {
+    check_jpeg(bytes).map_err(|cut_off| damaged(format!("cannot be used: {cut_off}")))?;
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
     if let Ok(reader) = &mut reader {
         let mut limits = image::Limits::default();
@@ -221,12 +216,23 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage> {
     }
 }
 
-/// What `compressed_depth_image_transport` writes: the kind of compression, two parameters, and a PNG or RVL. Floating-point
-/// depths are stored as their inverses, in steps that these parameters say.
+/// Depths of a compressed image, by the format that its message names. The transport `compressedDepth` writes its kind of
+/// compression, two parameters, and a PNG or RVL; floating-point depths are stored as their inverses, in steps that these
+/// parameters say. The transport `compressed` writes a PNG alone, of whole numbers.
 ///
 /// # Errors
 /// A damaged image, and one that holds no depths.
-pub(crate) fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Numbers)> {
+pub(crate) fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, usize), Stored)> {
+    const PNG: &[u8] = b"\x89PNG";
+    let (encoding, how) = format.split_once(';').unwrap_or((format, ""));
+    let encoding = encoding.trim();
+    if bytes.starts_with(PNG) {
+        if encoding == "32FC1" {
+            return Err(lossy(format));
+        }
+        let (size, values) = png(bytes)?;
+        return Ok((size, (values.into_iter().map(f32::from).collect(), WHOLE)));
+    }
     let Some((head, packed)) = bytes.split_first_chunk::<12>() else {
         return Err(damaged("ends too early"));
     };
@@ -234,21 +240,19 @@ pub(crate) fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, u
         let bytes = head[at..at + 4].try_into().unwrap_or_default();
         f32::from_le_bytes(bytes)
     };
-    let (encoding, how) = format.split_once(';').unwrap_or((format, ""));
     let (size, values) = if how.contains("rvl") {
         unrolled(packed)?
-    } else if let DynamicImage::ImageLuma16(image) = decode(packed)? {
-        let size = (image.width() as usize, image.height() as usize);
-        (size, image.into_raw())
+    } else if packed.starts_with(PNG) {
+        png(packed)?
     } else {
-        return Err(damaged("of compressed depths holds no PNG of 16 bits"));
+        return Err(lossy(format));
     };
-    let numbers = match encoding.trim() {
-        "16UC1" | "mono16" => (values.into_iter().map(f32::from).collect(), true),
+    let numbers = match encoding {
+        "16UC1" | "mono16" => (values.into_iter().map(f32::from).collect(), WHOLE),
         "32FC1" => {
             let (a, b) = (parameter(4), parameter(8));
             let metres = |v: u16| if v == 0 { 0.0 } else { a / (f32::from(v) - b) };
-            (values.into_iter().map(metres).collect(), false)
+            (values.into_iter().map(metres).collect(), Numbers::Floats)
         }
         other => {
             return Err(damaged(format!(
@@ -257,6 +261,27 @@ pub(crate) fn compressed_depths(format: &str, bytes: &[u8]) -> Result<((usize, u
         }
     };
     Ok((size, numbers))
+}
+
+/// The size and the pixels of a PNG of 16 bits.
+fn png(bytes: &[u8]) -> Result<((usize, usize), Vec<u16>)> {
+    match decode(bytes)? {
+        DynamicImage::ImageLuma16(image) => {
+            let size = (image.width() as usize, image.height() as usize);
+            Ok((size, image.into_raw()))
+        }
+        other => Err(damaged(format!(
+            "holds a PNG of {:?}, but depths are 16 bits of grey",
+            other.color()
+        ))),
+    }
+}
+
+/// That a compressed image is of a format that holds no depths, or in a form that is not read.
+fn lossy(format: &str) -> Error {
+    damaged(format!("is compressed as `{format}`, in which depths are not read")).hint(
+        "depths are read as PNG of 16 bits by the transport compressed, and as PNG or RVL by compressedDepth; JPEG and TIFF are not",
+    )
 }
 
 /// Width and height, and behind them the pixels by RVL.
@@ -335,9 +360,9 @@ mod tests {
     fn rows_may_be_longer_than_their_pixels() {
         let data = [1, 2, 3, 4, 5, 6, 99, 7, 8, 9, 10, 11, 12];
         let read = |encoding: &str| colours(Kind::Image, &message(encoding, (2, 2), 7, &data));
-        let (_, image) = read("rgb8").unwrap();
+        let (_, image, _) = read("rgb8").unwrap();
         assert_eq!(image.as_raw()[..], [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
-        let (_, image) = read("bgr8").unwrap();
+        let (_, image, _) = read("bgr8").unwrap();
         assert_eq!(image.get_pixel(1, 1).0, [12, 11, 10]);
         assert!(read("rgba8").is_err());
         assert!(read("rgb16").unwrap_err().advice().is_some());
@@ -360,16 +385,73 @@ mod tests {
             frame: "camera".to_owned(),
         };
         let (message, lost) = write_depth(&header, &depth, false);
-        let found = depths(Kind::Image, &message, |_| 1.0).unwrap();
+        let found = depths(Kind::Image, &message, None).unwrap();
         assert_eq!(
-            (found.depth.values(), found.whole, lost),
-            (depth.values(), false, 0)
+            (found.depth.values(), found.unit, lost),
+            (depth.values(), Unit::METRE, 0)
         );
         assert_eq!(Header::of(&message).unwrap(), header);
         let (message, lost) = write_depth(&header, &depth, true);
-        let found = depths(Kind::Image, &message, |_| 1.0).unwrap();
+        let found = depths(Kind::Image, &message, Some(Unit::METRE)).unwrap();
         assert_eq!(found.depth.values(), [0.0, 1.0, 1234.0, 0.0]);
-        assert_eq!((found.whole, lost), (true, 1));
+        let found = depths(Kind::Image, &message, None).unwrap();
+        assert_eq!((found.unit, lost), (Unit::MILLIMETRE, 1));
+    }
+
+    /// A PNG of these pixels of 16 bits.
+    fn png_of(width: u32, values: &[u16]) -> Vec<u8> {
+        let height = values.len() as u32 / width;
+        let image =
+            image::ImageBuffer::<image::Luma<u16>, _>::from_raw(width, height, values.to_vec());
+        let mut bytes = Cursor::new(Vec::new());
+        image
+            .unwrap()
+            .write_to(&mut bytes, ImageFormat::Png)
+            .unwrap();
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn depths_are_read_by_either_transport() {
+        let values = [0, 1, 1500, 65_000];
+        let alone = png_of(2, &values);
+        let parameters = [&[0; 12][..], &alone].concat();
+        let numbers: Vec<f32> = values.into_iter().map(f32::from).collect();
+        for (format, bytes) in [
+            ("16UC1; png compressed ", &alone),
+            ("png", &alone),
+            ("mono16; png compressed", &alone),
+            ("16UC1; compressedDepth png", &parameters),
+            ("16UC1; compressedDepth", &parameters),
+            // Some name the other transport; the bytes decide.
+            ("16UC1; compressedDepth png", &alone),
+        ] {
+            let found = compressed_depths(format, bytes).unwrap();
+            assert_eq!(found, ((2, 2), (numbers.clone(), WHOLE)), "{format}");
+        }
+    }
+
+    #[test]
+    fn compressed_images_that_hold_no_depths_are_refused_by_their_format() {
+        let mut grey = Cursor::new(Vec::new());
+        image::GrayImage::new(2, 2)
+            .write_to(&mut grey, ImageFormat::Png)
+            .unwrap();
+        let jpeg = [&[0xff, 0xd8, 0xff, 0xe0][..], &[0; 40]].concat();
+        let tiff = [&b"II*\0"[..], &[0; 40]].concat();
+        for (format, bytes, what) in [
+            ("16UC1; jpeg compressed", jpeg, "`16UC1; jpeg compressed`"),
+            ("32FC1; tiff compressed", tiff, "`32FC1; tiff compressed`"),
+            (
+                "32FC1; png compressed",
+                png_of(2, &[1, 2]),
+                "`32FC1; png compressed`",
+            ),
+            ("mono8; png compressed", grey.into_inner(), "16 bits"),
+        ] {
+            let error = compressed_depths(format, &bytes).unwrap_err().to_string();
+            assert!(error.contains(what), "{error}");
+        }
     }
 
     /// A red-only, green-only and blue-only scene give that colour everywhere.
@@ -381,7 +463,7 @@ mod tests {
             let data: Vec<u8> = (0..30)
                 .map(|i| color[pattern[i / 6 % 2][i % 6 % 2]])
                 .collect();
-            let (_, image) = colours(Kind::Image, &message(encoding, (6, 5), 6, &data)).unwrap();
+            let (_, image, _) = colours(Kind::Image, &message(encoding, (6, 5), 6, &data)).unwrap();
             assert!(image.pixels().all(|pixel| pixel.0 == color), "{encoding}");
         }
     }

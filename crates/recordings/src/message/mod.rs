@@ -8,11 +8,11 @@ mod rvl;
 mod transform;
 mod yuv;
 
-pub(crate) use camera_info::camera_of;
+pub(crate) use camera_info::{Described, camera_of};
 pub(crate) use cloud::Points;
 pub use cloud::write_cloud;
 pub use image::write_depth;
-pub(crate) use image::{DepthImage, colours, compressed_depths, depths};
+pub(crate) use image::{colours, compressed_depths, depths};
 pub use transform::TransformStamped;
 pub(crate) use transform::transforms;
 

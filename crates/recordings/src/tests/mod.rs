@@ -3,6 +3,7 @@
 mod containers;
 mod damaged;
 mod drive;
+mod told;
 mod turn;
 mod types;
 

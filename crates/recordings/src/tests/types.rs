@@ -40,7 +40,7 @@ fn colours_are_those_of_opencv() {
     let messages = messages("zstd.mcap");
     for (name, values) in expected()["colours"].as_object().unwrap() {
         let (topic, data) = &messages[name];
-        let (header, image) = colours(Kind::of(&topic.kind).unwrap(), data).unwrap();
+        let (header, image, _) = colours(Kind::of(&topic.kind).unwrap(), data).unwrap();
         assert_eq!(
             (header.frame.as_str(), image.dimensions()),
             ("eye", (14, 10)),
@@ -74,8 +74,7 @@ fn depths_are_those_of_numpy() {
     assert_eq!(topics.len(), 7);
     for (name, values) in topics {
         let (topic, data) = &messages[name];
-        let scale = |whole| if whole { 0.001 } else { 1.0 };
-        let found = depths(Kind::of(&topic.kind).unwrap(), data, scale).unwrap();
+        let found = depths(Kind::of(&topic.kind).unwrap(), data, None).unwrap();
         assert_eq!((found.depth.width(), found.depth.height()), (14, 10));
         for (found, value) in found.depth.values().iter().zip(numbers(values)) {
             assert!(
@@ -115,15 +114,16 @@ fn cameras_project_as_opencv() {
     let topics = topics["cameras"].as_object().unwrap();
     assert_eq!(topics.len(), 4);
     for (name, found) in topics {
-        let (header, camera) = camera_of(&messages[name].1, false).unwrap();
-        assert_eq!(header.frame, "eye");
+        let described = camera_of(&messages[name].1, false).unwrap();
+        assert_eq!(described.header.frame, "eye");
+        let camera = described.camera;
         let place: [f64; 3] = numbers(&found[0]).try_into().unwrap();
         let (pixel, depth) = camera.project(place).unwrap();
         let expected = numbers(&found[1]);
         let off = (pixel[0] - expected[0]).hypot(pixel[1] - expected[1]);
         assert!(off < 1e-9 && depth == 2.0, "{name}: {pixel:?} {expected:?}");
         // Once the image is rectified, the lens is straight.
-        let (_, camera) = camera_of(&messages[name].1, true).unwrap();
+        let camera = camera_of(&messages[name].1, true).unwrap().camera;
         let (pixel, _) = camera.project(place).unwrap();
         assert_eq!(pixel, [12.0 * 0.2 + 6.4, 12.5 * -0.15 + 4.7]);
     }
