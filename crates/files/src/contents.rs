@@ -82,7 +82,7 @@ impl Contents {
         if IMAGES.into_iter().any(is) && !grey {
             let (size, color) = image_kind(path)?;
             let channels = color.channel_count();
-            if channels > 2 {
+            if channels > 2 || !DEPTHS.into_iter().any(is) {
                 let bits = color.bits_per_pixel() / u16::from(channels);
                 let alpha = if color.has_alpha() {
                     ", the last for transparency"

@@ -3,6 +3,7 @@
 use super::inputs::Loaded;
 use crate::cli::args::{self, Complete};
 use crate::cli::ui;
+use crate::data::check_foreign;
 use crate::error::{Error, Result};
 use crate::provenance;
 use lsdc_recordings::{Deskewed, Dropped, Frame, Frames, Header, Recording, Stored, Wanted};
@@ -204,6 +205,7 @@ pub(super) fn check(args: &Complete) -> Result<()> {
             Err(Error::read(path, std::io::ErrorKind::NotFound.into()))
         };
     }
+    check_foreign(path)?;
     Err(Error::config(format!(
         "one input alone, `{}`, is no recording",
         path.display()
