@@ -91,7 +91,7 @@ impl Completed {
         let without = completion.report().without_deviation;
         if without > 0 {
             remarks.push(format!(
-                "{without} points have no standard deviation; they were taken to be exact"
+                "{without} points have no usable standard deviation; the noise of the fit is assumed for them"
             ));
         }
         Ok(Self {

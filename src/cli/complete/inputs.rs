@@ -342,11 +342,10 @@ fn in_model(args: &Complete, found: Vec<Found>, views: &Views<'_>) -> Result<Vec
     let (known, unknown): (Vec<Found>, Vec<Found>) = found.into_iter().partition(is_known);
     let of = |count: usize| {
         if count == 1 {
-            "1 image is"
+            "1 image is".to_owned()
         } else {
-            &format!("{count} images are")
+            format!("{count} images are")
         }
-        .to_owned()
     };
     let names = unknown
         .iter()
