@@ -132,16 +132,6 @@ fn a_result_is_a_cloud_in_the_world() {
         "ply",
     ];
     refused(folder.path(), &none, &["a cloud needs a camera"]);
-    let none = [
-        "complete",
-        "rgb.png",
-        "sparse.npy",
-        "-o",
-        "more",
-        "--max-sigma",
-        "1",
-    ];
-    refused(folder.path(), &none, &["--max-sigma", "ply"]);
     for option in [&["--voxel", "0.01"][..], &["--keep-flying"]] {
         let args = [&["complete", "rgb.png", "sparse.npy", "-o", "more"], option].concat();
         refused(folder.path(), &args, &[option[0], "ply"]);

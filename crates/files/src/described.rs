@@ -68,6 +68,9 @@ pub struct DescribedFit {
     pub method: &'static str,
     /// Root mean square at the points.
     pub residual: f64,
+    /// The same without outliers, if points were judged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub residual_inliers: Option<f64>,
     /// Root mean square of the leave-one-out errors (PRESS), if points were judged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leave_one_out: Option<f64>,
@@ -104,12 +107,14 @@ impl DescribedFit {
         deviations: bool,
     ) -> Self {
         let report = completion.report();
-        let of_inliers = leave_one_out.and(outliers);
-        let of_inliers = of_inliers.and_then(|outliers| error_of_inliers(completion, outliers));
+        let judged = leave_one_out.and(outliers);
+        let of_inliers = judged.and_then(|outliers| without(outliers, completion.leave_one_out()));
         let deviations_of_95 = deviations.then(|| completion.interval(0.95).ok());
         Self {
             method: report.method.name(),
             residual: report.residual,
+            residual_inliers: outliers
+                .and_then(|outliers| without(outliers, completion.residuals())),
             leave_one_out,
             leave_one_out_inliers: of_inliers,
             outliers: outliers.map(<[Outlier]>::len),
@@ -123,9 +128,8 @@ impl DescribedFit {
     }
 }
 
-/// Root mean square of the leave-one-out errors of the points that are no outliers; nothing if none of them has one.
-fn error_of_inliers(completion: &Completion, outliers: &[Outlier]) -> Option<f64> {
-    let mut errors = completion.leave_one_out();
+/// Root mean square of the errors of the points that are no outliers and were used; nothing if there is none.
+fn without(outliers: &[Outlier], mut errors: Vec<f64>) -> Option<f64> {
     for outlier in outliers {
         errors[outlier.index] = f64::NAN;
     }

@@ -36,7 +36,9 @@ impl Summary {
             ));
         }
         if let Some((low, high)) = self.color_range {
-            lines.push(format!("colours   {low} {m} (blue) to {high} {m} (red)"));
+            lines.push(format!(
+                "colours   {low:.3} {m} (blue) to {high:.3} {m} (red)"
+            ));
         }
         if let Some(unit) = self.unusual_png_unit() {
             lines.push(format!(
@@ -129,20 +131,26 @@ impl Summary {
     }
 }
 
-/// The error to expect, and what is left at the points.
+/// The error to expect, and what is left at the points: of inliers, if there are outliers.
 fn error(fit: &DescribedFit, m: &str) -> String {
-    let at_points = format!("{:.4} {m} at the points", fit.residual);
     let Some(all) = fit.leave_one_out else {
-        return format!("error     unknown between the points, {at_points}");
+        let residual = fit.residual;
+        return format!("error     unknown between the points, {residual:.4} {m} at the points");
     };
-    let left_out = match (fit.leave_one_out_inliers, fit.outliers) {
-        (Some(inliers), Some(outliers)) if outliers > 0 => format!(
-            "{inliers:.4} {m} to expect between the points (leave-one-out without {}; {all:.4} {m} with)",
+    let outliers = fit.outliers.unwrap_or(0);
+    let inliers = fit.leave_one_out_inliers.zip(fit.residual_inliers);
+    let inliers = inliers.filter(|_| outliers > 0);
+    let (between, at) = inliers.unwrap_or((all, fit.residual));
+    let with = inliers.map_or(String::new(), |_| {
+        format!(
+            "; {all:.4} and {:.4} {m} with {}",
+            fit.residual,
             counted(outliers, "outlier")
-        ),
-        _ => format!("{all:.4} {m} to expect between the points (leave-one-out)"),
-    };
-    format!("error     {left_out}, {at_points}")
+        )
+    });
+    format!(
+        "error     {between:.4} {m} to expect between the points (leave-one-out), {at:.4} {m} at the points{with}"
+    )
 }
 
 /// What the fit says of guide and deviations.
