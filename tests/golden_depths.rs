@@ -8,7 +8,7 @@
 //! which replaces only what differs. The file identifies the numerics of the program, so results that were kept on disk
 //! are then computed anew (`provenance::numerics`).
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
 
 use burn::tensor::Device;
 use lsdc::config::Config;

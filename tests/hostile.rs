@@ -277,7 +277,7 @@ fn maps() {
     group
         .with_shape(&[HEIGHT as u64, WIDTH as u64])
         .with_fill_value(9_u16);
-    builder.write(&at("a.h5")).unwrap();
+    builder.write(at("a.h5")).unwrap();
     write_depth_png(&at("a.png"), &depth(), 0.001).unwrap();
     for name in [
         "a.npz", "a.tiff", "a.exr", "a.pfm", "a.pgm", "a.h5", "a.png",

@@ -124,9 +124,9 @@ fn folders(names: &[String]) -> Option<Vec<String>> {
     let first = parts.first()?;
     let same = |depth: &usize| {
         let part = first.get(*depth);
-        part.is_some() && parts.iter().all(|parts| parts.get(*depth) == part)
+        parts.iter().all(|parts| parts.get(*depth) == part)
     };
-    let depth = (0..).take_while(same).count();
+    let depth = (0..first.len()).take_while(same).count();
     let folder = |parts: &Vec<&str>| (parts.len() > depth + 1).then(|| parts[depth].to_owned());
     parts.iter().map(folder).collect()
 }

@@ -31,7 +31,7 @@ fn several_images_with_the_points_of_one_are_answered_with_what_to_give() {
     refused(
         folder.path(),
         &one,
-        &["no folder of points", "hint: give a folder"],
+        &["no folder of points", "for several images give a folder"],
     );
     let run = ["complete", "frames", "points", "-o", "out"];
     let run = lsdc(folder.path()).args(run).assert().code(3);

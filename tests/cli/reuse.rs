@@ -181,13 +181,21 @@ fn results_of_other_numerics_are_not_gone_on_with() {
     assert!(text(&again).contains("2 there already"));
     // As of a program that computes other depths, which its golden results tell.
     let golden = lsdc::provenance::golden();
-    replace(&at.join("out/.lsdc/b.json"), golden, "of another program");
+    replace(
+        &at.join("out/.lsdc/b.png.json"),
+        golden,
+        "of another program",
+    );
     refused(
         at,
         &COMPLETE,
         &["1 results", "numerics.golden", "another program"],
     );
-    replace(&at.join("out/.lsdc/b.json"), "of another program", golden);
+    replace(
+        &at.join("out/.lsdc/b.png.json"),
+        "of another program",
+        golden,
+    );
     lsdc(at).args(COMPLETE).assert().success();
 
     let eval = [&SMALL[..], &["-o", "run"]].concat();

@@ -143,7 +143,7 @@ mod tests {
             let in_disc = (u - 40.0).hypot(v - 50.0) < 22.0;
             let in_shadow = (70..78).contains(&x) && y > 20 || x + 2 * y < 30 || x > 110;
             let alone = (x, y) == (42, 55) || (x, y) == (33, 41);
-            let speckle = (x * 7 + y * 13) % 31 == 0;
+            let speckle = (x * 7 + y * 13).is_multiple_of(31);
             if (in_disc && !alone) || in_shadow || speckle {
                 0.0
             } else {

@@ -32,7 +32,7 @@ impl DepthNoise {
         coefficients: [0.001_504, -0.001_52, 0.0019],
     };
 
-    /// Intel RealSense D435 (active stereo), by Intel's formula z^2 s / (f b) with an error of matching s of 0.08 pixels,
+    /// Intel `RealSense` D435 (active stereo), by Intel's formula z^2 s / (f b) with an error of matching s of 0.08 pixels,
     /// a focal length f of 447 pixels (848 columns in 87 degrees) and a base b of 50 mm ("Best-Known-Methods for Tuning
     /// `RealSense` D400 Depth Cameras", 2019).
     pub const REALSENSE: Self = Self {

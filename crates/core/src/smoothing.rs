@@ -1,7 +1,7 @@
 //! Smoothing of dense depths whose standard deviations are known, as those of a depth camera with a noise model.
 //!
 //! The fit follows dense depths pixel by pixel. If their deviations are known, each becomes that of a plane through those
-//! around it that it agrees with, weighted by precision: a bilateral filter (Tomasi and Manduchi 1998, as KinectFusion
+//! around it that it agrees with, weighted by precision: a bilateral filter (Tomasi and Manduchi 1998, as `KinectFusion`
 //! filters its input, Newcombe et al. 2011) of first order, so that slopes stay at the borders of holes. Depths on the
 //! other side of an edge are off by many deviations and have no weight.
 
@@ -55,6 +55,8 @@ impl Plane {
 
     /// The plane at the pixel, and its variance; nothing if depths lie on a line.
     fn at_centre(&self) -> Option<(f32, f32)> {
+        /// The least determinant, relative to the product of the diagonal.
+        const LEAST: f64 = 1e-3;
         let [s, sx, sy, sxx, sxy, syy] = self.weights.map(f64::from);
         // The first row of the inverse of the normal matrix.
         let cofactors = [
@@ -63,8 +65,6 @@ impl Plane {
             sx * sxy - sy * sxx,
         ];
         let determinant = s * cofactors[0] + sx * cofactors[1] + sy * cofactors[2];
-        // Of the product of the diagonal.
-        const LEAST: f64 = 1e-3;
         if determinant.is_nan() || determinant <= LEAST * s * sxx * syy {
             return None;
         }

@@ -133,7 +133,8 @@ pub(super) fn read_stored(
         return Ok(Stored::Table(read_table(path)?, known(Numbers::Floats)));
     };
     let known = known(raster.numbers);
-    if is_table(&raster) {
+    let may_be_table = has_ending(path, "npy") || has_ending(path, "npz");
+    if may_be_table && is_table(&raster) {
         return Ok(Stored::Table(table(&raster), known));
     }
     let metres = known.unit.metres();

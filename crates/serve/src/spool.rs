@@ -83,8 +83,7 @@ mod tests {
         let killed = Spool::within(parent.path()).unwrap();
         fs::write(killed.path().join("image.png"), "of somebody").unwrap();
         // What a killed process leaves: its folder, without the lock.
-        let left = killed.folder.keep();
-        drop(killed._lock);
+        let left = (|killed: Spool| killed.folder.keep())(killed);
         // Folders that are no uploads, or do not have their lock yet.
         let other = parent.path().join("lsdc-upload-new");
         fs::create_dir(&other).unwrap();

@@ -61,8 +61,8 @@ pub(super) struct Stored {
 impl Stored {
     /// Returns the number of bytes of the values; `None` if that is more than any memory has.
     pub(super) fn bytes(&self, kind: Kind) -> Option<usize> {
-        let sides = self.shape.iter();
-        let count = sides.fold(Some(1_usize), |n, &side| n?.checked_mul(side))?;
+        let mut sides = self.shape.iter();
+        let count = sides.try_fold(1_usize, |n, &side| n.checked_mul(side))?;
         count.checked_mul(kind.bytes())
     }
 

@@ -131,7 +131,7 @@ pub(in crate::cli) struct Complete {
     /// Noise of a depth camera: kinect, realsense, tof, or A,B,C [default: none].
     ///
     /// The standard deviation of a depth of z metres is A + B z + C z^2 metres; it is used for all points that have none.
-    /// kinect: Kinect v1 and PrimeSense, 0.0015 - 0.0015 z + 0.0019 z^2 (Nguyen et al. 2012). realsense: D435,
+    /// kinect: Kinect v1 and others of `PrimeSense`, 0.0015 - 0.0015 z + 0.0019 z^2 (Nguyen et al. 2012). realsense: D435,
     /// 0.0036 z^2 (Intel). tof: Kinect v2 and other time-of-flight cameras, 0.0015 - 0.0005 z + 0.0003 z^2
     /// (Fankhauser et al. 2015). Needs --depth-unit for depths in integers, whose unit would be a guess.
     #[arg(long, value_parser = noise, value_name = "MODEL", help_heading = "Input", allow_hyphen_values = true)]

@@ -121,12 +121,11 @@ fn read_range(text: &str) -> Result<(f32, f32)> {
 }
 
 /// The edge length of a voxel, in metres.
-pub(super) fn edge(text: &str) -> Result<f64> {
+pub(super) fn edge(text: &str) -> std::result::Result<f64, String> {
     let found = text.parse().ok();
     let found = found.filter(|edge: &f64| *edge > 0.0 && edge.is_finite());
     found.ok_or_else(|| {
-        Error::config(format!("`{text}` is not the edge length of a voxel"))
-            .hint("give metres above 0, as in 0.01")
+        format!("`{text}` is not the edge length of a voxel; metres above 0, as in 0.01")
     })
 }
 

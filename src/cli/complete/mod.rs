@@ -65,16 +65,18 @@ fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
     }
     outputs.write(&frame, &found, &forms, &summary)?;
     if pipes.to_stdout() {
-        let lines = summary.lines(None);
-        lines.iter().for_each(|line| ui::say(line));
+        for line in summary.lines(None) {
+            ui::say(&line);
+        }
         return ui::pass_on(outputs.first()).map(|()| Exit::Done);
     }
     if args.json {
         ui::print(&summary.value().to_string());
         return Ok(Exit::Done);
     }
-    let lines = summary.lines(outputs.outliers());
-    lines.iter().for_each(|line| ui::tell(line));
+    for line in summary.lines(outputs.outliers()) {
+        ui::tell(&line);
+    }
     ui::tell(&format!("written   {}", outputs.listed()));
     Ok(Exit::Done)
 }

@@ -314,10 +314,10 @@ impl<'a, Bytes: AsRef<[u8]>> Stored<'a, Bytes> {
 
 /// The files that every model has: `cameras`, `images` and `points3D`. All are binary, or else all are text, as COLMAP
 /// chooses; of a model that is whole in neither form each is in the form that is there.
-fn whole<'a, Bytes: AsRef<[u8]>>(
-    folder: &'a Path,
+fn whole<Bytes: AsRef<[u8]>>(
+    folder: &Path,
     file: impl Fn(&str) -> Result<Option<Bytes>>,
-) -> Result<[Stored<'a, Bytes>; 3]> {
+) -> Result<[Stored<'_, Bytes>; 3]> {
     let read = |name: &'static str, form| Stored::read(folder, name, form, &file);
     let all = |form| -> Result<_> {
         Ok([
