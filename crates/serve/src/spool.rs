@@ -83,7 +83,10 @@ mod tests {
         let killed = Spool::within(parent.path()).unwrap();
         fs::write(killed.path().join("image.png"), "of somebody").unwrap();
         // What a killed process leaves: its folder, without the lock.
-        let left = (|killed: Spool| killed.folder.keep())(killed);
+        fn kept(killed: Spool) -> std::path::PathBuf {
+            killed.folder.keep()
+        }
+        let left = kept(killed);
         // Folders that are no uploads, or do not have their lock yet.
         let other = parent.path().join("lsdc-upload-new");
         fs::create_dir(&other).unwrap();

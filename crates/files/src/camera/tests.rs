@@ -269,7 +269,7 @@ fn yaml(text: &str) -> Result<Camera> {
     Camera::read(&path)
 }
 
-/// As `cv2.FileStorage` writes it for the calibration program of OpenCV (samples/cpp/tutorial_code/calib3d).
+/// As `cv2.FileStorage` writes it for the calibration program of OpenCV (`samples/cpp/tutorial_code/calib3d`).
 const STORAGE: &str = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\nfisheye_model: 1\n\
     camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 380., 0., 319.5, 0., 380., 239.5,\n\
     \x20      0., 0., 1. ]\ndistortion_coefficients: !!opencv-matrix\n   rows: 4\n   cols: 1\n   dt: d\n\
