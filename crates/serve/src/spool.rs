@@ -76,17 +76,18 @@ fn is_abandoned(folder: &Path) -> bool {
 mod tests {
     use super::*;
 
+    /// What a killed process leaves: its folder, without the lock.
+    fn left_by(killed: Spool) -> std::path::PathBuf {
+        killed.folder.keep()
+    }
+
     #[test]
     fn only_folders_without_a_living_owner_are_swept() {
         let parent = tempfile::tempdir().unwrap();
         let alive = Spool::within(parent.path()).unwrap();
         let killed = Spool::within(parent.path()).unwrap();
         fs::write(killed.path().join("image.png"), "of somebody").unwrap();
-        // What a killed process leaves: its folder, without the lock.
-        fn kept(killed: Spool) -> std::path::PathBuf {
-            killed.folder.keep()
-        }
-        let left = kept(killed);
+        let left = left_by(killed);
         // Folders that are no uploads, or do not have their lock yet.
         let other = parent.path().join("lsdc-upload-new");
         fs::create_dir(&other).unwrap();

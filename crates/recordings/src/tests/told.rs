@@ -603,7 +603,7 @@ fn depths_of_messages_are_doubted_as_those_of_files() {
     told(
         &loaded.points.remarks,
         1,
-        &["4000 pixels (21 %) hold 65535", "left out"],
+        &["4000 depths (21 %) are 65535", "left out"],
     );
     assert_eq!(
         (loaded.points.points.len(), loaded.points.ignored),

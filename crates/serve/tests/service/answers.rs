@@ -203,7 +203,7 @@ fn points_may_be_a_list_and_what_is_left_out_is_said() {
     assert_eq!(report["points"]["ignored"], 1);
     let remarks = report["remarks"].to_string();
     assert!(
-        remarks.contains("2 points have no standard deviation"),
+        remarks.contains("2 points have no usable standard deviation"),
         "{remarks}"
     );
     let index = |number: usize| header["points"][number]["index"].clone();
