@@ -189,7 +189,7 @@ fn results_of_other_numerics_are_not_gone_on_with() {
     refused(
         at,
         &COMPLETE,
-        &["1 results", "numerics.golden", "another program"],
+        &["1 result of", "numerics.golden", "another program"],
     );
     replace(
         &at.join("out/.lsdc/b.png.json"),

@@ -91,7 +91,7 @@ pub(in crate::cli) struct Complete {
     #[arg(long, value_parser = deviation, value_name = "METRES", help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) max_sigma: Option<f32>,
     /// Keep one point in each cube of this edge length of a point cloud, in metres: the mean of its pixels.
-    #[arg(long, value_parser = edge, value_name = "METRES", help_heading = "Output", hide_short_help = true)]
+    #[arg(long, value_parser = edge, allow_negative_numbers = true, value_name = "METRES", help_heading = "Output", hide_short_help = true)]
     pub(in crate::cli) voxel: Option<f64>,
     /// Keep the flying pixels of point clouds: those between the surfaces at a depth edge, which are left out
     /// otherwise, and counted.
