@@ -16,7 +16,6 @@ from ._completion import Completion, Outliers
 from ._errors import Error, FitError, InputError, ReadError, SettingsError, WeightsError
 from ._files import Colmap, read_depth, read_points
 from ._guide import DepthGuide
-from ._input import Array, ImageLike, Noise, Order, Size, Unit
 from ._many import Completed
 from ._native import __version__
 from ._scene import Scene
