@@ -55,7 +55,7 @@ def test_weights_on_an_encoder_that_is_not_installed(monkeypatch, tmp_path):
     # Kept for the process where it was found before.
     code = "import lsdc, sys; lsdc.Completer(sys.argv[1])"
     for weights in ("anything", str(ENCODED)):
-        failed = subprocess.run([sys.executable, "-c", code, weights], capture_output=True, text=True)
+        failed = subprocess.run([sys.executable, "-c", code, weights], capture_output=True, text=True, cwd=tmp_path)
         for words in ("ReadError", "Depth Anything V2 Small", "nowhere", "lsdc weights get anything", "lsdc weights add FILE"):
             assert words in failed.stderr or (words.startswith("lsdc weights") and sys.version_info < (3, 11))
 

@@ -201,10 +201,13 @@ def test_files(scene, sparse, expected, tmp_path):
     np.save(tmp_path / "points.npy", rows(sparse))
     for name in ("map.npy", "points.npy"):
         assert_array_equal(scene.complete(str(tmp_path / name), unit="m").depth, expected)
-    with pytest.warns(lsdc.FileWarning, match="taken to be in metres") as caught:
-        completion = scene.complete(tmp_path / "map.npy", sigma=0.05)
-    assert caught[0].filename == __file__
+    completion = scene.complete(tmp_path / "map.npy", sigma=0.05)
     assert_array_equal(completion.depth, scene.complete(sparse, sigma=0.05).depth)
+    # The unit of integers is a guess.
+    np.save(tmp_path / "steps.npy", (sparse * 1000).astype(np.uint16))
+    with pytest.warns(lsdc.FileWarning, match="taken to be in") as caught:
+        scene.complete(tmp_path / "steps.npy")
+    assert caught[0].filename == __file__
     with pytest.raises(lsdc.ReadError):
         scene.complete(tmp_path / "nothing.npy")
     with pytest.raises(lsdc.InputError, match="the guide") as caught:
