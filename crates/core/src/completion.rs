@@ -49,8 +49,8 @@ pub struct Report {
     /// Number of used observations without a standard deviation (or one that is 0, negative or not finite) where others
     /// had one: theirs is that of the observations about the model of depth.
     pub without_deviation: usize,
-    /// Number of used observations that were smoothed before the fit: each is the mean of those around it that it
-    /// agrees with. Observations are smoothed where they are dense and their standard deviations are known.
+    /// Number of used observations that were smoothed before the fit: each is that of a plane through those around
+    /// it that it agrees with. Observations are smoothed where they are dense and their standard deviations are known.
     pub smoothed: usize,
     /// Number of pixels of the field, in holes of dense depths, at which basis functions contradicted the depths around
     /// and were limited.
