@@ -118,7 +118,7 @@ impl GuideSource {
             return Err(Error::format(file, "is a table of points, not a map"));
         };
         let mut doubts = std::mem::take(&mut raster.doubts);
-        doubts.retain(|doubt| !doubt.is_distance());
+        doubts.retain(|doubt| !doubt.is_of_kind());
         if self.kind != GuideKind::Log {
             let (numbers, declared) = (raster.numbers, raster.declared);
             doubts.extend(marks_in_guide(&mut raster.values, numbers, declared));

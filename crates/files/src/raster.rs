@@ -3,7 +3,7 @@
 use crate::doubts::{Doubt, Known, Numbers, is_rotated, leave_out_marks, rotate_back};
 use crate::error::Result;
 use crate::stored::KnownUnit;
-use crate::{DepthMap, Unit};
+use crate::{DepthMap, Orientation, Unit};
 
 /// Numbers in rows, and what the file says of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +31,26 @@ impl Raster {
             declared: None,
             plain: false,
             doubts: Vec::new(),
+        }
+    }
+
+    /// The numbers of a file whose rows and columns are stored in one of the eight orientations of EXIF and TIFF.
+    pub(crate) fn upright(mut self, exif: u8) -> Self {
+        let orientation = Orientation::new((self.columns, self.rows), exif);
+        if orientation.is_upright() {
+            return self;
+        }
+        let (columns, rows) = orientation.upright();
+        let stored = std::mem::replace(&mut self.values, vec![0.0; columns * rows]);
+        for (place, value) in stored.into_iter().enumerate() {
+            let (u, v) = (place % self.columns, place / self.columns);
+            let [u, v] = orientation.turned([u as f64, v as f64]);
+            self.values[v as usize * columns + u as usize] = value;
+        }
+        Self {
+            rows,
+            columns,
+            ..self
         }
     }
 

@@ -5,7 +5,7 @@ use super::files::{
     read_pfm, read_table, read_tiff, stored_unit,
 };
 use super::{DepthMap, StoredAs, Unit};
-use crate::doubts::{Doubt, Numbers, implausible_unit, is_ray_distance};
+use crate::doubts::{Doubt, Numbers, constant, doubt_of_name, implausible_unit};
 use crate::error::{Error, Result};
 use crate::foreign::check_foreign;
 use crate::raster::Raster;
@@ -147,8 +147,9 @@ pub(super) fn read_stored(
     if let Some(sigma) = &sigma {
         check_sizes(path, &depth, sigma)?;
     }
-    doubts.extend(named_distance(path).filter(|_| !doubts.iter().any(Doubt::is_distance)));
-    doubts.retain(|doubt| how.kind.is_none() || !doubt.is_distance());
+    doubts.extend(kind_by_name(path).filter(|_| !doubts.iter().any(Doubt::is_of_kind)));
+    doubts.retain(|doubt| how.kind.is_none() || !doubt.is_of_kind());
+    doubts.extend(constant(depth.points().map(|point| point.depth)));
     let depths = depth.points().map(|point| point.depth).collect();
     let unit = known.doubt(depths);
     let doubts = doubts.iter().map(ToString::to_string);
@@ -194,19 +195,16 @@ pub(super) fn read_raster(path: &Path) -> Result<Option<(Raster, Option<Raster>)
     found.map(Some)
 }
 
-/// A doubt if a file is called as distances along the ray are, or as those of Hypersim.
-fn named_distance(path: &Path) -> Option<Doubt> {
+/// A doubt if a file is called as distances along the ray or inverse depths are, or as those of Hypersim.
+fn kind_by_name(path: &Path) -> Option<Doubt> {
     let name = path.file_stem()?.to_string_lossy();
     let hypersim =
         name.ends_with("depth_meters") && (has_ending(path, "hdf5") || has_ending(path, "h5"));
-    let name = if hypersim {
-        format!("`{name}` is called as a file of Hypersim, which")
-    } else if is_ray_distance(&name) {
-        format!("a file called `{name}`")
-    } else {
-        return None;
-    };
-    Some(Doubt::RayDistance { name })
+    if hypersim {
+        let name = format!("`{name}` is called as a file of Hypersim, which");
+        return Some(Doubt::RayDistance { name });
+    }
+    doubt_of_name(&name, || format!("a file called `{name}`"))
 }
 
 fn check_sizes(path: &Path, depth: &DepthMap, sigma: &DepthMap) -> Result<()> {

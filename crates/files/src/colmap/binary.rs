@@ -157,7 +157,7 @@ impl Bytes<'_> {
         for value in &mut numbers {
             *value = self.f64()?;
         }
-        Ok(Placed::new(numbers))
+        Placed::new(numbers)
     }
 
     /// A number of things of so many bytes at least, which must be there.

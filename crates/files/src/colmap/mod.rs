@@ -204,6 +204,29 @@ impl Parts {
         (placed.unwrap_or(image.placed), remarks)
     }
 
+    /// What is said if keypoints lie far from where the camera sees their points: cameras, poses and keypoints that
+    /// do not belong together. COLMAP itself leaves points out from 4 pixels on.
+    fn astray(&self, camera: &Camera, image: &Image) -> Option<String> {
+        const PIXELS: f64 = 10.0;
+        const FEW: usize = 10;
+        let off = |([u, v], point): &([f64; 2], u64)| {
+            let ([x, y], _) = camera.project(self.landmarks.get(point)?.place)?;
+            Some((x + 0.5 - u).hypot(y + 0.5 - v))
+        };
+        let mut off: Vec<f64> = image.seen.iter().filter_map(off).collect();
+        if off.len() < FEW {
+            return None;
+        }
+        let middle = off.len() / 2;
+        let median = *off.select_nth_unstable_by(middle, f64::total_cmp).1;
+        (median > PIXELS).then(|| {
+            format!(
+                "half of the keypoints lie more than {median:.0} pixels from where the camera of the model sees their points: \
+                 keypoints, cameras and poses may be of images of different sizes"
+            )
+        })
+    }
+
     fn view(&self, folder: &Path, image: Image, other: Option<&Placed>) -> Result<View> {
         let camera = self.cameras.get(&image.camera).ok_or_else(|| {
             Error::format(
@@ -211,7 +234,7 @@ impl Parts {
                 format!("image `{}` has no camera {}", image.name, image.camera),
             )
         })?;
-        let (placed, remarks) = self.placed(&image, other);
+        let (placed, mut remarks) = self.placed(&image, other);
         let row = placed.rotation[2];
         let mut keypoints = Vec::with_capacity(image.seen.len());
         for ([u, v], point) in &image.seen {
@@ -234,13 +257,19 @@ impl Parts {
         let [Ok(width), Ok(height)] = size else {
             return Err(Error::format(folder, "a camera is implausibly large"));
         };
+        let camera = camera.camera.clone().map(|camera| {
+            camera
+                .with_size((width, height))
+                .with_pose(placed.rotation, placed.translation)
+        });
+        remarks.extend(
+            camera
+                .as_ref()
+                .and_then(|camera| self.astray(camera, &image)),
+        );
         Ok(View {
             size: (width, height),
-            camera: camera.camera.clone().map(|camera| {
-                camera
-                    .with_size((width, height))
-                    .with_pose(placed.rotation, placed.translation)
-            }),
+            camera,
             ignored: image.seen.len() - keypoints.len(),
             keypoints,
             name: image.name,

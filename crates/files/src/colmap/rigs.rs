@@ -1,5 +1,6 @@
 //! Rigs of cameras (COLMAP 3.12 and later): where frames place images, which overrides the poses in the file of images.
 
+use super::Parsed;
 use std::collections::HashMap;
 
 /// Where a camera or a rig is: a point of the world is first rotated, then translated.
@@ -35,9 +36,17 @@ impl Placed {
     };
 
     /// Of a quaternion w, x, y, z of any length and a translation.
-    pub(super) fn new([w, x, y, z, translation @ ..]: [f64; 7]) -> Self {
+    ///
+    /// # Errors
+    /// A quaternion of no length, or numbers that are not finite.
+    pub(super) fn new([w, x, y, z, translation @ ..]: [f64; 7]) -> Parsed<Self> {
         let norm = [w, x, y, z].iter().map(|v| v * v).sum::<f64>().sqrt();
-        let [w, x, y, z] = [w, x, y, z].map(|v| v / norm.max(f64::MIN_POSITIVE));
+        if !(norm.is_normal() && translation.iter().all(|v| v.is_finite())) {
+            return Err(format!(
+                "holds the pose {w} {x} {y} {z} {translation:?}, whose quaternion is no rotation"
+            ));
+        }
+        let [w, x, y, z] = [w, x, y, z].map(|v| v / norm);
         let rotation = [
             [
                 1.0 - 2.0 * (y * y + z * z),
@@ -55,10 +64,10 @@ impl Placed {
                 1.0 - 2.0 * (x * x + y * y),
             ],
         ];
-        Self {
+        Ok(Self {
             rotation,
             translation,
-        }
+        })
     }
 
     /// This after another one.

@@ -186,7 +186,7 @@ impl<'a> Fields<'a> {
         for value in &mut numbers {
             *value = self.next("a pose")?;
         }
-        Ok(Placed::new(numbers))
+        Placed::new(numbers).map_err(|what| format!("line {}: {what}", self.line))
     }
 
     fn skip(&mut self) {

@@ -2,8 +2,10 @@
 //!
 //! ITU-T T.81: markers (annex B), Huffman codes (annex C and F.2.2). Blocks of sequential images are counted by
 //! decoding the lengths of their codes, so that an image without an end marker, as some cameras send them in MJPEG, is
-//! whole if its blocks are. Progressive images need their end marker.
+//! whole if its blocks are. Progressive images need their end marker, and scans that refine every coefficient to its
+//! last bit (annex G).
 
+use std::collections::HashMap;
 use std::fmt::{Display, Formatter};
 
 /// Where a JPEG ends too early.
@@ -18,6 +20,8 @@ pub enum CutOff {
         /// Rows of the image.
         of: usize,
     },
+    /// Before its last scans, which refine the image.
+    Scans,
     /// Before its end marker.
     End,
 }
@@ -32,6 +36,7 @@ impl Display for CutOff {
                     "the JPEG is cut off or damaged after {rows} of its {of} rows"
                 )
             }
+            Self::Scans => write!(f, "the JPEG is cut off: its last scans are missing"),
             Self::End => write!(f, "the JPEG is cut off: its end marker is missing"),
         }
     }
@@ -77,6 +82,7 @@ pub fn check_jpeg(bytes: &[u8]) -> Result<(), CutOff> {
             }
             0xda => {
                 image.scans += 1;
+                image.refine(segment);
                 at = image.scan(segment, bytes, at)?;
             }
             _ => {}
@@ -115,6 +121,8 @@ struct Image {
     scans: usize,
     /// Components whose blocks are complete.
     complete: Vec<u8>,
+    /// Of components of progressive images, by coefficient: bits that are still missing.
+    missing: HashMap<u8, [u8; 64]>,
 }
 
 impl Image {
@@ -134,6 +142,7 @@ impl Image {
             Some(frame) if frame.sequential && self.counts(frame) && !self.is_complete(frame) => {
                 Err(CutOff::End)
             }
+            Some(frame) if frame.progressive && !self.is_refined(frame) => Err(CutOff::Scans),
             _ => Ok(()),
         }
     }
@@ -146,6 +155,31 @@ impl Image {
     fn is_complete(&self, frame: &Frame) -> bool {
         let has = |part: &Component| self.complete.contains(&part.id);
         frame.sequential && frame.components.iter().all(has)
+    }
+
+    /// Whether every coefficient of a progressive image has all its bits.
+    fn is_refined(&self, frame: &Frame) -> bool {
+        let whole = |part: &Component| self.missing.get(&part.id).is_some_and(|m| *m == [0; 64]);
+        frame.components.iter().all(whole)
+    }
+
+    /// Notes what a scan of a progressive image brings: components, the first and last coefficient, and in the low
+    /// half of the last byte the bits that later scans bring.
+    fn refine(&mut self, header: &[u8]) {
+        const NEVER: u8 = u8::MAX;
+        let Some((&count, parts)) = header.split_first() else {
+            return;
+        };
+        let Some((ids, &[first, last, bits])) = parts.split_at_checked(2 * usize::from(count))
+        else {
+            return;
+        };
+        for id in ids.iter().step_by(2) {
+            let missing = self.missing.entry(*id).or_insert([NEVER; 64]);
+            if let Some(band) = missing.get_mut(usize::from(first)..=usize::from(last)) {
+                band.fill(bits & 15);
+            }
+        }
     }
 
     fn add_tables(&mut self, mut segment: &[u8]) {
@@ -213,6 +247,7 @@ struct Frame {
     height: usize,
     /// Huffman codes, neither progressive nor lossless.
     sequential: bool,
+    progressive: bool,
     components: Vec<Component>,
 }
 
@@ -250,6 +285,7 @@ impl Frame {
             width: usize::from(u16::from_be_bytes([w, idth])),
             height: usize::from(u16::from_be_bytes([h, eight])),
             sequential: matches!(marker, 0xc0 | 0xc1),
+            progressive: matches!(marker, 0xc2 | 0xca),
             components: parts.as_chunks().0.iter().map(part).collect(),
         })
     }
@@ -439,6 +475,47 @@ mod tests {
                 let closed = [&bytes[..end], &[0xff, EOI]].concat();
                 assert!(check_jpeg(&closed).is_err(), "{end} of {length}, closed");
             }
+        }
+    }
+
+    /// Headers of scans, as libjpeg writes them in its simplest script, with a few bytes for the data.
+    #[test]
+    fn a_progressive_jpeg_is_whole_if_every_coefficient_has_all_its_bits() {
+        let scan = |ids: &[u8], [first, last, bits]: [u8; 3]| {
+            let parts = ids.iter().flat_map(|id| [*id, 0]);
+            let length = [0, 6 + 2 * ids.len() as u8, ids.len() as u8];
+            let header = [0xff, 0xda].into_iter().chain(length).chain(parts);
+            header
+                .chain([first, last, bits, 1, 2, 3])
+                .collect::<Vec<u8>>()
+        };
+        let start = [
+            0xff, SOI, 0xff, 0xc2, 0, 17, 8, 0, 8, 0, 8, 3, 1, 0x11, 0, 2, 0x11, 0, 3, 0x11, 0,
+        ];
+        let scans = [
+            scan(&[1, 2, 3], [0, 0, 1]),
+            scan(&[1], [1, 5, 2]),
+            scan(&[3], [1, 63, 1]),
+            scan(&[2], [1, 63, 1]),
+            scan(&[1], [6, 63, 2]),
+            scan(&[1], [1, 63, 0x21]),
+            scan(&[1, 2, 3], [0, 0, 0x10]),
+            scan(&[3], [1, 63, 0x10]),
+            scan(&[2], [1, 63, 0x10]),
+            scan(&[1], [1, 63, 0x10]),
+        ];
+        let file = |count: usize| {
+            let end = [0xff, EOI].to_vec();
+            let parts = scans[..count].iter().cloned().chain([end]).flatten();
+            start.into_iter().chain(parts).collect::<Vec<u8>>()
+        };
+        assert_eq!(check_jpeg(&file(10)), Ok(()));
+        for count in 1..10 {
+            assert_eq!(
+                check_jpeg(&file(count)),
+                Err(CutOff::Scans),
+                "{count} scans"
+            );
         }
     }
 

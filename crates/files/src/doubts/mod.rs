@@ -15,8 +15,8 @@ pub use coding::{is_rotated, rotate_back};
 pub use image::to_rgb8;
 pub use jpeg::{CutOff, check_jpeg};
 pub use marks::{Known, leave_out_marks, marks_in_guide};
-pub(crate) use names::quoted;
 pub use names::{RAY, channel_rank, is_ray_distance};
+pub(crate) use names::{doubt_of_name, quoted};
 pub use numbers::Numbers;
 
 use crate::Unit;
@@ -63,6 +63,18 @@ pub enum Doubt {
     RayDistance {
         /// The name, or the data set that stores such distances.
         name: String,
+    },
+    /// A name says that the values are disparities or inverse depths.
+    Inverse {
+        /// The name.
+        name: String,
+    },
+    /// All of many depths are the same number, as in a mask.
+    Constant {
+        /// The depth in metres.
+        depth: f32,
+        /// How many there are.
+        count: usize,
     },
     /// One of several arrays, channels, parts or pages was read.
     Chosen {
@@ -123,9 +135,9 @@ impl Doubt {
         })
     }
 
-    /// Whether it is about distances along the ray.
-    pub fn is_distance(&self) -> bool {
-        matches!(self, Self::RayDistance { .. })
+    /// Whether it is about depths that may be distances along the ray, or inverse.
+    pub fn is_of_kind(&self) -> bool {
+        matches!(self, Self::RayDistance { .. } | Self::Inverse { .. })
     }
 }
 
@@ -140,6 +152,21 @@ pub fn implausible_unit(unit: Unit, mut depths: Vec<f32>) -> Option<Doubt> {
     let middle = depths.len() / 2;
     let median = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
     (!(NEAR..=FAR).contains(&median)).then_some(Doubt::Unit { unit, median })
+}
+
+/// A doubt if many depths in metres are the same, as those of a mask.
+pub fn constant(mut depths: impl Iterator<Item = f32>) -> Option<Doubt> {
+    /// Fewer may well be the same.
+    const MANY: usize = 100;
+    let depth = depths.next()?;
+    let mut count = 1;
+    for other in depths {
+        if other != depth {
+            return None;
+        }
+        count += 1;
+    }
+    (count >= MANY).then_some(Doubt::Constant { depth, count })
 }
 
 /// A share as text, with two digits where it is small.
@@ -221,6 +248,14 @@ impl Display for Doubt {
                 "{name} usually holds distances from the optical centre along the ray, but depths along the optical \
                  axis are assumed; --depth-kind ray with --camera converts them, --depth-kind z confirms depths"
             ),
+            Self::Inverse { name } => write!(
+                f,
+                "{name} usually holds disparities or inverse depths, but depths are assumed; convert them (depth = \
+                 focal length x baseline / disparity), or confirm depths by --depth-kind z"
+            ),
+            Self::Constant { depth, count } => {
+                write!(f, "all {count} depths are {depth} m: is this a mask?")
+            }
             Self::Chosen { what, name, others } => write!(
                 f,
                 "the {what} {name} is read, of {} {what}s; the others are {}",
@@ -287,6 +322,21 @@ mod tests {
             doubt.to_string(),
             "201 depths (20 %) are 65535, the largest number of its type, and left out as no measurement"
         );
+    }
+
+    #[test]
+    fn a_mask_is_doubted() {
+        let mask = [1.0; 200];
+        assert_eq!(
+            constant(mask.into_iter()),
+            Some(Doubt::Constant {
+                depth: 1.0,
+                count: 200
+            })
+        );
+        assert_eq!(constant(mask.into_iter().take(99)), None);
+        assert_eq!(constant(mask.into_iter().chain([1.01])), None);
+        assert_eq!(constant([].into_iter()), None);
     }
 
     #[test]

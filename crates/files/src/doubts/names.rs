@@ -1,5 +1,7 @@
 //! What names of files, arrays and channels say about their values.
 
+use super::Doubt;
+
 /// The words of names that say distance along the ray. Hypersim and CARLA's lidar say `distance`, `SemanticKITTI` and
 /// Ouster `range`, `AirSim` `perspective`.
 pub const RAY: [&str; 7] = [
@@ -40,6 +42,29 @@ fn words(name: &str) -> impl Iterator<Item = String> {
 pub fn is_ray_distance(name: &str) -> bool {
     let has = |known: &[&str]| words(name).any(|word| known.contains(&&word[..]));
     has(&RAY) && !has(&PLANAR)
+}
+
+/// The words of names that say disparity or inverse depth, as in the results of stereo and of networks such as Depth
+/// Anything.
+const INVERSE: [&str; 7] = [
+    "disparity",
+    "disparities",
+    "disp",
+    "inverse",
+    "inv",
+    "invdepth",
+    "idepth",
+];
+
+/// What the name of a file, an array or a channel says against depths along the axis. `what` names it in the text.
+pub(crate) fn doubt_of_name(name: &str, what: impl FnOnce() -> String) -> Option<Doubt> {
+    if is_ray_distance(name) {
+        Some(Doubt::RayDistance { name: what() })
+    } else if words(name).any(|word| INVERSE.contains(&&word[..])) {
+        Some(Doubt::Inverse { name: what() })
+    } else {
+        None
+    }
 }
 
 /// How well a name says depth: 0 is best; none where it says something else. The last word counts first, as in
@@ -97,6 +122,27 @@ mod tests {
         ] {
             assert!(!is_ray_distance(name), "{name}");
         }
+    }
+
+    #[test]
+    fn names_of_disparities_and_inverse_depths_are_doubted() {
+        let doubt = |name: &str| doubt_of_name(name, || name.to_owned());
+        for name in [
+            "disparity",
+            "left_disp",
+            "inv_depth",
+            "InverseDepth",
+            "000_disparity_16",
+        ] {
+            let expected = Doubt::Inverse {
+                name: name.to_owned(),
+            };
+            assert_eq!(doubt(name), Some(expected));
+        }
+        for name in ["depth", "display", "invalid", "Z"] {
+            assert_eq!(doubt(name), None);
+        }
+        assert!(matches!(doubt("range"), Some(Doubt::RayDistance { .. })));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::{check_pixels, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
-use crate::doubts::{Doubt, Numbers, channel_rank, is_ray_distance, quoted};
+use crate::doubts::{Doubt, Numbers, channel_rank, doubt_of_name, quoted};
 use crate::error::{Cause, Error, Result};
 use crate::raster::Raster;
 use exr::meta::MetaData;
@@ -83,10 +83,10 @@ pub(crate) fn read_exr(path: &Path) -> Result<(Raster, Option<Raster>)> {
     let sigma = sigma
         .map(|sigma| sigma.raster(path, display, length))
         .transpose()?;
-    if is_ray_distance(&depths.name) {
-        let name = format!("a channel called `{}`", depths.name);
-        raster.doubts.push(Doubt::RayDistance { name });
-    }
+    let doubt = doubt_of_name(&depths.name, || {
+        format!("a channel called `{}`", depths.name)
+    });
+    raster.doubts.extend(doubt);
     let is_sigma =
         |other: &Channel<'_>| std::ptr::eq(other.part, depths.part) && other.samples.name.eq(SIGMA);
     let others = channels

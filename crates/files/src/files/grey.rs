@@ -7,7 +7,6 @@ use crate::doubts::{Doubt, Numbers};
 use crate::error::{Error, Result};
 use crate::raster::Raster;
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageBuffer, Luma};
 use png::{BitDepth, ColorType, Transformations};
 use std::io::Cursor;
 use std::path::Path;
@@ -84,7 +83,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let mut packed = vec![0; length];
     let frame = reader.next_frame(&mut packed).map_err(damaged)?;
     let step = samples as usize;
-    let stored: Vec<u16> = match depth {
+    let values: Vec<u16> = match depth {
         BitDepth::Sixteen => {
             let words = packed.as_chunks::<2>().0.iter().step_by(step);
             words.map(|&word| u16::from_be_bytes(word)).collect()
@@ -95,13 +94,13 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
             .flat_map(|row| unpacked(row, depth as usize).take(width as usize))
             .collect(),
     };
-    let shown = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, stored)
-        .ok_or_else(|| Error::format(path, "is not a readable image"))?;
-    let mut shown = DynamicImage::ImageLuma16(shown);
-    shown.apply_orientation(exif.unwrap_or(Orientation::NoTransforms));
-    let (columns, rows) = (shown.width() as usize, shown.height() as usize);
-    let values = shown.into_luma16().iter().map(|&v| f32::from(v)).collect();
-    let mut raster = Raster::new((columns, rows), values, Numbers::unsigned(depth as u32));
+    let size = (width as usize, height as usize);
+    if values.len() != size.0 * size.1 {
+        return Err(Error::format(path, "is not a readable image"));
+    }
+    let values = values.into_iter().map(f32::from).collect();
+    let raster = Raster::new(size, values, Numbers::unsigned(depth as u32));
+    let mut raster = raster.upright(exif.map_or(1, Orientation::to_exif));
     raster.declared = transparent.map(f64::from);
     raster.plain = plain;
     raster.doubts.extend(Doubt::first("frame", frames));

@@ -2,7 +2,7 @@
 
 use super::{LARGEST, check_unfolded, plausible};
 use crate::DepthMap;
-use crate::doubts::{Doubt, Numbers, channel_rank, is_ray_distance, quoted};
+use crate::doubts::{Doubt, Numbers, channel_rank, doubt_of_name, quoted};
 use crate::error::{Error, Result};
 use crate::raster::Raster;
 use half::f16;
@@ -376,10 +376,8 @@ pub(crate) fn read_h5(path: &Path) -> Result<Raster> {
             others,
         });
     }
-    if is_ray_distance(name) {
-        let name = format!("an array called `{name}`");
-        raster.doubts.push(Doubt::RayDistance { name });
-    }
+    let doubt = doubt_of_name(name, || format!("an array called `{name}`"));
+    raster.doubts.extend(doubt);
     Ok(raster)
 }
 

@@ -3,7 +3,7 @@
 use super::npy::{encode, parse};
 use super::{LARGEST, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
-use crate::doubts::{Doubt, channel_rank, is_ray_distance, quoted};
+use crate::doubts::{Doubt, channel_rank, doubt_of_name, quoted};
 use crate::error::{Cause, Error, Result};
 use crate::raster::Raster;
 use std::fs::File;
@@ -64,10 +64,8 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Raster, Option<Raster>)> {
     let mut array = read(&depths)?;
     let deviations = find(&SIGMAS);
     let sigma = deviations.as_deref().map(&mut read).transpose()?;
-    if is_ray_distance(&depths) {
-        let name = format!("an array called `{depths}`");
-        array.doubts.push(Doubt::RayDistance { name });
-    }
+    let doubt = doubt_of_name(&depths, || format!("an array called `{depths}`"));
+    array.doubts.extend(doubt);
     let used = |name: &String| *name == depths || deviations.as_ref() == Some(name);
     let others: Vec<String> = names.iter().filter(|name| !used(name)).cloned().collect();
     if !others.is_empty() {

@@ -46,20 +46,40 @@ pub(crate) fn read_pfm(path: &Path) -> Result<Raster> {
         )));
     }
     let (words, _) = rest.as_chunks::<4>();
-    let value = |word: [u8; 4]| {
-        if order < 0.0 {
+    let value = |word: [u8; 4], little: bool| {
+        if little {
             f32::from_le_bytes(word)
         } else {
             f32::from_be_bytes(word)
         }
     };
+    let little = order < 0.0;
+    let wild = |little| share_of_wild(words[..width * height].iter().map(|&w| value(w, little)));
+    if wild(little) > 0.5 && wild(!little) < 0.01 {
+        return Err(Error::format(
+            path,
+            "has its bytes in the other order than its header says",
+        )
+        .hint("turn the sign of the scale around: -1.0 is little-endian, 1.0 big-endian"));
+    }
     let rows = words[..width * height].chunks_exact(width).rev();
-    let values = rows.flat_map(|row| row.iter().map(|&word| value(word)));
+    let values = rows.flat_map(|row| row.iter().map(|&word| value(word, little)));
     let mut raster = Raster::new((width, height), values.collect(), Numbers::Floats);
     if !matches!(order.abs(), 0.0 | 1.0) {
         raster.doubts.push(Doubt::Scale(order.abs()));
     }
     Ok(raster)
+}
+
+/// The share of values, other than 0, that are no numbers of any depth map in any unit, as those whose bytes are in
+/// the wrong order.
+fn share_of_wild(values: impl Iterator<Item = f32>) -> f64 {
+    let (mut wild, mut all) = (0_usize, 0_usize);
+    for value in values.filter(|value| *value != 0.0) {
+        all += 1;
+        wild += usize::from(!(1e-6..1e12).contains(&value.abs()) && !value.is_infinite());
+    }
+    wild as f64 / all.max(1) as f64
 }
 
 /// Writes a grey map in metres, little-endian.
@@ -103,6 +123,28 @@ mod tests {
         std::fs::write(&path, b"PF\n1 1\n-1\n000000000000").unwrap();
         let error = read_pfm(&path).unwrap_err().to_string();
         assert!(error.contains("colour"), "{error}");
+    }
+
+    /// Reported of libvips (issue 3885): values in the one order, the sign of the other.
+    #[test]
+    fn a_header_that_contradicts_the_order_of_the_bytes_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.pfm");
+        let depths = [2.2_f32, 0.0, 3.1, 2.9, 4.7, 0.0];
+        let read = |scale: &str, bytes: fn(f32) -> [u8; 4]| {
+            let mut file = format!("Pf\n3 2\n{scale}\n").into_bytes();
+            file.extend(depths.iter().flat_map(|&depth| bytes(depth)));
+            std::fs::write(&path, file).unwrap();
+            read_pfm(&path)
+        };
+        assert!(read("1.0", f32::to_be_bytes).is_ok());
+        for (scale, bytes) in [
+            ("-1.0", f32::to_be_bytes as fn(f32) -> [u8; 4]),
+            ("1.0", f32::to_le_bytes),
+        ] {
+            let error = read(scale, bytes).unwrap_err().to_string();
+            assert!(error.contains("other order"), "{error}");
+        }
     }
 
     #[test]

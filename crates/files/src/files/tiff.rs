@@ -3,7 +3,7 @@
 use super::tags::Tags;
 use super::{check_pixels, write_atomically};
 use crate::DepthMap;
-use crate::doubts::Numbers;
+use crate::doubts::{Doubt, Numbers};
 use crate::error::{Cause, Error, Result};
 use crate::raster::Raster;
 use std::fs::File;
@@ -16,6 +16,8 @@ use tiff::encoder::colortype::Gray32Float;
 
 /// Tags of TIFF 6.0, and of GDAL.
 const PHOTOMETRIC: u64 = 262;
+const ORIENTATION: u64 = 274;
+const GDAL: u64 = 42112;
 const NODATA: u64 = 42113;
 /// Values of `PHOTOMETRIC`.
 const WHITE_IS_ZERO: f64 = 0.0;
@@ -35,6 +37,16 @@ pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
         let what = format!("is a window at {x}, {y} of a larger picture (XPosition, YPosition)");
         return Err(Error::format(path, what)
             .hint("write the whole picture, 0 where there is no measurement"));
+    }
+    let item = |role| {
+        let metadata = tags.text(GDAL, &bytes)?;
+        gdal_item(metadata, role)?.parse::<f64>().ok()
+    };
+    let scale = item("scale").filter(|scale| *scale != 1.0);
+    if let Some(offset) = item("offset").filter(|offset| *offset != 0.0) {
+        let what = format!("holds depths less an offset of {offset} (metadata of GDAL)");
+        return Err(Error::format(path, what)
+            .hint("write the depths themselves (`gdal_translate -unscale`)"));
     }
     // The library would turn the numbers of such an image around.
     if tags.number(PHOTOMETRIC, &bytes) == Some(WHITE_IS_ZERO)
@@ -79,10 +91,20 @@ pub(crate) fn read_tiff(path: &Path) -> Result<Raster> {
         DecodingResult::F32(v) => (v, Numbers::Floats),
         DecodingResult::F64(v) => (floats!(v), Numbers::Floats),
     };
-    let mut raster = Raster::new((width as usize, height as usize), values, numbers);
+    let raster = Raster::new((width as usize, height as usize), values, numbers);
+    let mut raster = raster.upright(tags.number(ORIENTATION, &bytes).unwrap_or(1.0) as u8);
     raster.declared = tags.text(NODATA, &bytes).and_then(|text| text.parse().ok());
     raster.doubts.extend(tags.chosen_page());
+    raster.doubts.extend(scale.map(Doubt::Scale));
     Ok(raster)
+}
+
+/// The text of the first item with this role in the metadata of GDAL, which are XML:
+/// `<Item name="SCALE" sample="0" role="scale">0.001</Item>`.
+fn gdal_item<'a>(metadata: &'a str, role: &str) -> Option<&'a str> {
+    let (_, after) = metadata.split_once(&format!("role=\"{role}\""))?;
+    let (_, text) = after.split_once('>')?;
+    text.split('<').next().map(str::trim)
 }
 
 /// Whether an image has one channel, and so may hold depths.
