@@ -342,11 +342,7 @@ impl Completion {
     /// the map that follows each of them.
     fn left_out(&self) -> Vec<f64> {
         let Inner {
-            scene,
-            fit,
-            usable,
-            detail,
-            ..
+            scene, fit, usable, ..
         } = &*self.0;
         let mut errors = fit.leave_one_out(self.leverages());
         if usable.smoothed.is_some() {
@@ -354,13 +350,9 @@ impl Completion {
             let pairs = errors.iter_mut().zip(steps);
             pairs.for_each(|(error, (given, fitted))| *error += f64::from(given - fitted));
         }
-        let (Some(_), Some(upsampling)) = (detail, scene.upsampling()) else {
-            return errors;
-        };
         let (residuals, weights) = (&fit.residuals, &fit.point_weights);
         scene.completer().run(|| {
-            let rests = Rests::new(upsampling.size(), &usable.places, residuals, weights);
-            let Some(rests) = rests else {
+            let Some((rests, upsampling)) = self.rests() else {
                 return errors;
             };
             let left_out = |(i, &error): (usize, &f64)| {
@@ -369,6 +361,31 @@ impl Completion {
             };
             errors.par_iter().enumerate().map(left_out).collect()
         })
+    }
+
+    /// What dense observations leave to be followed, where they are dense.
+    fn rests(&self) -> Option<(Rests, &Upsampling)> {
+        let Inner {
+            scene,
+            fit,
+            usable,
+            detail,
+            ..
+        } = &*self.0;
+        let upsampling = scene.upsampling().filter(|_| detail.is_some())?;
+        let (residuals, weights) = (&fit.residuals, &fit.point_weights);
+        let rests = Rests::new(upsampling.size(), &usable.places, residuals, weights)?;
+        Some((rests, upsampling))
+    }
+
+    /// Reduces standard deviations of the fit, a map of `size` (height, width), where the map follows dense
+    /// observations.
+    pub(crate) fn reduce_deviations(&self, size: (usize, usize), deviations: &mut [f32]) {
+        if let Some((rests, upsampling)) = self.rests() {
+            let errors = self.left_out();
+            let observed = (&self.0.usable.places[..], &errors[..]);
+            rests.reduce(upsampling, observed, size, deviations);
+        }
     }
 
     /// Root mean square of the leave-one-out errors; `None` if no observation has one, because the fit

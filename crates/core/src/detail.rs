@@ -117,17 +117,75 @@ impl Rests {
             return own.value;
         }
         let (mut sum, mut total) = (0.0, NOTHING);
+        self.neighbours(upsampling, pixel, |other, share| {
+            let value = self.values[other].value + if shifted(other) { shift } else { 0.0 };
+            sum += share * value;
+            total += share;
+        });
+        weight * own.value + (1.0 - weight) * sum / total
+    }
+
+    /// Every other observed pixel around one, with its share.
+    fn neighbours(&self, upsampling: &Upsampling, pixel: usize, mut visit: impl FnMut(usize, f32)) {
         Window::new(pixel, self.width, self.height).each(|other, square| {
             let rest = self.values[other];
             if rest.weight > 0.0 && other != pixel {
                 let near = (-0.5 * square / (SPREAD * SPREAD)).exp();
                 let share = near * rest.weight.min(1.0) * upsampling.likeness(pixel, other);
-                let value = rest.value + if shifted(other) { shift } else { 0.0 };
-                sum += share * value;
-                total += share;
+                visit(other, share);
             }
         });
-        weight * own.value + (1.0 - weight) * sum / total
+    }
+
+    /// How far the map follows observations at a pixel, from 0 (it is that of the fit) to 1.
+    fn followed(&self, upsampling: &Upsampling, pixel: usize) -> f32 {
+        let weight = self.values[pixel].weight.min(1.0);
+        let mut total = 0.0;
+        self.neighbours(upsampling, pixel, |_, share| total += share);
+        weight + (1.0 - weight) * total / (total + NOTHING)
+    }
+
+    /// Reduces standard deviations of the fit, a map of `size` (height, width), to those of the map that follows
+    /// observations. `errors` are leave-one-out errors of that map at the `places` of the observations: `SHARE` of them lie
+    /// within the reduced deviations, as one standard deviation says. Deviations never grow.
+    pub(crate) fn reduce(
+        &self,
+        upsampling: &Upsampling,
+        (places, errors): (&[[f64; 2]], &[f64]),
+        size: (usize, usize),
+        deviations: &mut [f32],
+    ) {
+        /// The share of a normal distribution within one standard deviation.
+        const SHARE: f64 = 0.6827;
+        /// Fewer tell nothing.
+        const FEW: usize = 100;
+        let own = (self.height, self.width);
+        // The pixel of the map over the centre of one of the image.
+        let over = |i: usize, own: usize, size: usize| (2 * i + 1) * size / (2 * own);
+        let deviation = |place| {
+            let pixel = pixel(place, own);
+            let (x, y) = (pixel % own.1, pixel / own.1);
+            deviations[over(y, own.0, size.0) * size.1 + over(x, own.1, size.1)]
+        };
+        let ratio = |(&place, &error): (&[f64; 2], &f64)| {
+            let followed = self.values[pixel(place, own)].weight > 0.0;
+            let ratio = error.abs() / f64::from(deviation(place));
+            (followed && ratio.is_finite()).then_some(ratio)
+        };
+        let mut ratios: Vec<f64> = places.par_iter().zip(errors).filter_map(ratio).collect();
+        if ratios.len() < FEW {
+            return;
+        }
+        let place = (ratios.len() as f64 * SHARE) as usize;
+        let factor = *ratios.select_nth_unstable_by(place, f64::total_cmp).1 as f32;
+        let less = 1.0 - factor.min(1.0).powi(2);
+        let rows = deviations.par_chunks_exact_mut(size.1.max(1)).enumerate();
+        rows.for_each(|(y, row)| {
+            for (x, deviation) in row.iter_mut().enumerate() {
+                let pixel = over(y, size.0, own.0) * own.1 + over(x, size.1, own.1);
+                *deviation *= (1.0 - less * self.followed(upsampling, pixel)).sqrt();
+            }
+        });
     }
 
     /// The leave-one-out error of an observation at `place` with this residual, weight, and leave-one-out error of the
@@ -322,6 +380,35 @@ mod tests {
                 let found = at(&all, [f64::from(x), f64::from(y)]);
                 assert!((found - 0.4).abs() < 0.02, "{found}");
             }
+        }
+    }
+
+    /// Of the errors, 68.27 % lie within the reduced deviation: uniform errors up to 1 of a deviation of 2 make it 0.6827.
+    #[test]
+    fn deviations_are_those_of_the_errors_where_observations_are_followed() {
+        // The left half of the image is observed.
+        let pixels = (0..SIZE.0 * SIZE.1).filter(|i| i % SIZE.1 < 15);
+        let places: Vec<_> = pixels
+            .map(|i| [(i % SIZE.1) as f64, (i / SIZE.1) as f64])
+            .collect();
+        let (nothing, ones) = (vec![0.1; places.len()], vec![1.0; places.len()]);
+        let rests = Rests::new(SIZE, &places, &nothing, &ones).unwrap();
+        let count = places.len() as f64;
+        let errors = (0..places.len()).map(|i| (i * 7 % places.len()) as f64 / count);
+        let errors: Vec<f64> = errors.collect();
+        for size in [SIZE, (40, 60)] {
+            let mut deviations = vec![2.0; size.0 * size.1];
+            rests.reduce(&upsampling(), (&places, &errors), size, &mut deviations);
+            let at =
+                |x: usize, y: usize| deviations[y * size.0 / SIZE.0 * size.1 + x * size.1 / SIZE.1];
+            assert!((at(5, 8) - 0.6827).abs() < 0.01, "{}", at(5, 8));
+            assert!((at(15, 8) - 0.6827).abs() < 0.05, "{}", at(15, 8));
+            assert_eq!(at(25, 8), 2.0);
+            // Larger errors than deviations change nothing.
+            let large: Vec<f64> = errors.iter().map(|error| 100.0 + error).collect();
+            let before = deviations.clone();
+            rests.reduce(&upsampling(), (&places, &large), size, &mut deviations);
+            assert_eq!(deviations, before);
         }
     }
 

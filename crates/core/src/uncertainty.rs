@@ -21,7 +21,8 @@ impl Completion {
     /// that the weights record, and approximate with others: half the width of the interval around the depth
     /// that holds 68.27 % of errors, as one standard deviation does if errors are normal. Errors of depth have
     /// heavier tails, where an edge was missed; [`Self::interval`] returns the multiple of this map that holds
-    /// another share.
+    /// another share. Where observations are dense and the map follows each of them, it is scaled to their
+    /// leave-one-out errors.
     ///
     /// # Errors
     /// Too few observations for an estimate.
@@ -37,7 +38,8 @@ impl Completion {
     pub fn standard_deviation_at(&self, width: usize, height: usize) -> Result<DepthMap> {
         check_size(width, height)?;
         let completer = self.scene().completer();
-        let values = completer.run(|| self.deviations((height, width)))?;
+        let mut values = completer.run(|| self.deviations((height, width)))?;
+        completer.run(|| self.reduce_deviations((height, width), &mut values));
         DepthMap::new(width, height, values)
     }
 
