@@ -7,24 +7,12 @@ use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
-use std::sync::LazyLock;
 use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Depth maps, standard deviations and scores that this program computes for rooms: `tests/golden_depths.rs` fails if it
-/// computes others, until this file is updated.
-static GOLDEN: &[u8] = include_bytes!("../assets/golden/depths.safetensors");
-
-/// Identifies what the program computes, by results that it is known to compute: a change of numerics changes it, a
-/// change of code or version does not.
-pub fn golden() -> &'static str {
-    static IDENTITY: LazyLock<String> = LazyLock::new(|| bytes(&[GOLDEN]));
-    &IDENTITY
-}
 
 /// What results depend on beside input, weights and settings: the numerics of the program, and the instruction set that
 /// this processor computes them with.
 pub fn numerics() -> Value {
-    json!({ "golden": golden(), "simd": Level::here().name() })
+    json!({ "golden": lsdc_weights::golden(), "simd": Level::here().name() })
 }
 
 /// The program, for the records of what it made.

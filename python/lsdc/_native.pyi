@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
-__all__ = ["Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__", "eight_bits", "read_depth", "read_image", "read_points", "without_marks"]
+__all__ = ["Camera", "Colmap", "Completer", "Completion", "DepthGuide", "Observations", "Scene", "__version__", "eight_bits", "golden", "read_depth", "read_image", "read_points", "without_marks"]
 
 _Colours = Union[NDArray[np.uint8], NDArray[np.float32]]
 _Floats = NDArray[np.float64]
@@ -21,6 +21,7 @@ _Pose = tuple[list[list[float]], list[float]]
 def read_depth(
     path: str, unit: str | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, _Said]: ...
+def golden() -> str: ...
 def read_image(path: str) -> tuple[NDArray[np.uint8], list[str]]: ...
 def eight_bits(colours: NDArray[np.uint16]) -> tuple[NDArray[np.uint8], list[str]]: ...
 def without_marks(

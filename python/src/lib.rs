@@ -17,7 +17,13 @@ mod observations;
 mod pool;
 mod scene;
 
-use pyo3::pymodule;
+use pyo3::{pyfunction, pymodule};
+
+/// Identifies what this version computes.
+#[pyfunction]
+fn golden() -> &'static str {
+    lsdc_weights::golden()
+}
 
 /// The module `lsdc._native`.
 #[pymodule(gil_used = false)]
@@ -32,6 +38,8 @@ mod _native {
     use crate::doubts::{eight_bits, without_marks};
     #[pymodule_export]
     use crate::files::{Colmap, read_depth, read_image, read_points};
+    #[pymodule_export]
+    use crate::golden;
     #[pymodule_export]
     use crate::guide::DepthGuide;
     #[pymodule_export]

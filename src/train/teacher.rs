@@ -4,7 +4,6 @@ use crate::data::{Dataset, DepthMap, Frame, FrameId, Target};
 use crate::error::{Error, Result};
 use crate::fit_settings::FitSettings;
 use crate::predict::{complete, completer, open_weights, weights_hash};
-use crate::provenance;
 use crate::sample::{Halves, Pattern, Protocol};
 use burn::tensor::Device;
 use lsdc_core::Completer;
@@ -85,7 +84,7 @@ impl TeacherConfig {
         let fit = self.fit.over(&weights.fit()?.unwrap_or_default())?;
         let encoder = weights.network.extractor.encoder > 0;
         Ok(json!({
-            "numerics": provenance::golden(),
+            "numerics": lsdc_weights::golden(),
             "weights": weights_hash(Some(&self.weights))?,
             "encoder": encoder.then_some(ANYTHING.identity),
             "fit": fit,

@@ -180,7 +180,7 @@ fn results_of_other_numerics_are_not_gone_on_with() {
     let again = lsdc(at).args(COMPLETE).assert().success();
     assert!(text(&again).contains("2 there already"));
     // As of a program that computes other depths, which its golden results tell.
-    let golden = lsdc::provenance::golden();
+    let golden = lsdc_weights::golden();
     replace(
         &at.join("out/.lsdc/b.png.json"),
         golden,

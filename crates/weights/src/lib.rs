@@ -21,6 +21,7 @@
 #[cfg(feature = "download")]
 mod download;
 mod embedded;
+mod golden;
 mod installed;
 mod known;
 mod names;
@@ -32,6 +33,7 @@ mod stored;
 #[cfg(feature = "download")]
 pub use download::{Event, Limits, get};
 pub use embedded::{Embedded, embedded, named};
+pub use golden::golden;
 pub use installed::{encoder_of, installed};
 pub use known::{ANYTHING, KNOWN, Known, identity, recognise};
 pub use lsdc_files::error;

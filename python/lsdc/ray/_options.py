@@ -12,7 +12,7 @@ import numpy as np
 from .._completer import Completer
 from .._errors import SettingsError
 from .._input import Order, Size, Unit, as_size, per_metre
-from .._native import __version__
+from .._native import golden
 
 Encoding = Literal["f16", "u16", "f32"]
 """How depths are stored: as floats of 16 or 32 bits, or as unsigned integers of 16 bits in a unit of their own."""
@@ -47,12 +47,15 @@ class Options:
                 raise SettingsError(f"`{name}` is {value!r}, not a positive number")
 
     def record(self) -> dict[str, Any]:
-        """All that the bits of a result depend on, beside the frame itself and the instruction set."""
+        """All that the bits of a result depend on, beside the frame itself and the instruction set.
+
+        `numerics` identifies what this version computes: a version that computes the same goes on with its results.
+        """
         name, weights, _, working_size, _ = cast("tuple[Any, ...]", self.completer.__reduce__()[1])
         if isinstance(weights, bytes):
             name = f"sha256:{hashlib.sha256(weights).hexdigest()}"
         return {
-            "lsdc": __version__,
+            "numerics": golden(),
             "weights": name,
             "fit": self.completer.fit,
             "working_size": working_size,
