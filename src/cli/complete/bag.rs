@@ -196,7 +196,7 @@ fn messages(
                 .hint("name it by --camera-info")
         })?;
         let cloud = Cloud::new(
-            &completed.depth,
+            completed.filled(),
             deviations,
             &loaded.rgb,
             camera,

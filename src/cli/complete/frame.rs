@@ -66,7 +66,16 @@ pub(super) struct Completed {
     pub(super) clamped: usize,
     /// With `--max-sigma`.
     pub(super) left_empty: Option<LeftEmpty>,
+    /// The map before, if pixels were left empty.
+    filled: Option<DepthMap>,
     pub(super) diagnostics: Option<Diagnostics>,
+}
+
+impl Completed {
+    /// The map with the pixels that are left empty. Flying pixels are looked for in it, as an empty pixel is no edge.
+    pub(super) fn filled(&self) -> &DepthMap {
+        self.filled.as_ref().unwrap_or(&self.depth)
+    }
 }
 
 /// Pixels without a depth, as their standard deviation is too large.
@@ -180,22 +189,23 @@ impl<'a> Engine<'a> {
         let size = (rgb.width() as usize, rgb.height() as usize);
         let preserve = self.args.preserve_input;
         let mut depth = preserve.apply(depth, &points.points, size)?;
-        let mut left_empty = None;
+        let (mut left_empty, mut filled) = (None, None);
         let deviations = diagnostics
             .as_ref()
             .and_then(|found| found.deviations.as_ref());
         if let (Some(max_sigma), Some(deviations)) = (self.args.max_sigma, deviations) {
-            let pixels;
-            (depth, pixels) = data::without_uncertain(depth, deviations, max_sigma)?;
-            if depth.count() == 0 {
+            let (sure, pixels) = data::without_uncertain(depth.clone(), deviations, max_sigma)?;
+            if sure.count() == 0 {
                 return Err(none_left(deviations, max_sigma, points.unit));
             }
             left_empty = Some(LeftEmpty { pixels, max_sigma });
+            filled = Some(std::mem::replace(&mut depth, sure));
         }
         Ok(Completed {
             depth,
             clamped,
             left_empty,
+            filled,
             diagnostics,
         })
     }

@@ -190,11 +190,8 @@ impl<'a> Outputs<'a> {
             let camera = frame.camera.as_ref().ok_or_else(no_camera)?;
             let diagnostics = found.diagnostics.as_ref();
             let deviations = diagnostics.and_then(|found| found.deviations.as_ref());
-            let (depth, options) = (&found.depth, self.args.cloud_options());
-            let mut cloud = Cloud::new(depth, deviations, &frame.rgb, camera, &options);
-            // They have no depth any more.
-            cloud.uncertain += found.left_empty.map_or(0, |left| left.pixels);
-            Ok(cloud)
+            let (depth, options) = (found.filled(), self.args.cloud_options());
+            Ok(Cloud::new(depth, deviations, &frame.rgb, camera, &options))
         };
         let range = || {
             let range = self.args.range.or(usual_range(&found.depth));
