@@ -15,6 +15,9 @@ Two tests for each frame:
 - eight rectangles of 15 to 70 pixels cut out of the map, where the truth is known: RMSE, and the share of pixels with
   an error above 25 %.
 
+With `--given 0.1 0.5 5000`, instead, so many of the measured pixels are given (below 1: a share), drawn at random, and the others
+are the truth: the geometric mean of the frames' RMSE, and the mean share of errors within one and two standard deviations.
+
 Needs numpy, scipy and Pillow.
 """
 
@@ -52,13 +55,14 @@ def frames(lists: list[Path], per_set: int) -> list[tuple[str, Path, Path, float
     return chosen
 
 
-def complete(program: str, rgb: Path, depth: np.ndarray, options: list[str]) -> np.ndarray:
+def complete(program: str, rgb: Path, depth: np.ndarray, options: list[str]) -> list[np.ndarray]:
+    """The maps that are written: that of depths, and with `--uncertainty` that of standard deviations."""
     with tempfile.TemporaryDirectory() as folder:
-        sparse, out = Path(folder) / "sparse.npy", Path(folder) / "depth.npy"
+        sparse, out = Path(folder) / "sparse.npy", Path(folder) / "out"
         np.save(sparse, depth.astype(np.float32))
         command = [program, "complete", rgb, sparse, "--depth-unit", "m", "-o", out, "--quiet", *options]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        return np.load(out)
+        return [np.load(found) for kind in ("depth", "sigma") for found in out.glob(f"*_{kind}.npy")]
 
 
 def enclosed(depth: np.ndarray, filled: np.ndarray) -> tuple[int, int, int, float]:
@@ -98,14 +102,41 @@ def cut(depth: np.ndarray, seed: int) -> np.ndarray:
     return holes & (depth > 0)
 
 
+def held_out(program: str, rgb: Path, depth: np.ndarray, given: float, options: list[str]) -> list[float]:
+    """RMSE at the measured pixels that are not given, and the shares of errors within one and two deviations."""
+    share = given if given < 1 else given / (depth > 0).sum()
+    kept = np.random.default_rng(7).random(depth.shape) < share
+    filled, deviation = complete(program, rgb, np.where(kept, depth, 0), ["--uncertainty", *options])
+    others = (depth > 0) & ~kept
+    error = abs(filled - depth)[others]
+    return [np.sqrt((error**2).mean()), *((error < k * deviation[others]).mean() for k in (1, 2))]
+
+
+def print_held_out(args: argparse.Namespace, options: list[str]) -> None:
+    print("| given | frames | RMSE m | within one deviation | within two |\n|---|---|---|---|---|")
+    found: dict[float, list] = {given: [] for given in args.given}
+    for _, rgb, path, scale in frames(args.lists, args.per_set):
+        depth = np.array(Image.open(path)).astype(np.float64) * scale
+        if depth.ndim == 2 and (depth > 0).mean() >= 0.2:
+            for given, rows in found.items():
+                rows.append(held_out(args.program, rgb, depth, given, options))
+    for given, rows in found.items():
+        error, one, two = np.array(rows).T
+        print(f"| {given:g} | {len(rows)} | {np.exp(np.log(error).mean()):.4f} | {one.mean():.3f} | {two.mean():.3f} |")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("lists", nargs="+", type=Path)
     parser.add_argument("--per-set", type=int, default=3)
     parser.add_argument("--program", default=str(ROOT / "target/release/lsdc"))
+    parser.add_argument("--given", nargs="+", type=float)
     own = sys.argv[1:]
     options = own[own.index("--") + 1:] if "--" in own else []
     args = parser.parse_args(own[:own.index("--")] if "--" in own else own)
+    if args.given:
+        print_held_out(args, options)
+        return
     print("| set | frames | enclosed pixels | outside | worst factor | at a bound | cut: pixels | error above 25 % | RMSE m |")
     print("|---|---|---|---|---|---|---|---|---|")
     sets: dict[str, list] = {}
@@ -113,10 +144,10 @@ def main() -> None:
         depth = np.array(Image.open(path)).astype(np.float64) * scale
         if depth.ndim != 2 or (depth > 0).mean() < 0.2:
             continue
-        row = [*enclosed(depth, complete(args.program, rgb, depth, options))]
+        row = [*enclosed(depth, complete(args.program, rgb, depth, options)[0])]
         holes = cut(depth, zlib.crc32(path.name.encode()))
         truth = depth[holes]
-        error = complete(args.program, rgb, np.where(holes, 0, depth), options)[holes] - truth
+        error = complete(args.program, rgb, np.where(holes, 0, depth), options)[0][holes] - truth
         row += [truth.size, int((abs(error) > 0.25 * truth).sum()), float((error**2).sum())]
         sets.setdefault(name, []).append(row)
     everything = []
