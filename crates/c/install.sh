@@ -3,6 +3,7 @@
 #
 #     crates/c/install.sh PREFIX
 #
+# With LSDC_BUILT set, what `cargo build --release` of the workspace has built is installed.
 # DESTDIR is put before PREFIX, as packagers expect. What is installed can be moved: its files refer to each other by relative paths.
 # Linux and other systems with ELF, and macOS.
 set -euo pipefail
@@ -12,7 +13,7 @@ prefix="${1:?usage: install.sh PREFIX}"
 into="${DESTDIR:-}$prefix"
 
 cd "$root"
-cargo build --release --locked -p lsdc-c
+[ -n "${LSDC_BUILT:-}" ] || cargo build --release --locked -p lsdc-c
 built="${CARGO_TARGET_DIR:-$root/target}/release"
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -1)
 abi=$(sed -n 's/.*LSDC_ABI_VERSION: u32 = \([0-9]*\);/\1/p' "$here/src/abi.rs")
