@@ -221,12 +221,13 @@ class Completion(Unpicklable):
         return f"<lsdc.Completion {width}x{height}, {report['used']} points, residual {report['residual']:.4f} m>"
 
     def _repr_png_(self) -> bytes:
-        """The depth from blue (near) to red (far), for notebooks."""
+        """The depth from blue (near) to red (far), from its 1st to its 99th percentile, for notebooks."""
         # Pixels of a side that are shown.
         most = 1024
         step = -(-max(self._size) // most)
         depth = self.depth[::step, ::step]
-        return png(coloured(depth, float(depth.min()), float(depth.max())))
+        low, high = np.quantile(depth, [0.01, 0.99])
+        return png(coloured(depth, float(low), float(high)))
 
 
 def _kept(values: NDArray[Any]) -> NDArray[Any]:
