@@ -139,7 +139,7 @@ impl Completion {
                     &fit.residuals,
                     &fit.point_weights,
                 )?;
-                Some(Detail::new(upsampling, &rests, places, depths))
+                Some(Detail::new(upsampling, rests, places, depths))
             })
         });
         let residuals = residuals(&fit, &usable, detail.as_ref());
@@ -341,6 +341,11 @@ impl Completion {
     /// The leave-one-out errors of the usable observations: those of the fit, and where observations are dense those of
     /// the map that follows each of them.
     fn left_out(&self) -> Vec<f64> {
+        self.left_out_of_every(1)
+    }
+
+    /// As [`Self::left_out`], of every `step`th observation.
+    fn left_out_of_every(&self, step: usize) -> Vec<f64> {
         let Inner {
             scene, fit, usable, ..
         } = &*self.0;
@@ -350,12 +355,14 @@ impl Completion {
             let pairs = errors.iter_mut().zip(steps);
             pairs.for_each(|(error, (given, fitted))| *error += f64::from(given - fitted));
         }
+        let errors: Vec<f64> = errors.into_iter().step_by(step).collect();
         let (residuals, weights) = (&fit.residuals, &fit.point_weights);
         scene.completer().run(|| {
             let Some((rests, upsampling)) = self.rests() else {
                 return errors;
             };
-            let left_out = |(i, &error): (usize, &f64)| {
+            let left_out = |(place, &error): (usize, &f64)| {
+                let i = place * step;
                 let own = [residuals[i], weights[i], error];
                 rests.left_out(upsampling, usable.places[i], own)
             };
@@ -364,27 +371,22 @@ impl Completion {
     }
 
     /// What dense observations leave to be followed, where they are dense.
-    fn rests(&self) -> Option<(Rests, &Upsampling)> {
-        let Inner {
-            scene,
-            fit,
-            usable,
-            detail,
-            ..
-        } = &*self.0;
-        let upsampling = scene.upsampling().filter(|_| detail.is_some())?;
-        let (residuals, weights) = (&fit.residuals, &fit.point_weights);
-        let rests = Rests::new(upsampling.size(), &usable.places, residuals, weights)?;
-        Some((rests, upsampling))
+    fn rests(&self) -> Option<(&Rests, &Upsampling)> {
+        let Inner { scene, detail, .. } = &*self.0;
+        Some((detail.as_ref()?.rests(), scene.upsampling()?))
     }
 
     /// Reduces standard deviations of the fit, a map of `size` (height, width), where the map follows dense
     /// observations.
     pub(crate) fn reduce_deviations(&self, size: (usize, usize), deviations: &mut [f32]) {
+        /// Observations that judge the deviations.
+        const JUDGES: usize = 20_000;
         if let Some((rests, upsampling)) = self.rests() {
-            let errors = self.left_out();
-            let observed = (&self.0.usable.places[..], &errors[..]);
-            rests.reduce(upsampling, observed, size, deviations);
+            let places = &self.0.usable.places;
+            let step = places.len().div_ceil(JUDGES);
+            let errors = self.left_out_of_every(step);
+            let places: Vec<_> = places.iter().copied().step_by(step).collect();
+            rests.reduce(upsampling, (&places, &errors), size, deviations);
         }
     }
 

@@ -4,7 +4,7 @@
 
 use crate::bilinear::Taps;
 use crate::fit::Smooth;
-use crate::upsampling::Upsampling;
+use crate::upsampling::{Cell, Upsampling};
 use rayon::prelude::*;
 
 /// Pixels on each side of the window.
@@ -18,23 +18,27 @@ const SPREAD: f32 = 0.65;
 const NOTHING: f32 = 0.01;
 
 /// The mean residual of the observations in a pixel, and their weight.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Rest {
     value: f32,
     weight: f32,
 }
 
 /// What dense observations leave to be followed pixel by pixel.
+#[derive(Debug)]
 pub(crate) struct Rests {
     /// One for each pixel of the image.
     values: Vec<Rest>,
     height: usize,
     width: usize,
+    /// The weight of a pixel of the window by the square of its distance.
+    near: [f32; 2 * REACH * REACH + 1],
 }
 
 /// What is added to a map, and the limits of the sum.
 #[derive(Debug)]
 pub(crate) struct Detail {
+    rests: Rests,
     added: Smooth,
     /// The nearest and the farthest depth observed around each pixel that is not observed itself: following these, a
     /// map goes no farther.
@@ -63,7 +67,7 @@ impl Rests {
         }
         let dense = |pixel: u32| {
             let (mut count, mut all) = (0_u32, 0_u32);
-            Window::new(pixel as usize, width, height).each(|other, _| {
+            Window::new(pixel as usize, width, height).each(|_, other, _| {
                 count += u32::from(observed[other]);
                 all += 1;
             });
@@ -96,43 +100,53 @@ impl Rests {
                 };
             }
         }
+        let near = std::array::from_fn(|square| (-0.5 * square as f32 / (SPREAD * SPREAD)).exp());
         Some(Self {
             values,
             height,
             width,
+            near,
         })
     }
 
     /// What a pixel with this residual of its own gets: that by its weight, and that of its neighbours by the rest.
-    /// Residuals of neighbours are `shift` larger where `shifted` is true of their pixels.
+    /// Residuals of neighbours in `cell` are `shift` larger.
     fn correction(
         &self,
         upsampling: &Upsampling,
         pixel: usize,
         own: Rest,
-        (shift, shifted): (f32, impl Fn(usize) -> bool),
+        (shift, cell): (f32, Option<&Cell>),
     ) -> f32 {
         let weight = own.weight.min(1.0);
         if weight >= 1.0 {
             return own.value;
         }
         let (mut sum, mut total) = (0.0, NOTHING);
-        self.neighbours(upsampling, pixel, |other, share| {
-            let value = self.values[other].value + if shifted(other) { shift } else { 0.0 };
-            sum += share * value;
+        self.neighbours(upsampling, pixel, |place, value, share| {
+            let shifted = cell.is_some_and(|cell| cell.holds(place));
+            sum += share * if shifted { value + shift } else { value };
             total += share;
         });
         weight * own.value + (1.0 - weight) * sum / total
     }
 
-    /// Every other observed pixel around one, with its share.
-    fn neighbours(&self, upsampling: &Upsampling, pixel: usize, mut visit: impl FnMut(usize, f32)) {
-        Window::new(pixel, self.width, self.height).each(|other, square| {
+    /// Column and row, residual and share of every other observed pixel around one.
+    fn neighbours(
+        &self,
+        upsampling: &Upsampling,
+        pixel: usize,
+        mut visit: impl FnMut([usize; 2], f32, f32),
+    ) {
+        Window::new(pixel, self.width, self.height).each(|place, other, square| {
             let rest = self.values[other];
             if rest.weight > 0.0 && other != pixel {
-                let near = (-0.5 * square / (SPREAD * SPREAD)).exp();
-                let share = near * rest.weight.min(1.0) * upsampling.likeness(pixel, other);
-                visit(other, share);
+                let alike = upsampling.likeness(pixel, other);
+                visit(
+                    place,
+                    rest.value,
+                    self.near[square] * rest.weight.min(1.0) * alike,
+                );
             }
         });
     }
@@ -141,7 +155,7 @@ impl Rests {
     fn followed(&self, upsampling: &Upsampling, pixel: usize) -> f32 {
         let weight = self.values[pixel].weight.min(1.0);
         let mut total = 0.0;
-        self.neighbours(upsampling, pixel, |_, share| total += share);
+        self.neighbours(upsampling, pixel, |_, _, share| total += share);
         weight + (1.0 - weight) * total / (total + NOTHING)
     }
 
@@ -215,8 +229,7 @@ impl Rests {
             Rest::default()
         };
         let cell = upsampling.cell(pixel);
-        let beside = (shift, |other: usize| upsampling.cell(other) == cell);
-        error - f64::from(self.correction(upsampling, pixel, own, beside))
+        error - f64::from(self.correction(upsampling, pixel, own, (shift, Some(&cell))))
     }
 }
 
@@ -225,7 +238,7 @@ impl Detail {
     /// is observed with weight 1 gets its mean residual.
     pub(crate) fn new(
         upsampling: &Upsampling,
-        rests: &Rests,
+        rests: Rests,
         places: &[[f64; 2]],
         depths: &[f32],
     ) -> Self {
@@ -237,12 +250,12 @@ impl Detail {
         }
         let found = (0..size.0 * size.1).into_par_iter().map(|pixel| {
             let own = rests.values[pixel];
-            let added = rests.correction(upsampling, pixel, own, (0.0, |_| false));
+            let added = rests.correction(upsampling, pixel, own, (0.0, None));
             if own.weight >= 1.0 || added == 0.0 {
                 return (added, ANY);
             }
             let mut limits = ranges[pixel];
-            Window::new(pixel, size.1, size.0).each(|other, _| {
+            Window::new(pixel, size.1, size.0).each(|_, other, _| {
                 if rests.values[other].weight > 0.0 {
                     let [low, high] = ranges[other];
                     limits = [limits[0].min(low), limits[1].max(high)];
@@ -252,9 +265,15 @@ impl Detail {
         });
         let (added, limits) = found.unzip();
         Self {
+            rests,
             added: Smooth::from_values(size, added),
             limits,
         }
+    }
+
+    /// What the observations leave.
+    pub(crate) fn rests(&self) -> &Rests {
+        &self.rests
     }
 
     /// Adds it to a map of depths of `size` (height, width).
@@ -290,7 +309,7 @@ fn limited(depth: f32, added: f32, [low, high]: [f32; 2]) -> f32 {
 
 /// The pixel of an image of `size` (height, width) that a position is in.
 fn pixel([u, v]: [f64; 2], (height, width): (usize, usize)) -> usize {
-    let within = |place: f64, length: usize| (place.round().max(0.0) as usize).min(length - 1);
+    let within = |place: f64, length: usize| ((place + 0.5).max(0.0) as usize).min(length - 1);
     within(v, height) * width + within(u, width)
 }
 
@@ -313,12 +332,12 @@ impl Window {
         }
     }
 
-    /// Every pixel, with the square of its distance.
-    fn each(&self, mut visit: impl FnMut(usize, f32)) {
+    /// Column and row, index and square of the distance of every pixel.
+    fn each(&self, mut visit: impl FnMut([usize; 2], usize, usize)) {
         for y in self.rows.clone() {
             for x in self.columns.clone() {
                 let square = x.abs_diff(self.pixel.0).pow(2) + y.abs_diff(self.pixel.1).pow(2);
-                visit(y * self.width + x, square as f32);
+                visit([x, y], y * self.width + x, square);
             }
         }
     }
@@ -347,7 +366,7 @@ mod tests {
     fn detail(places: &[[f64; 2]], residuals: &[f64], weights: &[f64]) -> Option<Detail> {
         let rests = Rests::new(SIZE, places, residuals, weights)?;
         let depths: Vec<f32> = residuals.iter().map(|r| (5.0 + r) as f32).collect();
-        Some(Detail::new(&upsampling(), &rests, places, &depths))
+        Some(Detail::new(&upsampling(), rests, places, &depths))
     }
 
     fn at(detail: &Detail, place: [f64; 2]) -> f64 {

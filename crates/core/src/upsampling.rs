@@ -8,6 +8,7 @@
 use crate::bilinear::{Taps, neighbours};
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
+use std::ops::RangeInclusive;
 
 /// The difference of two colours (0 to 255 in each channel) that halves a share. Of 5, 10 and 20 on training
 /// frames and frames of other cameras, which differ by less than 1 %.
@@ -32,6 +33,20 @@ pub struct Upsampling {
 
 /// The pixels around a position on one axis, and the share of the second.
 type Between = (usize, usize, f32);
+
+/// A rectangle of pixels of the image.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Cell {
+    columns: RangeInclusive<usize>,
+    rows: RangeInclusive<usize>,
+}
+
+impl Cell {
+    /// Whether the pixel in this column and row lies in it.
+    pub(crate) fn holds(&self, [x, y]: [usize; 2]) -> bool {
+        self.columns.contains(&x) && self.rows.contains(&y)
+    }
+}
 
 impl Upsampling {
     /// From colours `[height, width, 3]` of the image and of the grid, with the height and width of both. `None`
@@ -63,11 +78,19 @@ impl Upsampling {
         likeness(square(colour(&self.image, one), colour(&self.image, other)))
     }
 
-    /// The pixel of the grid that contains the centre of a pixel of the image.
-    pub(crate) fn cell(&self, pixel: usize) -> usize {
-        let (x, y) = (pixel % self.size.1, pixel / self.size.1);
-        let row = containing(y as f64, self.size.0, self.grid.0);
-        row * self.grid.1 + containing(x as f64, self.size.1, self.grid.1)
+    /// The pixels of the image whose centres lie in the same pixel of the grid as that of this one.
+    pub(crate) fn cell(&self, pixel: usize) -> Cell {
+        let same = |place: usize, size: usize, grid: usize| {
+            let cell = |place: usize| containing(place as f64, size, grid);
+            let own = cell(place);
+            let first = (0..place).rev().take_while(|&p| cell(p) == own).last();
+            let last = (place + 1..size).take_while(|&p| cell(p) == own).last();
+            first.unwrap_or(place)..=last.unwrap_or(place)
+        };
+        Cell {
+            columns: same(pixel % self.size.1, self.size.1, self.grid.1),
+            rows: same(pixel / self.size.1, self.size.0, self.grid.0),
+        }
     }
 
     /// Height and width of the grid.
