@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc::data::Camera;
+use lsdc_files::Camera;
 use lsdc_fuzz::with_file;
 
 fuzz_target!(|data: &[u8]| {

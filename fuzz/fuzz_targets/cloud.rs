@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc::data::{Camera, Sparse};
+use lsdc_files::{Camera, Sparse};
 use lsdc_fuzz::with_file;
 
 fuzz_target!(|data: &[u8]| {

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc::data::{Colmap, Sparse};
+use lsdc_files::{Colmap, Sparse};
 use lsdc_fuzz::with_file;
 use std::fs::write;
 

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc::data::{Camera, DepthKind, Sparse, StoredAs};
+use lsdc_files::{Camera, DepthKind, Sparse, StoredAs};
 use lsdc_fuzz::with_file;
 
 fuzz_target!(|data: &[u8]| {

@@ -1,5 +1,6 @@
 //! What the targets share.
 
+#[cfg(feature = "program")]
 use lsdc::data::{DataConfig, DatasetKind, Split};
 use lsdc_recordings::{Frames, Recording, Survey, Wanted};
 use std::path::Path;
@@ -20,6 +21,7 @@ pub fn with_file(data: &[u8], name: &str, read: impl FnOnce(&Path)) {
 }
 
 /// Puts the bytes into a file of this name and reads the dataset around it.
+#[cfg(feature = "program")]
 pub fn with_dataset(data: &[u8], name: &str, kind: DatasetKind) {
     with_file(data, name, |path| {
         let levels = Path::new(name).components().count();

@@ -4,8 +4,8 @@ use super::colour::coloured;
 use super::drawing::Drawing;
 use super::panels::Scale;
 use crate::data::DepthMap;
-use crate::error::Result;
-use image::{Rgb, RgbImage, imageops};
+use crate::error::{Error, Result};
+use image::{RgbImage, imageops};
 
 /// Units of a drawing: the height of the strip below a map, and the width that its scale takes.
 const STRIP: f64 = 20.0;
@@ -55,8 +55,10 @@ pub fn colour_map(depth: &DepthMap, low: f32, high: f32, unit: &'static str) -> 
     scale.draw(&mut drawing.body, 4.0, 4.0);
     let strip = drawing.image(fineness as f32)?;
     let below = strip.height().next_multiple_of(2);
-    let mut whole = RgbImage::from_pixel(width, height + below, Rgb([255; 3]));
-    imageops::replace(&mut whole, &map, 0, 0);
+    let mut pixels = map.into_raw();
+    pixels.resize(3 * width as usize * (height + below) as usize, 255);
+    let whole = RgbImage::from_raw(width, height + below, pixels);
+    let mut whole = whole.ok_or_else(|| Error::shape("a depth map of no size"))?;
     imageops::replace(&mut whole, &strip, 0, i64::from(height));
     Ok(whole)
 }
