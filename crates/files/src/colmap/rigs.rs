@@ -43,7 +43,7 @@ impl Placed {
         let norm = [w, x, y, z].iter().map(|v| v * v).sum::<f64>().sqrt();
         if !(norm.is_normal() && translation.iter().all(|v| v.is_finite())) {
             return Err(format!(
-                "holds the pose {w} {x} {y} {z} {translation:?}, whose quaternion is no rotation"
+                "holds a pose that is no rotation and translation: {w} {x} {y} {z}, {translation:?}"
             ));
         }
         let [w, x, y, z] = [w, x, y, z].map(|v| v / norm);

@@ -359,3 +359,49 @@ fn the_models_of_colmap_4_are_known() {
     let error = model(&borrowed(&files)).unwrap_err().to_string();
     assert!(error.contains("looks all around"), "{error}");
 }
+
+/// A camera of 64x48 pixels at the origin that sees twelve points, at keypoints so many times as far from the corner.
+fn seen(factor: f64) -> View {
+    let (mut keypoints, mut points) = (String::new(), String::new());
+    for i in 0..12 {
+        let (x, y, z) = (f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0, 4.0);
+        let (u, v) = (32.0 + 50.0 * x / z, 24.0 + 50.0 * y / z);
+        keypoints += &format!("{} {} {i} ", factor * u, factor * v);
+        points += &format!("{i} {x} {y} {z} 0 0 0 0.5 1 {i}\n");
+    }
+    let images = format!("1 1 0 0 0 0 0 0 1 a.png\n{keypoints}\n");
+    let files = [
+        ("cameras.txt", "1 PINHOLE 64 48 50 50 32 24\n".as_bytes()),
+        ("images.txt", images.as_bytes()),
+        ("points3D.txt", points.as_bytes()),
+    ];
+    model(&files).unwrap().views.remove(0)
+}
+
+#[test]
+fn keypoints_of_images_of_another_size_than_the_cameras_are_doubted() {
+    assert_eq!(seen(1.0).remarks, Vec::<String>::new());
+    let remarks = seen(2.0).remarks;
+    assert!(
+        remarks.len() == 1 && remarks[0].contains("pixels from where the camera"),
+        "{remarks:?}"
+    );
+}
+
+#[test]
+fn a_pose_without_a_rotation_is_refused() {
+    for pose in ["0 0 0 0 0 0 0", "nan 0 0 0 0 0 0", "1 0 0 0 inf 0 0"] {
+        let images = format!("1 {pose} 1 a.png\n3 4 4\n");
+        let mut files = as_text();
+        files[1].1 = images.into_bytes();
+        let files: Vec<_> = files
+            .iter()
+            .map(|(name, bytes)| (*name, &bytes[..]))
+            .collect();
+        let error = model(&files).unwrap_err().to_string();
+        assert!(
+            error.contains("no rotation") && error.contains("line 1"),
+            "{error}"
+        );
+    }
+}

@@ -135,3 +135,75 @@ pub fn write_tiff(path: &Path, depth: &DepthMap) -> Result<()> {
         })?;
     write_atomically(path, |out| out.write_all(bytes.get_ref()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tiff::encoder::colortype::Gray16;
+    use tiff::tags::Tag;
+
+    const STORED: [u16; 6] = [1, 2, 3, 4, 5, 6];
+
+    /// A picture of three columns and two rows with further tags.
+    fn read(orientation: u16, metadata: Option<&str>) -> Result<Raster> {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut file = TiffEncoder::new(&mut bytes).unwrap();
+        let mut image = file.new_image::<Gray16>(3, 2).unwrap();
+        image
+            .encoder()
+            .write_tag(Tag::Orientation, orientation)
+            .unwrap();
+        if let Some(metadata) = metadata {
+            let tag = Tag::Unknown(GDAL as u16);
+            image.encoder().write_tag(tag, metadata).unwrap();
+        }
+        image.write_data(&STORED).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        std::fs::write(&path, bytes.into_inner()).unwrap();
+        read_tiff(&path)
+    }
+
+    /// The rows of the table of TIFF 6.0, and the picture that they say.
+    #[test]
+    fn depths_are_turned_upright_by_the_orientation_tag() {
+        for (orientation, columns, upright) in [
+            (1, 3, [1, 2, 3, 4, 5, 6]),
+            (2, 3, [3, 2, 1, 6, 5, 4]),
+            (3, 3, [6, 5, 4, 3, 2, 1]),
+            (4, 3, [4, 5, 6, 1, 2, 3]),
+            (5, 2, [1, 4, 2, 5, 3, 6]),
+            (6, 2, [4, 1, 5, 2, 6, 3]),
+            (7, 2, [6, 3, 5, 2, 4, 1]),
+            (8, 2, [3, 6, 2, 5, 1, 4]),
+        ] {
+            let found = read(orientation, None).unwrap();
+            assert_eq!(
+                (found.columns, found.rows),
+                (columns, 6 / columns),
+                "{orientation}"
+            );
+            assert_eq!(found.values, upright.map(|v| v as f32), "{orientation}");
+        }
+    }
+
+    #[test]
+    fn a_scale_of_gdal_is_reported_and_an_offset_refused() {
+        let item = |name: &str, role: &str, value: &str| {
+            format!(
+                "<GDALMetadata>\n  <Item name=\"{name}\" sample=\"0\" role=\"{role}\">{value}</Item>\n</GDALMetadata>"
+            )
+        };
+        let found = read(1, Some(&item("SCALE", "scale", "0.01"))).unwrap();
+        assert_eq!(found.doubts, [Doubt::Scale(0.01)]);
+        for plain in [
+            item("SCALE", "scale", "1"),
+            item("OFFSET", "offset", "0"),
+            item("AREA", "", "3"),
+        ] {
+            assert_eq!(read(1, Some(&plain)).unwrap().doubts, []);
+        }
+        let error = read(1, Some(&item("OFFSET", "offset", "1000"))).unwrap_err();
+        assert!(error.to_string().contains("offset of 1000"), "{error}");
+    }
+}
