@@ -362,13 +362,18 @@ fn the_models_of_colmap_4_are_known() {
 
 /// A camera of 64x48 pixels at the origin that sees twelve points, at keypoints so many times as far from the corner.
 fn seen(factor: f64) -> View {
-    let (mut keypoints, mut points) = (String::new(), String::new());
-    for i in 0..12 {
-        let (x, y, z) = (f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0, 4.0);
+    let place = |i: i32| (f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0, 4.0);
+    let keypoint = |i| {
+        let (x, y, z) = place(i);
         let (u, v) = (32.0 + 50.0 * x / z, 24.0 + 50.0 * y / z);
-        keypoints += &format!("{} {} {i} ", factor * u, factor * v);
-        points += &format!("{i} {x} {y} {z} 0 0 0 0.5 1 {i}\n");
-    }
+        format!("{} {} {i}", factor * u, factor * v)
+    };
+    let point = |i| {
+        let (x, y, z) = place(i);
+        format!("{i} {x} {y} {z} 0 0 0 0.5 1 {i}")
+    };
+    let keypoints = (0..12).map(keypoint).collect::<Vec<_>>().join(" ");
+    let points = (0..12).map(point).collect::<Vec<_>>().join("\n");
     let images = format!("1 1 0 0 0 0 0 0 1 a.png\n{keypoints}\n");
     let files = [
         ("cameras.txt", "1 PINHOLE 64 48 50 50 32 24\n".as_bytes()),
