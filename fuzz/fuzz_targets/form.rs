@@ -11,7 +11,9 @@ fuzz_target!(|data: &[u8]| {
     };
     match kind % 3 {
         0 => text(data),
-        1 => form("multipart/form-data; boundary=b", data),
+        1 => {
+            form("multipart/form-data; boundary=b", data);
+        }
         // What is random is no form: the parts of a sound one.
         _ => {
             let mut parts = data.splitn(4, |&byte| byte == b'|');
