@@ -167,7 +167,9 @@ impl Layout {
     fn new(line: &str, remark: Option<&str>, is_xyz: bool) -> Parsed<(Self, bool)> {
         let separator = separator(line);
         let fields = split(line, separator);
-        let is_header = parsed(&fields[0], separator, &mut None).is_err();
+        // A line of nothing but quotes has no fields.
+        let is_number = |field| parsed(field, separator, &mut None).is_ok();
+        let is_header = !fields.first().is_some_and(|field| is_number(field));
         let names: Option<Vec<Cow<'_, str>>> = if is_header {
             Some(fields.clone())
         } else {
@@ -393,6 +395,13 @@ mod tests {
         assert_eq!(table.rows[0].fourth, None);
         let error = read("x,y,z,depth\n1,2,3,4\n").unwrap_err().to_string();
         assert!(error.contains("both x, y, z and depth"), "{error}");
+    }
+
+    #[test]
+    fn lines_without_a_field_are_refused() {
+        for text in ["\"", "\"\"", "\" \"\n1 2 3\n"] {
+            assert!(read(text).is_err(), "{text}");
+        }
     }
 
     #[test]
