@@ -225,10 +225,12 @@ def classic() -> dict:
     nearest = depths[order[:, 0]]
 
     linear = LinearNDInterpolator(places, depths)(pixels)
+    inverse = 1 / LinearNDInterpolator(places, 1 / depths)(pixels)
     spline = RBFInterpolator(places, depths, kernel="thin_plate_spline", degree=1)(pixels)
     expected = {
         "nearest": nearest,
         "linear": np.where(np.isnan(linear), -1, linear),
+        "linear-inverse": np.where(np.isnan(inverse), -1, inverse),
         "idw": shepard,
         "tps": spline,
         "wls": weighted_least_squares(rgb, sparse),

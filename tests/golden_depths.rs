@@ -269,7 +269,10 @@ fn compute() -> Results {
     let frame = protocol.apply(&frame).unwrap();
     let sparse = Pattern::Bernoulli(300).draw(&frame, 7).unwrap();
     let (low, high) = frame.depth.range().unwrap();
-    for method in Classic::ALL {
+    // `linear-inverse` shares the code of `linear` and is compared with SciPy (`golden.rs`): a new entry here would
+    // change the hash of the file, and so make all earlier results obsolete.
+    let methods = Classic::ALL.into_iter();
+    for method in methods.filter(|method| *method != Classic::LinearInverse) {
         let depth = complete_classic(method, &frame.rgb, &sparse).unwrap();
         let scores = Scores::of(&depth, &frame.depth, &Rules::default()).unwrap();
         let scores: Vec<f32> = Metric::ALL

@@ -30,6 +30,7 @@ pub use distance::distances;
 pub use error::{Error, Result};
 
 use image::RgbImage;
+use linear::Quantity;
 use lsdc_core::DepthMap;
 
 /// A method without training.
@@ -39,6 +40,8 @@ pub enum Classic {
     Nearest,
     /// Linear interpolation over the Delaunay triangulation, nearest outside its hull.
     Linear,
+    /// The same of inverse depth: exact on planes that a pinhole camera sees.
+    LinearInverse,
     /// Weighted mean of the eight nearest points, by the inverse square of their distance (Shepard
     /// 1968).
     InverseDistance,
@@ -56,9 +59,10 @@ pub enum Classic {
 
 impl Classic {
     /// All methods.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Nearest,
         Self::Linear,
+        Self::LinearInverse,
         Self::InverseDistance,
         Self::Spline,
         Self::Smooth,
@@ -72,6 +76,7 @@ impl Classic {
         match self {
             Self::Nearest => "nearest",
             Self::Linear => "linear",
+            Self::LinearInverse => "linear-inverse",
             Self::InverseDistance => "idw",
             Self::Spline => "tps",
             Self::Smooth => "wls",
@@ -92,7 +97,8 @@ impl Classic {
         }
         match self {
             Self::Nearest => neighbours::nearest(sparse),
-            Self::Linear => linear::linear(sparse),
+            Self::Linear => linear::linear(sparse, Quantity::Depth),
+            Self::LinearInverse => linear::linear(sparse, Quantity::Inverse),
             Self::InverseDistance => inverse_distance::inverse_distance(sparse),
             Self::Spline => spline::spline(sparse),
             Self::Smooth => smooth::smooth(rgb, sparse),

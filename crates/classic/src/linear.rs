@@ -1,12 +1,30 @@
-//! Linear interpolation over the Delaunay triangulation of the points; nearest point outside
-//! their hull. The honest baseline of the field.
+//! Linear interpolation of depth or inverse depth over the Delaunay triangulation of the points; nearest point outside
+//! their hull. The honest baselines of the field.
 
 use super::neighbours::Neighbours;
 use crate::error::Result;
 use delaunator::triangulate;
 use lsdc_core::{DepthMap, Point};
 
-pub(super) fn linear(sparse: &DepthMap) -> Result<DepthMap> {
+/// The quantity that is interpolated linearly.
+#[derive(Clone, Copy)]
+pub(super) enum Quantity {
+    Depth,
+    /// 1 / depth, which is linear in the pixel coordinates over a plane seen by a pinhole camera.
+    Inverse,
+}
+
+impl Quantity {
+    /// From depth to the quantity, and back: both ways are the same.
+    fn turned(self, depth: f64) -> f64 {
+        match self {
+            Self::Depth => depth,
+            Self::Inverse => 1.0 / depth,
+        }
+    }
+}
+
+pub(super) fn linear(sparse: &DepthMap, quantity: Quantity) -> Result<DepthMap> {
     let neighbours = Neighbours::of(edge_points(sparse));
     let points = &neighbours.points;
     let (width, height) = (sparse.width(), sparse.height());
@@ -24,6 +42,7 @@ pub(super) fn linear(sparse: &DepthMap) -> Result<DepthMap> {
             &mut values,
             sparse,
             std::array::from_fn(|i| points[triangle[i]]),
+            quantity,
         );
     }
     for (i, value) in values.iter_mut().enumerate() {
@@ -50,7 +69,7 @@ fn edge_points(sparse: &DepthMap) -> Vec<Point> {
 }
 
 /// Interpolates the pixels without a measurement inside a triangle, edges included.
-fn fill(values: &mut [f32], sparse: &DepthMap, [a, b, c]: [Point; 3]) {
+fn fill(values: &mut [f32], sparse: &DepthMap, [a, b, c]: [Point; 3], quantity: Quantity) {
     let edge = |p: Point, q: Point, x: f64, y: f64| {
         (q.x as f64 - p.x as f64) * (y - p.y as f64) - (q.y as f64 - p.y as f64) * (x - p.x as f64)
     };
@@ -58,6 +77,7 @@ fn fill(values: &mut [f32], sparse: &DepthMap, [a, b, c]: [Point; 3]) {
     if area == 0.0 {
         return;
     }
+    let [at_a, at_b, at_c] = [a, b, c].map(|p| quantity.turned(f64::from(p.depth)));
     let (top, bottom) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
     for y in top..=bottom {
         let (left, right) = row_of([a, b, c], y);
@@ -71,8 +91,7 @@ fn fill(values: &mut [f32], sparse: &DepthMap, [a, b, c]: [Point; 3]) {
             let v = edge(c, a, px, py) / area;
             let w = 1.0 - u - v;
             if u >= -1e-9 && v >= -1e-9 && w >= -1e-9 {
-                let depth =
-                    u * f64::from(a.depth) + v * f64::from(b.depth) + w * f64::from(c.depth);
+                let depth = quantity.turned(u * at_a + v * at_b + w * at_c);
                 values[pixel] = depth as f32;
             }
         }
@@ -128,12 +147,45 @@ mod tests {
                 depth: plane(x, y),
             });
         }
-        let dense = linear(&DepthMap::from_points(40, 30, &points)).unwrap();
+        let sparse = DepthMap::from_points(40, 30, &points);
+        let dense = linear(&sparse, Quantity::Depth).unwrap();
         for y in 0..30 {
             for x in 0..40 {
                 assert!((dense.at(x, y) - plane(x, y)).abs() < 1e-5, "{x} {y}");
             }
         }
+    }
+
+    /// The ray through pixel (x, y) is ((x - cx) / f, (y - cy) / f, 1). It meets the plane n . p = d at the depth
+    /// d / (n . ray).
+    #[test]
+    fn a_slanted_plane_seen_by_a_pinhole_camera_is_reproduced_by_inverse_depths() {
+        let (focal, centre) = (50.0, (19.5, 14.5));
+        let (normal, distance) = ([0.3, 0.8, 0.25], 1.6);
+        let plane = |x: usize, y: usize| {
+            let ray = [(x as f64 - centre.0) / focal, (y as f64 - centre.1) / focal];
+            (distance / (normal[0] * ray[0] + normal[1] * ray[1] + normal[2])) as f32
+        };
+        // 1.6 / 0.599 and 1.6 / 0.085.
+        assert!((plane(39, 29) - 2.671).abs() < 1e-3 && (plane(4, 10) - 18.824).abs() < 1e-3);
+        let at = [(4, 10), (39, 10), (4, 29), (39, 29), (11, 17), (25, 20)];
+        let points = at.map(|(x, y)| Point {
+            x,
+            y,
+            depth: plane(x, y),
+        });
+        let sparse = DepthMap::from_points(40, 30, &points);
+        let inverse = linear(&sparse, Quantity::Inverse).unwrap();
+        let straight = linear(&sparse, Quantity::Depth).unwrap();
+        let mut worst: f32 = 0.0;
+        for y in 10..30 {
+            for x in 4..40 {
+                let truth = plane(x, y);
+                assert!((inverse.at(x, y) / truth - 1.0).abs() < 1e-5, "{x} {y}");
+                worst = worst.max((straight.at(x, y) / truth - 1.0).abs());
+            }
+        }
+        assert!(worst > 0.1, "{worst}");
     }
 
     /// A map of 120x90 pixels with holes of many shapes, and single points in one of them.
@@ -157,14 +209,16 @@ mod tests {
     #[test]
     fn measured_pixels_keep_their_depth() {
         let sparse = with_holes();
-        let dense = linear(&sparse).unwrap();
-        assert_eq!(dense.count(), dense.values().len());
-        for p in sparse.points() {
-            assert_eq!(dense.at(p.x, p.y), p.depth, "{p:?}");
+        for quantity in [Quantity::Depth, Quantity::Inverse] {
+            let dense = linear(&sparse, quantity).unwrap();
+            assert_eq!(dense.count(), dense.values().len());
+            for p in sparse.points() {
+                assert_eq!(dense.at(p.x, p.y), p.depth, "{p:?}");
+            }
+            // Without a hole there is nothing to do.
+            let whole = DepthMap::new(3, 2, vec![1.7; 6]).unwrap();
+            assert_eq!(linear(&whole, quantity).unwrap(), whole);
         }
-        // Without a hole there is nothing to do.
-        let whole = DepthMap::new(3, 2, vec![1.5; 6]).unwrap();
-        assert_eq!(linear(&whole).unwrap(), whole);
     }
 
     /// Whichever points are left out, each pixel in a hole lies in a triangle whose circumcircle holds no measurement at
@@ -186,7 +240,7 @@ mod tests {
         for triangle in triangulate(&corners).triangles.chunks_exact(3) {
             let corners: [Point; 3] = std::array::from_fn(|i| points[triangle[i]]);
             let mut values = vec![f32::NAN; sparse.values().len()];
-            fill(&mut values, &sparse, corners);
+            fill(&mut values, &sparse, corners, Quantity::Depth);
             let inside = values.iter().filter(|value| !value.is_nan()).count();
             if inside == 0 {
                 continue;
@@ -219,7 +273,7 @@ mod tests {
         for _ in 0..300 {
             let corners @ [a, b, c] = [point(), point(), point()];
             let mut values = vec![f32::NAN; 1200];
-            fill(&mut values, &empty, corners);
+            fill(&mut values, &empty, corners, Quantity::Depth);
             let side = |p: Point, q: Point, x: i64, y: i64| {
                 let [px, py, qx, qy] = [p.x, p.y, q.x, q.y].map(|v| v as i64);
                 (qx - px) * (y - py) - (qy - py) * (x - px)

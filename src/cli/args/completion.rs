@@ -100,8 +100,8 @@ pub(in crate::cli) struct Complete {
     /// Size of the result, as WIDTHxHEIGHT [default: the size of the image].
     #[arg(long, value_parser = size, help_heading = "Output")]
     pub(in crate::cli) size: Option<Size>,
-    /// Completion method: lsdc, nearest, linear, idw, tps, wls, levin, steering, ip-basic; with weights of their own, given
-    /// by --weights, s2d, cspn, lsk (`lsdc eval --help` says which publication each is from).
+    /// Completion method: lsdc, nearest, linear, linear-inverse, idw, tps, wls, levin, steering, ip-basic; with weights of
+    /// their own, given by --weights, s2d, cspn, lsk (`lsdc eval --help` says which publication each is from).
     #[arg(long, value_parser = typed::<Method>, default_value = "lsdc", value_name = "NAME", help_heading = "Fit", hide_short_help = true)]
     pub(in crate::cli) method: Method,
     #[command(flatten)]
