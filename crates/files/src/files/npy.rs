@@ -28,17 +28,66 @@ pub(crate) fn read_array(path: &Path) -> Result<Raster> {
     parse(path, &bytes)
 }
 
-/// The array in the bytes of an `.npy` file, or of one within the archive at `path`.
-pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
-    let no_array = || {
-        Error::format(path, "is not a NumPy array")
-            .hint("save the depths with `numpy.save`, as a float32 array of shape (height, width)")
+/// A list of numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NumberList {
+    /// The numbers, in their order.
+    pub values: Vec<f32>,
+    /// Whether they are stored as integers.
+    pub integers: bool,
+}
+
+/// The list in the bytes of the `.npy` file `name` within the archive at `path`.
+pub(super) fn parse_list(path: &Path, name: &str, bytes: &[u8]) -> Result<NumberList> {
+    let npy = open(bytes).map_err(|source| {
+        let error = Error::format(path, format!("`{name}` is not a NumPy array"));
+        source.into_iter().fold(error, Error::because)
+    })?;
+    let [length] = npy.shape()[..] else {
+        let what = format!(
+            "`{name}` has shape {:?}, expected one number for each point",
+            npy.shape()
+        );
+        return Err(Error::format(path, what).hint("save one list: shape (n,)"));
+    };
+    let wrong = |element: &str| {
+        let what = format!("`{name}` holds `{element}` values, expected numbers");
+        Error::format(path, what)
+    };
+    let DType::Plain(element) = npy.dtype() else {
+        return Err(wrong("record"));
     };
     let size = bytes.len() as u64;
-    if header_length(bytes).is_none_or(|length| length > size) {
-        return Err(no_array());
+    if element
+        .size_field()
+        .checked_mul(length)
+        .is_none_or(|n| n > size)
+    {
+        let what = format!("`{name}` declares {length} values but is only {size} bytes long");
+        return Err(Error::format(path, what).hint("the file is cut off; write it again"));
     }
-    let npy = NpyFile::new(bytes).map_err(|e| no_array().because(e))?;
+    let element = element.to_string();
+    let kind = kind(&element);
+    if kind.starts_with('b') {
+        return Err(wrong(&element));
+    }
+    let values = decode(npy, &element)
+        .map_err(|e| Error::format(path, format!("`{name}` is damaged")).because(e))?
+        .ok_or_else(|| wrong(&element))?;
+    Ok(NumberList {
+        values,
+        integers: kind.starts_with(['i', 'u']),
+    })
+}
+
+/// The array in the bytes of an `.npy` file, or of one within the archive at `path`.
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
+    let size = bytes.len() as u64;
+    let npy = open(bytes).map_err(|source| {
+        let error = Error::format(path, "is not a NumPy array")
+            .hint("save the depths with `numpy.save`, as a float32 array of shape (height, width)");
+        source.into_iter().fold(error, Error::because)
+    })?;
     let (rows, columns) = match npy.shape()[..] {
         [rows, columns] | [1, rows, columns] | [rows, columns, 1] => (rows, columns),
         ref other => {
@@ -79,7 +128,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
     } else {
         stored
     };
-    let (kind, length) = element.trim_start_matches(['<', '>', '|', '=']).split_at(1);
+    let (kind, length) = kind(&element).split_at(1);
     let bits = 8 * length.parse().unwrap_or(1);
     let numbers = match kind {
         "b" => Numbers::Booleans,
@@ -88,6 +137,19 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Raster> {
         _ => Numbers::Floats,
     };
     Ok(Raster::new((columns, rows), values, numbers))
+}
+
+/// The header of an array; the error, if there is one, with what npyz found wrong.
+fn open(bytes: &[u8]) -> std::result::Result<NpyFile<&[u8]>, Option<std::io::Error>> {
+    if header_length(bytes).is_none_or(|length| length > bytes.len() as u64) {
+        return Err(None);
+    }
+    NpyFile::new(bytes).map_err(Some)
+}
+
+/// An element type without its byte order, such as `f4`.
+fn kind(element: &str) -> &str {
+    element.trim_start_matches(['<', '>', '|', '='])
 }
 
 /// The length that the header declares, which npyz asks memory for before it reads. `None` if there
@@ -110,8 +172,7 @@ fn decode(npy: NpyFile<&[u8]>, element: &str) -> std::io::Result<Option<Vec<f32>
                 .collect()
         };
     }
-    let kind = element.trim_start_matches(['<', '>', '|', '=']);
-    Ok(Some(match kind {
+    Ok(Some(match kind(element) {
         "f2" => npy
             .into_vec::<half::f16>()?
             .into_iter()

@@ -1,6 +1,6 @@
 //! NumPy `.npz` archives: ZIP files of `.npy` arrays.
 
-use super::npy::{encode, parse};
+use super::npy::{NumberList, encode, parse, parse_list};
 use super::{LARGEST, check_unfolded, plausible, write_atomically};
 use crate::DepthMap;
 use crate::doubts::{Doubt, channel_rank, doubt_of_name, quoted};
@@ -9,6 +9,7 @@ use crate::raster::Raster;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read as _};
 use std::path::Path;
+use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
@@ -17,18 +18,85 @@ const DEPTHS: [&str; 5] = ["depth", "depths", "sparse", "points", "arr_0"];
 /// What standard deviations are called.
 const SIGMAS: [&str; 2] = ["sigma", "std"];
 
+/// The arrays of an archive, each read when it is asked for.
+struct Arrays<'a> {
+    path: &'a Path,
+    /// Of the file, in bytes.
+    size: u64,
+    archive: ZipArchive<BufReader<File>>,
+    names: Vec<String>,
+}
+
+impl<'a> Arrays<'a> {
+    fn open(path: &'a Path) -> Result<Self> {
+        let file = File::open(path).map_err(|e| Error::read(path, e))?;
+        let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
+        let archive = ZipArchive::new(BufReader::new(file)).map_err(|e| damaged(path, e))?;
+        let names = archive
+            .file_names()
+            .filter_map(|name| Some(name.ok()?.strip_suffix(".npy")?.to_owned()))
+            .collect();
+        Ok(Self {
+            path,
+            size,
+            archive,
+            names,
+        })
+    }
+
+    /// The bytes of the `.npy` file of an array.
+    fn bytes(&mut self, name: &str) -> Result<Vec<u8>> {
+        let path = self.path;
+        let entry = self.archive.by_name(&format!("{name}.npy"));
+        let entry = entry.map_err(|e| damaged(path, e))?;
+        let length = entry.size();
+        if !plausible(length, self.size) {
+            let what = format!(
+                "`{name}` declares {length} bytes, the file has {}",
+                self.size
+            );
+            return Err(Error::format(path, what));
+        }
+        check_unfolded(path, &format!("the values of `{name}`"), length, LARGEST)?;
+        let mut bytes = Vec::new();
+        entry
+            .take(length)
+            .read_to_end(&mut bytes)
+            .map_err(|e| damaged(path, e.into()))?;
+        Ok(bytes)
+    }
+}
+
+fn damaged(path: &Path, error: ZipError) -> Error {
+    Error::format(path, "is no sound npz archive").because(error)
+}
+
+/// Reads lists of numbers, arrays of shape `[n]`, by their names; `None` for a name that the archive does not have.
+///
+/// Element types: float16, float32, float64, uint8 to uint64, int8 to int64, each converted to float32.
+///
+/// # Errors
+/// A file that cannot be read or is no sound archive, an array of another shape or element type, or fewer bytes than its
+/// header declares.
+pub fn read_npz_lists<const N: usize>(
+    path: &Path,
+    names: [&str; N],
+) -> Result<[Option<NumberList>; N]> {
+    let mut arrays = Arrays::open(path)?;
+    let mut lists = [const { None }; N];
+    for (list, name) in lists.iter_mut().zip(names) {
+        if arrays.names.iter().any(|known| known == name) {
+            *list = Some(parse_list(path, name, &arrays.bytes(name)?)?);
+        }
+    }
+    Ok(lists)
+}
+
 /// The depths of an archive, and their standard deviations if it has them. The array is called as in `DEPTHS`, or its
 /// name says depth otherwise; a single array may be called anything.
 pub(crate) fn read_npz(path: &Path) -> Result<(Raster, Option<Raster>)> {
-    let damaged =
-        |e: zip::result::ZipError| Error::format(path, "is no sound npz archive").because(e);
-    let file = File::open(path).map_err(|e| Error::read(path, e))?;
-    let size = file.metadata().map_err(|e| Error::read(path, e))?.len();
-    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(damaged)?;
-    let names: Vec<String> = archive
-        .file_names()
-        .filter_map(|name| Some(name.ok()?.strip_suffix(".npy")?.to_owned()))
-        .collect();
+    let mut arrays = Arrays::open(path)?;
+    let names = arrays.names.clone();
     let find = |known: &[&str]| {
         let mut known = known.iter();
         known.find_map(|name| names.iter().find(|n| n == name).cloned())
@@ -44,23 +112,7 @@ pub(crate) fn read_npz(path: &Path) -> Result<(Raster, Option<Raster>)> {
         let what = format!("has no array of depths. Arrays: {}", quoted(&names));
         Error::format(path, what).hint("save the depths as `depth`, their deviations as `sigma`")
     })?;
-    let mut read = |name: &str| -> Result<Raster> {
-        let entry = archive.by_name(&format!("{name}.npy")).map_err(damaged)?;
-        let length = entry.size();
-        if !plausible(length, size) {
-            return Err(Error::format(
-                path,
-                format!("`{name}` declares {length} bytes, the file has {size}"),
-            ));
-        }
-        check_unfolded(path, &format!("the values of `{name}`"), length, LARGEST)?;
-        let mut bytes = Vec::new();
-        entry
-            .take(length)
-            .read_to_end(&mut bytes)
-            .map_err(|e| damaged(e.into()))?;
-        parse(path, &bytes)
-    };
+    let mut read = |name: &str| parse(path, &arrays.bytes(name)?);
     let mut array = read(&depths)?;
     let deviations = find(&SIGMAS);
     let sigma = deviations.as_deref().map(&mut read).transpose()?;
@@ -103,4 +155,77 @@ pub fn encode_npz(maps: &[(&str, &DepthMap)]) -> Result<Vec<u8>> {
         Ok(archive.finish()?.into_inner())
     };
     archive().map_err(|e| Error::new(Cause::Write, "cannot make an npz archive").because(e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use npyz::WriterBuilder as _;
+    use std::io::Write;
+
+    /// An archive of arrays of float32 or int16 with these shapes and values.
+    fn archive(arrays: &[(&str, &[u64], Values)]) -> tempfile::NamedTempFile {
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+        for (name, shape, values) in arrays {
+            let options = SimpleFileOptions::default();
+            archive.start_file(format!("{name}.npy"), options).unwrap();
+            match values {
+                Values::Floats(values) => write(&mut archive, shape, values),
+                Values::Integers(values) => write(&mut archive, shape, values),
+                Values::Flags(values) => write(&mut archive, shape, values),
+            }
+        }
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), archive.finish().unwrap().into_inner()).unwrap();
+        file
+    }
+
+    fn write<T: npyz::AutoSerialize + Copy>(out: &mut dyn Write, shape: &[u64], values: &[T]) {
+        let options = npyz::WriteOptions::new().default_dtype().shape(shape);
+        let mut writer = options.writer(out).begin_nd().unwrap();
+        writer.extend(values.iter().copied()).unwrap();
+        writer.finish().unwrap();
+    }
+
+    enum Values {
+        Floats(&'static [f32]),
+        Integers(&'static [i16]),
+        Flags(&'static [bool]),
+    }
+    use Values::{Flags, Floats, Integers};
+
+    #[test]
+    fn lists_are_found_by_their_names() {
+        let file = archive(&[
+            ("ring", &[3], Integers(&[-1, 0, 31])),
+            ("u", &[3], Floats(&[0.5, -2.0, f32::INFINITY])),
+        ]);
+        let [u, ring, v] = read_npz_lists(file.path(), ["u", "ring", "v"]).unwrap();
+        let (u, ring) = (u.unwrap(), ring.unwrap());
+        assert_eq!(
+            (u.values, u.integers),
+            (vec![0.5, -2.0, f32::INFINITY], false)
+        );
+        assert_eq!((ring.values, ring.integers), (vec![-1.0, 0.0, 31.0], true));
+        assert!(v.is_none());
+    }
+
+    #[test]
+    fn lists_of_other_shapes_and_types_and_damaged_archives_are_errors() {
+        let said = |file: &tempfile::NamedTempFile| {
+            let error = read_npz_lists(file.path(), ["u"]).unwrap_err();
+            assert_eq!(error.cause(), Cause::Format);
+            error.to_string()
+        };
+        let square = archive(&[("u", &[1, 2], Floats(&[1.0, 2.0]))]);
+        assert!(said(&square).contains("`u` has shape [1, 2]"));
+        let flags = archive(&[("u", &[2], Flags(&[true, false]))]);
+        assert!(said(&flags).contains("numbers"));
+        let sound = archive(&[("u", &[2], Floats(&[1.0, 2.0]))]);
+        let bytes = std::fs::read(sound.path()).unwrap();
+        for length in [0, 10, bytes.len() / 2, bytes.len() - 1] {
+            std::fs::write(sound.path(), &bytes[..length]).unwrap();
+            assert!(said(&sound).contains("no sound npz archive"));
+        }
+    }
 }
