@@ -2,12 +2,15 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod scans;
+
 use hdf5_pure::FileBuilder;
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use lsdc::data::{
     DataConfig, Dataset, DatasetKind, DepthMap, Depths, DiodeConfig, FolderConfig, Frame,
     NyuConfig, Place, Split, write_depth_png, write_npy, write_rgb,
 };
+use scans::write_list;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -571,4 +574,99 @@ fn depths_of_any_folder_are_metres_but_for_png() {
             assert!((found - factor * true_depth).abs() < 1e-5, "{ending}");
         }
     }
+}
+
+#[test]
+fn scans_are_returns_rounded_to_pixels() {
+    let folder = tempfile::tempdir().unwrap();
+    let (rgb, _) = frame(3);
+    let returns = [
+        (0.0, 0.0, 4.0, 5),
+        // Pixels reach from -0.5 to 0.5.
+        (-0.5, 0.49, 6.0, 7),
+        (3.5, 2.4, 8.0, -1),
+        (4.4, 1.6, 7.0, 3),
+        (11.49, 8.49, 70.0, 0),
+        (11.5, 8.0, 1.0, 0),
+        (2.0, -0.6, 1.0, 0),
+        (f32::NAN, 2.0, 1.0, 0),
+        (5.0, 5.0, f32::INFINITY, 1),
+        (6.0, 5.0, -2.0, 1),
+    ];
+    scans::write_scan(folder.path(), "town/a", &rgb, &returns);
+    scans::write_scan(folder.path(), "b", &rgb, &[(1.0, 1.0, 2.0, -1)]);
+    write_rgb(&file(folder.path(), "town/alone.png"), &rgb).unwrap();
+    let frames = open(DatasetKind::Scans, folder.path(), Split::Val).unwrap();
+    assert_eq!(
+        (0..frames.len()).map(|i| frames.id(i)).collect::<Vec<_>>(),
+        ["b", "town/a"]
+    );
+    assert_eq!(frames.protocol(), "scans");
+    let about = frames.about();
+    let counts =
+        "11 returns; left out: 3 outside of the image, 2 without a positive depth, 2 behind";
+    assert!(about.contains(counts), "{about}");
+    let scan = frames.load(1).unwrap();
+    assert_eq!((&scan.rgb, scan.place), (&rgb, Place::Outdoor));
+    let found: Vec<_> = scan.depth.points().map(|p| (p.x, p.y, p.depth)).collect();
+    assert_eq!(found, [(0, 0, 4.0), (4, 2, 7.0), (11, 8, 70.0)]);
+    assert_eq!(scan.sparse.as_ref(), Some(&scan.depth));
+    let rings = scan.rings.unwrap();
+    assert_eq!(
+        [0, 2 * WIDTH + 4, 8 * WIDTH + 11].map(|i| rings[i]),
+        [5, 3, 0]
+    );
+    assert_eq!(rings.iter().filter(|ring| **ring >= 0).count(), 3);
+    assert_eq!(frames.load(0).unwrap().rings.unwrap(), [-1; WIDTH * HEIGHT]);
+}
+
+#[test]
+fn broken_scans_are_errors_of_their_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let (rgb, _) = frame(0);
+    let said = |write: &dyn Fn(&mut zip::ZipWriter<std::fs::File>)| {
+        scans::write_scan(folder.path(), "a", &rgb, &[]);
+        let path = folder.path().join("a_points.npz");
+        let mut archive = zip::ZipWriter::new(std::fs::File::create(&path).unwrap());
+        write(&mut archive);
+        archive.finish().unwrap();
+        let frames = open(DatasetKind::Scans, folder.path(), Split::Val).unwrap();
+        assert!(frames.about().contains("0 returns"));
+        let error = frames.load(0).unwrap_err();
+        assert_eq!(error.cause(), lsdc::error::Cause::Format);
+        error.to_string()
+    };
+    let places = |archive: &mut zip::ZipWriter<std::fs::File>| {
+        write_list(archive, "u", [1.0_f32, 2.0].into_iter());
+        write_list(archive, "v", [1.0_f64, 2.0].into_iter());
+    };
+    let missing = said(&places);
+    assert!(missing.contains("no array `depth`"), "{missing}");
+    let lengths = said(&|archive| {
+        places(archive);
+        write_list(archive, "depth", [1.0_f32].into_iter());
+    });
+    assert!(
+        lengths.contains("2 values of `u` but 1 of `depth`"),
+        "{lengths}"
+    );
+    let rings = said(&|archive| {
+        places(archive);
+        write_list(archive, "depth", [1_i32, 2].into_iter());
+        write_list(archive, "ring", [1.0_f32, 2.0].into_iter());
+    });
+    assert!(rings.contains("rings that are no integers"), "{rings}");
+    let nothing = said(&|archive| {
+        places(archive);
+        write_list(archive, "depth", [-1.0_f32, f32::NAN].into_iter());
+    });
+    assert!(nothing.contains("no return that can be used"), "{nothing}");
+    std::fs::write(folder.path().join("a_points.npz"), b"PK no archive").unwrap();
+    let frames = open(DatasetKind::Scans, folder.path(), Split::Val).unwrap();
+    let error = frames.load(0).unwrap_err().to_string();
+    assert!(error.contains("no sound npz archive"), "{error}");
+    std::fs::remove_file(folder.path().join("a.png")).unwrap();
+    let error = open(DatasetKind::Scans, folder.path(), Split::Val);
+    let error = error.err().unwrap().to_string();
+    assert!(error.contains("no laser scan"), "{error}");
 }

@@ -6,6 +6,8 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod scans;
+
 use burn::tensor::Device;
 use hdf5_pure::FileBuilder;
 use image::{Rgb, RgbImage};
@@ -292,6 +294,20 @@ fn maps() {
         rgb().save(&path).unwrap();
         survive(&path, || read_rgb(&path).is_ok());
     }
+}
+
+#[test]
+fn laser_scans() {
+    let folder = tempfile::tempdir().unwrap();
+    let returns: Vec<scans::Return> = (0..60)
+        .map(|i| {
+            let at = i as f32;
+            (at % 9.0, at / 9.0, 3.0 + at, i as i16 % 4)
+        })
+        .collect();
+    scans::write_scan(folder.path(), "a", &rgb(), &returns);
+    let path = folder.path().join("a_points.npz");
+    survive(&path, || readable(DatasetKind::Scans, folder.path()));
 }
 
 /// A few bytes that say they are gigabytes.

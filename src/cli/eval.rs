@@ -50,10 +50,12 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
         guides: guides(args, network.as_ref().map(|(completer, _)| completer))?,
         protocol,
         points: eval.points.clone().unwrap_or(preset.points),
+        hold_out: eval.hold_out,
         noise: eval.noise,
         seeds: eval.draws(),
         rules: eval.rules,
         uncertainty: args.uncertainty,
+        sigma_cut: args.uncertainty.then_some(eval.sigma_cut),
         limit: eval.limit,
     };
     let name = format!("{} {}", config.data.dataset.name(), args.draws.split.name());

@@ -3,11 +3,12 @@
 use super::args::Export;
 use super::names::Names;
 use super::{Exit, settings, ui};
-use crate::data::{DepthMap, Frame, would_replace, write_npy, write_rgb};
+use crate::data::{would_replace, write_npy, write_rgb};
 use crate::error::{Error, Result};
 use crate::eval::Evaluation;
 use crate::metrics::Rules;
-use crate::sample::Preset;
+use crate::sample::{Preset, Task};
+use image::RgbImage;
 use std::path::{Path, PathBuf};
 
 pub(super) fn run(args: &Export) -> Result<Exit> {
@@ -25,10 +26,12 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
         guides: None,
         protocol: eval.protocol.unwrap_or(preset.protocol),
         points: points.unwrap_or(&preset.points).clone(),
+        hold_out: args.hold_out.or(eval.hold_out),
         noise: args.noise.or(eval.noise),
         seeds: vec![args.seed],
         rules: Rules::default(),
         uncertainty: false,
+        sigma_cut: None,
         limit: args.limit,
     };
     let indices = match args.index {
@@ -49,7 +52,7 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
         let files = Files::of(&args.output, &frames.id(index));
         files.check(args.force)?;
         let frame = evaluation.frame(index)?;
-        files.write(&frame, &evaluation.points(&frame, args.seed)?)?;
+        files.write(&frame.rgb, &evaluation.task(&frame, args.seed)?)?;
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -59,6 +62,9 @@ pub(super) fn run(args: &Export) -> Result<Exit> {
         "points    {}, seed {}",
         evaluation.points, args.seed
     ));
+    if let Some(law) = evaluation.hold_out {
+        ui::print(&format!("held out  {law}"));
+    }
     ui::print(&format!("written   {}", args.output.display()));
     Ok(Exit::Done)
 }
@@ -95,14 +101,14 @@ impl Files {
         }
     }
 
-    fn write(&self, frame: &Frame, sparse: &DepthMap) -> Result<()> {
+    fn write(&self, rgb: &RgbImage, task: &Task) -> Result<()> {
         for path in self.all() {
             if let Some(parent) = path.parent() {
                 std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
             }
         }
-        write_rgb(&self.rgb, &frame.rgb)?;
-        write_npy(&self.truth, &frame.depth)?;
-        write_npy(&self.sparse, sparse)
+        write_rgb(&self.rgb, rgb)?;
+        write_npy(&self.truth, &task.truth)?;
+        write_npy(&self.sparse, &task.sparse)
     }
 }

@@ -58,6 +58,10 @@ pub struct Frame {
     pub sparse: Option<DepthMap>,
     /// Which depths the dataset declares valid, if it does, row by row.
     pub mask: Option<Vec<bool>>,
+    /// Of a laser scan, whose returns are all in `sparse`: the scanner's ring that saw each pixel, row by row; -1 where
+    /// there is no return or its ring is unknown. Points are drawn from the returns, and those that are given are not
+    /// scored.
+    pub rings: Option<Vec<i32>>,
     /// Where the frame was taken.
     pub place: Place,
     /// What is to be learned from the frame, if a teacher has seen it.
@@ -76,6 +80,7 @@ impl Frame {
             depth,
             sparse: None,
             mask: None,
+            rings: None,
             place: Place::default(),
             target: None,
         };
@@ -100,6 +105,24 @@ impl Frame {
     pub fn with_mask(mut self, width: usize, height: usize, mask: Vec<bool>) -> Result<Self> {
         self.check_size("validity mask", width, height)?;
         self.mask = Some(mask);
+        Ok(self)
+    }
+
+    /// Makes the frame a laser scan: its sparse depths are the returns, seen by these rings.
+    ///
+    /// # Errors
+    /// No sparse depths, or not one ring for each pixel.
+    pub fn with_rings(mut self, rings: Vec<i32>) -> Result<Self> {
+        if self.sparse.is_none() || rings.len() != self.depth.values().len() {
+            return Err(Error::shape(format!(
+                "frame `{}`: {} rings for {}x{} pixels",
+                self.id,
+                rings.len(),
+                self.depth.width(),
+                self.depth.height()
+            )));
+        }
+        self.rings = Some(rings);
         Ok(self)
     }
 

@@ -27,13 +27,15 @@ pub enum DatasetKind {
     Tum,
     /// Marigold-DC's folder of images, points and truth.
     Marigold,
+    /// Images with the returns of a laser scanner beside them.
+    Scans,
     /// Any tree described by path templates.
     Folder,
 }
 
 impl DatasetKind {
     /// All kinds.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Rooms,
         Self::Nyu,
         Self::Diode,
@@ -41,6 +43,7 @@ impl DatasetKind {
         Self::Void,
         Self::Tum,
         Self::Marigold,
+        Self::Scans,
         Self::Folder,
     ];
 
@@ -54,6 +57,7 @@ impl DatasetKind {
             Self::Void => "void",
             Self::Tum => "tum",
             Self::Marigold => "marigold",
+            Self::Scans => "scans",
             Self::Folder => "folder",
         }
     }
@@ -130,6 +134,7 @@ impl DataConfig {
             DatasetKind::Void => Arc::new(sets::void(&root()?, split)?),
             DatasetKind::Tum => Arc::new(sets::tum(&root()?)?),
             DatasetKind::Marigold => Arc::new(sets::marigold(&root()?)?),
+            DatasetKind::Scans => Arc::new(sets::scans(&root()?)?),
             DatasetKind::Folder => Arc::new(Folder::open(&root()?, split, &self.folder)?),
         };
         // Results are kept under the names of frames.

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::metrics::Rules;
 use crate::predict::Method;
-use crate::sample::{Noise, Pattern, Preset, Protocol};
+use crate::sample::{HoldOut, Noise, Pattern, Preset, Protocol};
 use serde::{Deserialize, Serialize};
 
 /// What is measured.
@@ -16,6 +16,8 @@ pub struct EvalConfig {
     pub protocol: Option<Protocol>,
     /// Sparse points; those of the preset if absent.
     pub points: Option<Pattern>,
+    /// What is held out of each frame: scored, and never given.
+    pub hold_out: Option<HoldOut>,
     /// What is done to the sparse points.
     pub noise: Option<Noise>,
     /// Names the first draw of points; every method gets the same.
@@ -28,6 +30,9 @@ pub struct EvalConfig {
     pub limit: Option<usize>,
     /// What the measures leave open.
     pub rules: Rules,
+    /// The share of the predicted depth up to which a standard deviation counts as certain, in the rates of phantom and
+    /// missed obstacles.
+    pub sigma_cut: f64,
 }
 
 impl Default for EvalConfig {
@@ -36,6 +41,7 @@ impl Default for EvalConfig {
             preset: None,
             protocol: None,
             points: None,
+            hold_out: None,
             noise: None,
             seed: 0,
             seeds: 1,
@@ -45,6 +51,7 @@ impl Default for EvalConfig {
                 .collect(),
             limit: None,
             rules: Rules::default(),
+            sigma_cut: 0.1,
         }
     }
 }
@@ -62,6 +69,9 @@ impl EvalConfig {
             return Err(Error::config(
                 "`eval.seeds` and `eval.limit` must be above 0",
             ));
+        }
+        if !(self.sigma_cut > 0.0 && self.sigma_cut.is_finite()) {
+            return Err(Error::config("`eval.sigma_cut` must be above 0"));
         }
         self.rules.check()
     }

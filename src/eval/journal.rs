@@ -164,6 +164,7 @@ mod tests {
             seed: 3,
             points: 5,
             place: Place::Indoor,
+            scene: None,
             outcomes: Vec::new(),
             files: Vec::new(),
         }

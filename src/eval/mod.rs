@@ -8,12 +8,12 @@ pub use candidate::{Candidate, Enlargement};
 pub use config::EvalConfig;
 pub use journal::Journal;
 
-use crate::data::{Dataset, DepthMap, Frame, GUIDE_ENDINGS, GuideSource, Shard};
+use crate::data::{Dataset, Frame, GUIDE_ENDINGS, GuideSource, Shard};
 use crate::error::{Error, Result};
-use crate::metrics::{Certainty, Metric, Profile, Rules, Scores};
+use crate::metrics::{Certainty, Metric, Profile, Ranges, Rules, Scores};
 use crate::provenance::{self, Stamp};
 use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
-use crate::sample::{Noise, Pattern, Protocol};
+use crate::sample::{HoldOut, Noise, Pattern, Protocol, Task};
 use candidate::Prepared;
 use lsdc_classic::distances;
 use lsdc_core::{Completer, RANGE};
@@ -35,7 +35,9 @@ pub struct Evaluation<'a> {
     pub protocol: Protocol,
     /// Which points.
     pub points: Pattern,
-    /// What is done to them.
+    /// What is held out of each frame.
+    pub hold_out: Option<HoldOut>,
+    /// What is done to the points.
     pub noise: Option<Noise>,
     /// Names the draws: one for each repetition.
     pub seeds: Vec<u64>,
@@ -43,6 +45,8 @@ pub struct Evaluation<'a> {
     pub rules: Rules,
     /// Whether the standard deviations of `lsdc` are measured.
     pub uncertainty: bool,
+    /// The share of the predicted depth up to which a standard deviation counts as certain; `None`: not counted.
+    pub sigma_cut: Option<f64>,
     /// Only the first frames.
     pub limit: Option<usize>,
 }
@@ -72,10 +76,12 @@ impl Evaluation<'_> {
             guides,
             protocol,
             points,
+            hold_out,
             noise,
             seeds,
             rules,
             uncertainty,
+            sigma_cut,
             limit: _,
         } = self;
         let mut methods = Map::new();
@@ -92,7 +98,7 @@ impl Evaluation<'_> {
             Ok::<_, Error>(json!([format!("{:?}", source.kind), contents]))
         });
         let ids: Vec<_> = (0..self.total()).map(|i| frames.id(i)).collect();
-        let made_from = json!({
+        let mut made_from = json!({
             "numerics": provenance::numerics(),
             "inputs": inputs,
             "frames": format!("{:016x}", lsdc_rng::hash(&ids)),
@@ -105,6 +111,13 @@ impl Evaluation<'_> {
             "fit": completer.map(Completer::fit_config),
             "uncertainty": uncertainty,
         });
+        // Not there unless they are used: what was measured before they existed is still the same.
+        if let Some(law) = hold_out {
+            made_from["hold_out"] = json!(law);
+        }
+        if let Some(cut) = sigma_cut {
+            made_from["sigma_cut"] = json!(cut);
+        }
         Ok(Heading {
             made_from,
             dataset: dataset.to_owned(),
@@ -112,12 +125,14 @@ impl Evaluation<'_> {
             protocol: described.to_owned(),
             steps: protocol.to_string(),
             points: points.to_string(),
+            hold_out: hold_out.map(|law| law.to_string()),
             noise: noise.map(|noise| noise.to_string()),
             seeds: seeds.clone(),
             methods: candidates.iter().map(|(name, _)| name.clone()).collect(),
             weights,
             limits: format!("predictions of lsdc within {RANGE} x the range of the points"),
             rules: *rules,
+            sigma_cut: *sigma_cut,
             frames: self.total(),
         })
     }
@@ -229,7 +244,7 @@ impl Evaluation<'_> {
         self.seeds
             .iter()
             .map(|&seed| {
-                let sparse = self.points(&frame, seed)?;
+                let Task { sparse, truth } = self.task(&frame, seed)?;
                 let far = distances(&sparse);
                 let outcomes = self
                     .candidates
@@ -237,11 +252,13 @@ impl Evaluation<'_> {
                     .map(|(_, candidate)| {
                         let (depth, foretold) =
                             prepared.predict(candidate, &frame, &sparse, seed)?;
-                        let truth = &frame.depth;
+                        let certain = foretold.as_ref().zip(self.sigma_cut);
+                        let certain = certain.map(|(f, cut)| (&f.deviations, cut));
                         Ok(Outcome {
-                            scores: Scores::of(&depth, truth, &self.rules)?,
-                            profile: Profile::of(&depth, truth, &far),
-                            certainty: foretold.map(|f| Certainty::of(&depth, truth, &f)),
+                            scores: Scores::of(&depth, &truth, &self.rules)?,
+                            profile: Profile::of(&depth, &truth, &far),
+                            ranges: Some(Ranges::of(&depth, &truth, certain)),
+                            certainty: foretold.map(|f| Certainty::of(&depth, &truth, &f)),
                         })
                     })
                     .collect::<Result<_>>()?;
@@ -250,6 +267,7 @@ impl Evaluation<'_> {
                     seed,
                     points: sparse.count(),
                     place: frame.place,
+                    scene: self.frames.scene(index),
                     outcomes,
                     files: files.clone(),
                 })
@@ -266,14 +284,14 @@ impl Evaluation<'_> {
             .find(|&i| self.frames.id(i) == id)
             .ok_or_else(|| Error::config(format!("there is no frame `{id}`")))?;
         let frame = self.frame(index)?;
-        let sparse = self.points(&frame, seed)?;
+        let Task { sparse, truth } = self.task(&frame, seed)?;
         let prepared = Prepared::new(self, &frame, false)?;
         let predictions = self
             .candidates
             .iter()
             .map(|(name, candidate)| {
                 let (depth, _) = prepared.predict(candidate, &frame, &sparse, seed)?;
-                let scores = Scores::of(&depth, &frame.depth, &self.rules)?;
+                let scores = Scores::of(&depth, &truth, &self.rules)?;
                 Ok((name.clone(), scores[Metric::Rmse], depth))
             })
             .collect::<Result<_>>()?;
@@ -282,7 +300,7 @@ impl Evaluation<'_> {
             frame: frame.id,
             rgb: frame.rgb,
             sparse,
-            truth: frame.depth,
+            truth,
             predictions,
         })
     }
@@ -302,15 +320,11 @@ impl Evaluation<'_> {
         Ok(frame)
     }
 
-    /// The points of a frame under a seed.
+    /// The points of a frame under a seed, and the depths that are scored.
     ///
     /// # Errors
-    /// As [`Pattern::draw`].
-    pub fn points(&self, frame: &Frame, seed: u64) -> Result<DepthMap> {
-        let sparse = self.points.draw(frame, seed)?;
-        match self.noise {
-            None => Ok(sparse),
-            Some(noise) => noise.apply(&sparse, seed, &frame.id),
-        }
+    /// As [`Task::draw`].
+    pub fn task(&self, frame: &Frame, seed: u64) -> Result<Task> {
+        Task::draw(frame, &self.points, self.hold_out, self.noise, seed)
     }
 }

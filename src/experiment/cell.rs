@@ -167,10 +167,12 @@ impl<'a> Measured<'a> {
             guides: self.guides.as_ref(),
             protocol: self.protocol,
             points: self.points.clone(),
+            hold_out: None,
             noise: self.noise,
             seeds: self.lab.seeds.clone(),
             rules: self.lab.rules,
             uncertainty: self.uncertainty,
+            sigma_cut: None,
             limit: self.lab.limit,
         }
     }

@@ -61,6 +61,15 @@ impl Report {
                 let _ = write!(page, "<h3>{name}</h3>{}", tables(&self.means(Some(place))));
             }
         }
+        self.by_scene()
+            .iter()
+            .for_each(|table| page.push_str(&table.html()));
+        if let Some(about) = self.about_ranges() {
+            let _ = write!(page, "<h2>Errors by depth</h2><p>{}.</p>", marked(&about));
+        }
+        self.by_depth()
+            .iter()
+            .for_each(|table| page.push_str(&table.html()));
         for line in self.comparisons().into_iter().chain(self.foretold()) {
             let _ = write!(page, "<p>{}.</p>", marked(&line));
         }

@@ -1,9 +1,9 @@
 //! The machine-readable report: everything, without rounding.
 
-use super::{Failure, FrameScores, Heading, Report};
+use super::{Failure, FrameScores, Heading, Mean, Report};
 use crate::data::{Place, Shard, write_atomically};
 use crate::error::{Error, Result};
-use crate::metrics::{Certainty, Metric, Profile, Scores};
+use crate::metrics::{Certainty, Metric, Profile, Ranges, Scores};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -16,6 +16,8 @@ struct File {
     profiles: BTreeMap<String, Profile>,
     #[serde(default)]
     certainties: BTreeMap<String, Certainty>,
+    #[serde(default)]
+    ranges: BTreeMap<String, Ranges>,
     frames: Vec<Line>,
     failures: Vec<Failure>,
     #[serde(default = "whole")]
@@ -33,6 +35,8 @@ struct Line {
     seed: u64,
     points: usize,
     place: Place,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    scene: Option<String>,
     scores: BTreeMap<String, Scores>,
 }
 
@@ -48,6 +52,7 @@ impl Report {
                 seed: *seed,
                 points: scores.points,
                 place: scores.place,
+                scene: scores.scene.clone(),
                 scores: methods().zip(scores.scores.iter().copied()).collect(),
             })
             .collect();
@@ -55,6 +60,15 @@ impl Report {
         let certainties: BTreeMap<String, &Certainty> = methods()
             .zip(&self.certainties)
             .filter_map(|(method, certainty)| Some((method, certainty.as_ref()?)))
+            .collect();
+        let ranges: BTreeMap<String, &Ranges> = methods()
+            .zip(&self.ranges)
+            .filter_map(|(method, ranges)| Some((method, ranges.as_ref()?)))
+            .collect();
+        let scenes: Map<String, Value> = self
+            .scenes()
+            .into_keys()
+            .map(|scene| (scene.to_owned(), averages(&self.means_of_scene(scene))))
             .collect();
         let units: Map<String, Value> = Metric::ALL
             .iter()
@@ -71,7 +85,7 @@ impl Report {
             .map(|place| {
                 (
                     json!(place).as_str().unwrap_or_default().to_owned(),
-                    self.averages(Some(place)),
+                    averages(&self.means(Some(place))),
                 )
             })
             .collect();
@@ -80,11 +94,14 @@ impl Report {
             "heading": self.heading,
             "averaged": self.heading.rules.to_string(),
             "units": units,
-            "means": self.averages(None),
+            "means": averages(&self.means(None)),
             "places": places,
+            "scenes": scenes,
+            "by_depth": self.by_depth(),
             "differences": self.all_differences(),
             "profiles": profiles,
             "certainties": certainties,
+            "ranges": ranges,
             "frames": frames,
             "failures": self.failures,
             "parts": self.parts,
@@ -105,6 +122,8 @@ impl Report {
         }
         let methods = report.heading.methods.iter();
         report.certainties = methods.map(|m| file.certainties.get(m).cloned()).collect();
+        let methods = report.heading.methods.iter();
+        report.ranges = methods.map(|m| file.ranges.get(m).cloned()).collect();
         for line in file.frames {
             let methods = report.heading.methods.iter();
             let scores = methods
@@ -113,6 +132,7 @@ impl Report {
             let scores = FrameScores {
                 points: line.points,
                 place: line.place,
+                scene: line.scene,
                 scores,
             };
             report.insert((line.frame, line.seed), scores)?;
@@ -143,16 +163,6 @@ impl Report {
         Self::from_json(&text).map_err(|e| Error::format(path, "is not a report").because(e))
     }
 
-    fn averages(&self, place: Option<Place>) -> Value {
-        let means = self.means(place);
-        let value = |m: &super::Mean| json!({ "mean": m.mean, "deviation": m.deviation });
-        let by_method: Map<String, Value> = means
-            .iter()
-            .map(|m| (m.method.to_owned(), value(m)))
-            .collect();
-        Value::Object(by_method)
-    }
-
     /// Second minus first, by method and measure.
     fn all_differences(&self) -> Value {
         let mut by_method = BTreeMap::<&str, Map<String, Value>>::new();
@@ -164,4 +174,13 @@ impl Report {
         }
         json!({ "from": self.heading.methods.first(), "to": by_method })
     }
+}
+
+fn averages(means: &[Mean]) -> Value {
+    let value = |m: &Mean| json!({ "mean": m.mean, "deviation": m.deviation });
+    let by_method: Map<String, Value> = means
+        .iter()
+        .map(|m| (m.method.to_owned(), value(m)))
+        .collect();
+    Value::Object(by_method)
 }

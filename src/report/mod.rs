@@ -10,6 +10,8 @@ mod drawing;
 mod html;
 mod json;
 mod panels;
+mod ranges;
+mod scenes;
 mod section;
 mod table;
 mod text;
@@ -29,7 +31,9 @@ pub use training::Training;
 
 use crate::data::{Place, Shard};
 use crate::error::{Error, Result};
-use crate::metrics::{Certainty, Difference, Metric, Profile, Rules, Scores, Tally, deviation};
+use crate::metrics::{
+    Certainty, Difference, Metric, Profile, Ranges, Rules, Scores, Tally, deviation,
+};
 use crate::provenance::{Stamp, differences};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -49,6 +53,9 @@ pub struct Heading {
     pub steps: String,
     /// The law of the sparse points.
     pub points: String,
+    /// What was held out of the frames, if anything was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold_out: Option<String>,
     /// What was done to them.
     pub noise: Option<String>,
     /// The seeds of the points.
@@ -61,6 +68,9 @@ pub struct Heading {
     pub limits: String,
     /// What the measures leave open.
     pub rules: Rules,
+    /// The share of the predicted depth up to which a standard deviation counts as certain, if they were measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_cut: Option<f64>,
     /// Frames in all, whichever shard measured them.
     pub frames: usize,
     /// Everything that the numbers depend on, whether the words above say it or not: the program,
@@ -89,6 +99,9 @@ pub struct Outcome {
     /// How well they were foretold, if they were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certainty: Option<Certainty>,
+    /// The errors by true depth; absent from records of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ranges: Option<Ranges>,
 }
 
 /// One frame with one draw of points.
@@ -103,6 +116,9 @@ pub struct Record {
     pub points: usize,
     /// Where the frame was taken.
     pub place: Place,
+    /// The scene that it shows, if the dataset knows it by other means than the folders in names.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<String>,
     /// One for each method, in the order of the heading.
     pub outcomes: Vec<Outcome>,
     /// The files of the frame as they were when it was measured, in the order of the dataset.
@@ -127,6 +143,8 @@ pub struct FrameScores {
     pub points: usize,
     /// Where the frame was taken.
     pub place: Place,
+    /// The scene that it shows, if the dataset knows it by other means than the folders in names.
+    pub scene: Option<String>,
     /// One for each method, in the order of the heading.
     pub scores: Vec<Scores>,
 }
@@ -139,6 +157,8 @@ pub struct Report {
     frames: BTreeMap<(String, u64), FrameScores>,
     profiles: Vec<Profile>,
     certainties: Vec<Option<Certainty>>,
+    /// `None` as soon as a frame lacks them.
+    ranges: Vec<Option<Ranges>>,
     failures: Vec<Failure>,
     /// Which parts of the frames these are.
     parts: Vec<Shard>,
@@ -161,6 +181,7 @@ impl Report {
         Self {
             profiles: vec![Profile::default(); heading.methods.len()],
             certainties: vec![None; heading.methods.len()],
+            ranges: vec![Some(Ranges::default()); heading.methods.len()],
             heading,
             frames: BTreeMap::new(),
             failures: Vec::new(),
@@ -227,9 +248,13 @@ impl Report {
         for (sum, outcome) in self.certainties.iter_mut().zip(&record.outcomes) {
             add(sum, outcome.certainty.as_ref());
         }
+        for (sum, outcome) in self.ranges.iter_mut().zip(&record.outcomes) {
+            add_ranges(sum, outcome.ranges.as_ref());
+        }
         let scores = FrameScores {
             points: record.points,
             place: record.place,
+            scene: record.scene,
             scores: record.outcomes.iter().map(|o| o.scores).collect(),
         };
         self.insert((record.frame, record.seed), scores)
@@ -261,6 +286,9 @@ impl Report {
         }
         for (sum, certainty) in self.certainties.iter_mut().zip(&other.certainties) {
             add(sum, certainty.as_ref());
+        }
+        for (sum, ranges) in self.ranges.iter_mut().zip(&other.ranges) {
+            add_ranges(sum, ranges.as_ref());
         }
         other.failures.into_iter().for_each(|f| self.fail(f));
         self.parts.extend(other.parts);
@@ -320,10 +348,15 @@ impl Report {
 
     /// Each method's average, over all frames or those of one place.
     pub fn means(&self, place: Option<Place>) -> Vec<Mean<'_>> {
+        self.means_where(|_, frame| place.is_none_or(|place| place == frame.place))
+    }
+
+    /// Each method's average over the frames that count, by their names and scores.
+    fn means_where(&self, counts: impl Fn(&str, &FrameScores) -> bool) -> Vec<Mean<'_>> {
         let of = |method: usize| -> Vec<Scores> {
             let mut by_seed = BTreeMap::<u64, Tally>::new();
-            for ((_, seed), frame) in &self.frames {
-                if place.is_none_or(|place| place == frame.place) {
+            for ((name, seed), frame) in &self.frames {
+                if counts(name, frame) {
                     by_seed.entry(*seed).or_default().add(&frame.scores[method]);
                 }
             }
@@ -408,6 +441,13 @@ impl Report {
 fn add(sum: &mut Option<Certainty>, certainty: Option<&Certainty>) {
     if let Some(certainty) = certainty {
         sum.get_or_insert_default().add(certainty);
+    }
+}
+
+fn add_ranges(sum: &mut Option<Ranges>, ranges: Option<&Ranges>) {
+    match (sum.as_mut(), ranges) {
+        (Some(sum), Some(ranges)) => sum.add(ranges),
+        _ => *sum = None,
     }
 }
 

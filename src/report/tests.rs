@@ -1,5 +1,6 @@
 use super::*;
 use crate::data::DepthMap;
+use crate::metrics::{Count, STARTS};
 use image::RgbImage;
 use lsdc_rng::Rng;
 
@@ -21,6 +22,14 @@ fn record(i: usize, seed: u64) -> Record {
             within_one: u64::from(rng.below(99)),
             ..Certainty::default()
         };
+        let mut counts = [Count::default(); STARTS.len()];
+        for count in &mut counts {
+            *count = [(); 6].map(|()| 1 + u64::from(rng.below(9))).into();
+        }
+        let ranges = Ranges {
+            all: counts,
+            certain: None,
+        };
         let mut bins = || vec![(u64::from(rng.below(9)), u64::from(rng.below(1000))).into()];
         Outcome {
             scores: Scores::default().map(|metric, _| values[metric as usize]),
@@ -30,6 +39,7 @@ fn record(i: usize, seed: u64) -> Record {
                 error: bins(),
             },
             certainty: Some(certainty),
+            ranges: Some(ranges),
         }
     };
     Record {
@@ -41,6 +51,7 @@ fn record(i: usize, seed: u64) -> Record {
         } else {
             Place::Outdoor
         },
+        scene: (i < 2).then(|| "hall".to_owned()),
         outcomes: vec![outcome(), outcome()],
         files: Vec::new(),
     }
@@ -202,4 +213,91 @@ fn marks_of_plain_text_become_elements() {
         "SEE<sub>5</sub> of <code>a_1</code> &amp; d1.25<sup>3</sup>"
     );
     assert_eq!(marked("room_0001 and x^ `open"), "room_0001 and x^ `open");
+}
+
+#[test]
+fn scenes_are_what_datasets_name_or_folders() {
+    // Two frames of the hall, and others of no known scene.
+    assert!(report(0..4).scenes().is_empty());
+    let mut known = Report::new(heading());
+    for i in 0..5 {
+        for seed in [0, 1] {
+            let mut record = record(i, seed);
+            record.frame = format!("yard/f{i}");
+            known.add(record).unwrap();
+        }
+    }
+    let scenes: Vec<_> = known.scenes().into_iter().collect();
+    assert_eq!(scenes, [("hall", 2), ("yard", 3)]);
+    let tables = known.by_scene();
+    let titles: Vec<&str> = tables.iter().map(|table| table.title.as_str()).collect();
+    assert_eq!(titles, ["RMSE by scene", "MAE by scene", "REL by scene"]);
+    let row = &tables[1].rows[1];
+    assert_eq!(row.label, "yard (3)");
+    let sum: f64 = (0..2)
+        .flat_map(|seed| (2..5).map(move |i| record(i, seed)))
+        .map(|record| record.outcomes[1].scores[Metric::Mae])
+        .sum();
+    assert!((row.values[1].unwrap() - sum / 6.0).abs() < 1e-12);
+    let json = known.to_json();
+    let mae = &json["scenes"]["yard"]["b"]["mean"]["mae"];
+    assert!((mae.as_f64().unwrap() - sum / 6.0).abs() < 1e-12);
+    let again = Report::from_json(&json.to_string()).unwrap();
+    assert_eq!(again.scenes(), known.scenes());
+}
+
+/// A report of one frame with these numbers of pixels by depth, each with an error of 2 m and a hundredth of the depth.
+fn counted(pixels: [u64; STARTS.len()], certain: bool) -> Report {
+    let mut report = Report::new(Heading {
+        sigma_cut: certain.then_some(0.1),
+        ..heading()
+    });
+    let count = |n: u64, missed: u64| [n, n * 4_000_000, n * 2_000_000, n * 10_000, n / 2, missed];
+    let mut record = record(0, 0);
+    for outcome in &mut record.outcomes {
+        outcome.ranges = Some(Ranges {
+            all: pixels.map(|n| count(n, n / 4).into()),
+            certain: None,
+        });
+    }
+    if certain {
+        let ranges = record.outcomes[0].ranges.as_mut().unwrap();
+        ranges.certain = Some(pixels.map(|n| count(n / 2, 0).into()));
+    }
+    report.add(record).unwrap();
+    report
+}
+
+#[test]
+fn errors_are_tabled_by_the_ranges_that_have_pixels() {
+    let tables = counted([300, 0, 100, 0, 0], true).by_depth();
+    let titles: Vec<&str> = tables.iter().map(|table| table.title.as_str()).collect();
+    let expected = [
+        "all depths, 400 pixels",
+        "0 to 10 m, 300 pixels (75.0 %)",
+        "20 to 40 m, 100 pixels (25.0 %)",
+    ];
+    assert_eq!(titles, expected);
+    // RMSE, MAE, REL, phantom, missed; kept, and both rates of what is kept.
+    let rounded = |row: &Row| -> Vec<Option<f64>> {
+        let rounded = |v: f64| (v * 1e6).round() / 1e6;
+        row.values.iter().map(|v| v.map(rounded)).collect()
+    };
+    let all = [2.0, 2.0, 0.01, 50.0, 25.0, 50.0, 50.0, 0.0].map(Some);
+    assert_eq!(rounded(&tables[2].rows[0]), all);
+    let other = [&all[..5], &[None; 3]].concat();
+    assert_eq!(rounded(&tables[2].rows[1]), other);
+    let report = counted([300, 0, 100, 0, 0], true);
+    let text = report.to_string();
+    assert!(text.contains("at most 0.1 x the predicted depth"), "{text}");
+    // One range says no more than the means do.
+    assert!(counted([300, 0, 0, 0, 0], false).by_depth().is_empty());
+    assert_eq!(counted([300, 0, 0, 0, 0], true).by_depth().len(), 1);
+    assert!(!counted([9, 9, 0, 0, 0], false).to_string().contains("kept"));
+    // Frames of an older version were not counted.
+    let mut mixed = counted([300, 0, 100, 0, 0], false);
+    let mut old = record(1, 0);
+    old.outcomes.iter_mut().for_each(|o| o.ranges = None);
+    mixed.add(old).unwrap();
+    assert!(mixed.by_depth().is_empty());
 }

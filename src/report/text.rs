@@ -54,12 +54,14 @@ impl Report {
                     seeds.join(", ")
                 ),
             ),
+            ("held out", heading.hold_out.clone().unwrap_or_default()),
             ("limits", heading.limits.clone()),
             ("averaged", heading.rules.to_string()),
         ];
         if let Some(weights) = &heading.weights {
-            lines.insert(4, ("weights", weights.clone()));
+            lines.insert(5, ("weights", weights.clone()));
         }
+        lines.retain(|(name, _)| *name != "held out" || heading.hold_out.is_some());
         if heading.seeds.len() > 1 {
             let spread = "mean over seeds; +- is the standard deviation over them".to_owned();
             lines.push(("", spread));
@@ -129,6 +131,15 @@ impl Display for Report {
                 write!(f, "\n{name}:")?;
                 tables(f, &self.means(Some(place)))?;
             }
+        }
+        for table in self.by_scene() {
+            write!(f, "\n{table}")?;
+        }
+        if let Some(about) = self.about_ranges() {
+            writeln!(f, "\n{about}")?;
+        }
+        for table in self.by_depth() {
+            write!(f, "\n{table}")?;
         }
         for line in self.foretold() {
             writeln!(f, "\n{line}")?;

@@ -141,10 +141,11 @@ impl Sampler {
         }
         let frame = self.config.protocol.scale(&self.frames.load(index)?)?;
         // These take no part in training.
-        let (sparse, mask) = (None, None);
+        let (sparse, mask, rings) = (None, None, None);
         let frame = Arc::new(Frame {
             sparse,
             mask,
+            rings,
             ..frame
         });
         self.kept.keep(index, &frame);

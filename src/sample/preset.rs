@@ -1,5 +1,6 @@
 //! Published protocols by name.
 
+use super::occlusion::Occlusion;
 use super::protocol::{Anchor, Jumps};
 use super::resize::Interpolation;
 use super::{Pattern, Protocol, Size};
@@ -131,6 +132,27 @@ impl Preset {
                 protocol: Protocol::default(),
                 points: Pattern::Given,
                 source: "Marigold-DC (Viola et al. 2024): no cap, given points",
+            },
+            Self {
+                name: "scans",
+                protocol: Protocol {
+                    occlusion: Some(Occlusion::default()),
+                    ..Protocol::default()
+                },
+                points: Pattern::Given,
+                source: "laser returns as a car has them, scored without those seen past a nearer surface",
+            },
+            Self {
+                name: "scans-filtered",
+                protocol: Protocol {
+                    occlusion: Some(Occlusion {
+                        given: true,
+                        ..Occlusion::default()
+                    }),
+                    ..Protocol::default()
+                },
+                points: Pattern::Given,
+                source: "laser returns, given and scored without those seen past a nearer surface",
             },
         ]
     }

@@ -1,6 +1,7 @@
 //! How a frame is brought to the size at which it is measured, and which depths count.
 
-use super::resize::{Interpolation, move_points, resize_depth, resize_rgb};
+use super::occlusion::Occlusion;
+use super::resize::{Interpolation, move_points, resize_depth, resize_rgb, sources_of_points};
 use crate::data::{DepthMap, Frame, Place};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -51,6 +52,9 @@ pub struct Protocol {
     pub mask: bool,
     /// Leave out depths outside this range, in metres.
     pub range: Option<[f32; 2]>,
+    /// Leave out what a laser scanner above the camera saw past a nearer surface.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub occlusion: Option<Occlusion>,
     /// Leave out depths beside a jump.
     pub jumps: Option<Jumps>,
     /// Cut this out of the centre.
@@ -108,13 +112,26 @@ impl Protocol {
             depth: self.valid(frame)?,
             ..frame.clone()
         };
+        if let (Some(occlusion), Some(sparse)) = (self.occlusion, &frame.sparse)
+            && occlusion.given
+        {
+            frame.sparse = Some(occlusion.without(sparse)?);
+        }
         if let Some(size) = self.cut {
             let corner = corner(&frame, size, Anchor::Centre)?;
             frame = cut_out(&frame, corner, size)?;
         }
         if let Some(size) = self.resize {
             frame.rgb = resize_rgb(&frame.rgb, size, self.rgb_resize)?;
-            frame.depth = resize_depth(&frame.depth, size, self.depth_resize)?;
+            if let (Some(rings), Some(returns)) = (&frame.rings, &frame.sparse) {
+                let sources = sources_of_points(returns, size)?.into_iter();
+                let rings = sources.map(|source| source.map_or(-1, |pixel| rings[pixel]));
+                frame.rings = Some(rings.collect());
+                // Returns have holes all around, which interpolation would spread over them.
+                frame.depth = move_points(&frame.depth, size)?;
+            } else {
+                frame.depth = resize_depth(&frame.depth, size, self.depth_resize)?;
+            }
             frame.sparse = match &frame.sparse {
                 Some(sparse) => Some(move_points(sparse, size)?),
                 None => None,
@@ -157,7 +174,10 @@ impl Protocol {
                 }
             }
         }
-        let depth = DepthMap::new(frame.depth.width(), frame.depth.height(), values)?;
+        let mut depth = DepthMap::new(frame.depth.width(), frame.depth.height(), values)?;
+        if let Some(occlusion) = self.occlusion {
+            depth = occlusion.without(&depth)?;
+        }
         match self.jumps {
             None => Ok(depth),
             Some(jumps) => without_jumps(
@@ -214,6 +234,12 @@ fn cut_out(frame: &Frame, (left, top): (usize, usize), size: Size) -> Result<Fra
             .collect();
         DepthMap::new(size.width, size.height, values)
     };
+    let whole = frame.depth.width();
+    let rings = frame.rings.as_ref().map(|rings| {
+        let rows = (top..top + size.height).map(|y| y * whole + left);
+        rows.flat_map(|from| rings[from..from + size.width].iter().copied())
+            .collect()
+    });
     let [x, y, width, height] = [left, top, size.width, size.height].map(|n| n as u32);
     Ok(Frame {
         id: frame.id.clone(),
@@ -222,6 +248,7 @@ fn cut_out(frame: &Frame, (left, top): (usize, usize), size: Size) -> Result<Fra
         sparse: frame.sparse.as_ref().map(part).transpose()?,
         // Applied already.
         mask: None,
+        rings,
         place: frame.place,
         // Teachers see what was cut out.
         target: None,
@@ -236,6 +263,9 @@ impl Display for Protocol {
         }
         if let Some([low, high]) = self.range {
             steps.push(format!("true depths of {low} to {high} m"));
+        }
+        if let Some(occlusion) = self.occlusion {
+            steps.push(occlusion.to_string());
         }
         if let Some(Jumps { indoor, outdoor }) = self.jumps {
             steps.push(format!(
@@ -326,6 +356,41 @@ mod tests {
             [0.05, 0.0, 1.04, 0.0]
         );
         assert_eq!(mask.apply(&frame).unwrap().depth, frame.depth);
+    }
+
+    #[test]
+    fn rings_stay_with_their_returns() {
+        let returns = vec![9.0, 0.0, 2.0, 0.0, 0.0, 5.0, 0.0, 4.0];
+        let scan = frame(4, 2, returns.clone())
+            .with_sparse(DepthMap::new(4, 2, returns).unwrap())
+            .unwrap()
+            .with_rings(vec![7, -1, 3, -1, -1, 5, -1, 4])
+            .unwrap();
+        let half = Protocol {
+            resize: Some(Size {
+                height: 1,
+                width: 2,
+            }),
+            ..Protocol::default()
+        };
+        // Of 9 and 5 m the nearer one stays, of 2 and 4 m too.
+        let small = half.apply(&scan).unwrap();
+        assert_eq!(small.depth.values(), [5.0, 2.0]);
+        assert_eq!(small.sparse.unwrap().values(), [5.0, 2.0]);
+        assert_eq!(small.rings.unwrap(), [5, 3]);
+        let crop = Protocol {
+            crop: Some(Size {
+                height: 1,
+                width: 2,
+            }),
+            anchor: Anchor::Bottom,
+            ..Protocol::default()
+        };
+        let part = crop.apply(&scan).unwrap();
+        assert_eq!(part.depth.values(), [5.0, 0.0]);
+        assert_eq!(part.rings.unwrap(), [5, -1]);
+        let nowhere = frame(4, 2, vec![1.0; 8]).with_rings(vec![0; 8]);
+        assert!(nowhere.is_err());
     }
 
     #[test]

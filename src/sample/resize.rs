@@ -168,22 +168,33 @@ fn weigh(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) -> Result
 /// # Errors
 /// A size of 0.
 pub fn move_points(sparse: &DepthMap, size: Size) -> Result<DepthMap> {
+    let sources = sources_of_points(sparse, size)?;
+    let values = sources.into_iter();
+    let values = values.map(|source| source.map_or(0.0, |pixel| sparse.values()[pixel]));
+    Ok(DepthMap::new(size.width, size.height, values.collect())?)
+}
+
+/// The pixel from which each pixel of another size gets its point, as [`move_points`] moves them; row by row.
+///
+/// # Errors
+/// A size of 0.
+pub(super) fn sources_of_points(sparse: &DepthMap, size: Size) -> Result<Vec<Option<usize>>> {
     let from = Size {
         height: sparse.height(),
         width: sparse.width(),
     };
     check(from, size)?;
     let moved = |i: usize, from: usize, to: usize| (2 * i + 1) * to / (2 * from);
-    let mut values = vec![0.0_f32; size.width * size.height];
+    let mut sources: Vec<Option<usize>> = vec![None; size.width * size.height];
     for point in sparse.points() {
         let x = moved(point.x, from.width, size.width);
         let y = moved(point.y, from.height, size.height);
-        let value = &mut values[y * size.width + x];
-        if *value == 0.0 || point.depth < *value {
-            *value = point.depth;
+        let source = &mut sources[y * size.width + x];
+        if source.is_none_or(|pixel| point.depth < sparse.values()[pixel]) {
+            *source = Some(point.y * from.width + point.x);
         }
     }
-    Ok(DepthMap::new(size.width, size.height, values)?)
+    Ok(sources)
 }
 
 fn check(from: Size, to: Size) -> Result<()> {

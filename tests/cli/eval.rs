@@ -234,3 +234,112 @@ fn broken_frames_are_reported_and_the_rest_measured() {
             .contains("1 of 4 frames")
     );
 }
+
+/// A road seen from 1.6 m above it, at rings 0 to 11 from above, and a wall of 12 m that ends it.
+fn write_road(folder: &Path, name: &str) {
+    let image = image::RgbImage::from_fn(320, 240, |x, y| image::Rgb([(x / 2) as u8, y as u8, 90]));
+    let mut returns = Vec::new();
+    for ring in 0..12 {
+        let v = 70.0 + 12.5 * f32::from(ring);
+        let road = 1.6 * 400.0 / (v - 50.0);
+        returns.extend((0..32).map(|i| (10.0 * i as f32, v, road.min(12.0), ring)));
+    }
+    // Outside of the image, and without a depth.
+    returns.extend([(-3.0, 20.0, 5.0, 0), (3.0, 20.0, f32::NAN, 0)]);
+    scans::write_scan(folder, name, &image, &returns);
+}
+
+#[test]
+fn rings_of_a_scan_are_held_out() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["town/a", "town/b", "field/a"] {
+        write_road(folder.path(), name);
+    }
+    let eval = ["eval", "--dataset", "scans", "--root", "."];
+    let methods = ["--method", "linear-inverse,linear"];
+    let held = ["--hold-out", "ring:2", "-o", "run"];
+    let run = lsdc(folder.path())
+        .args(eval)
+        .args(methods)
+        .args(held)
+        .assert()
+        .success();
+    let said = text(&run);
+    for word in [
+        "scans val, 3 frames",
+        "1158 returns; left out: 3 outside of the image, 3 without a positive depth, 0 behind",
+        "held out  all rings but every 2nd",
+        "truth without returns beyond 1.1 x the nearest of 7x11 pixels + 0.3 m",
+        "RMSE by scene",
+        "field (1)",
+        "town (2)",
+        "0 to 10 m, 384 pixels (66.7 %)",
+        "10 to 20 m, 192 pixels (33.3 %)",
+        "phantom, %",
+    ] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    let report = json(&folder.path().join("run/report.json"));
+    // Rings 0, 2, ..., 10 of 32 returns each.
+    assert_eq!(report["frames"][0]["points"], 192);
+    assert_eq!(report["heading"]["made_from"]["hold_out"], "ring:2");
+    let scenes = &report["scenes"];
+    assert_eq!(scenes["field"], scenes["town"]);
+    let counted = |method: &str| -> u64 {
+        let ranges = report["ranges"][method]["all"].as_array().unwrap();
+        ranges.iter().map(|range| range[0].as_u64().unwrap()).sum()
+    };
+    assert_eq!((counted("linear"), counted("linear-inverse")), (576, 576));
+    let page = std::fs::read_to_string(folder.path().join("run/report.html")).unwrap();
+    assert!(page.contains("Errors by depth") && page.contains("MAE by scene"));
+
+    // What is not given is scored: 384 - 100 returns of each scan.
+    let drawn = ["--points", "100", "--json", "drawn.json"];
+    lsdc(folder.path())
+        .args(eval)
+        .args(methods)
+        .args(drawn)
+        .assert()
+        .success();
+    let drawn = json(&folder.path().join("drawn.json"));
+    let pixels = drawn["by_depth"][0]["title"].as_str().unwrap();
+    assert_eq!(pixels, "all depths, 852 pixels");
+    let all_given = [&eval[..], &["--method", "linear"]].concat();
+    refused(folder.path(), &all_given, &["not given", "--hold-out"]);
+    let unknown = [&all_given[..], &["--hold-out", "rings"]].concat();
+    refused(folder.path(), &unknown, &["ring:K", "clusters:N"]);
+    // Rooms have no rings.
+    let rooms = [&ROOMS[..], &["--hold-out", "ring:2"]].concat();
+    refused(folder.path(), &rooms, &["no rings", "clusters:N"]);
+}
+
+#[test]
+fn certain_pixels_are_counted_by_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let eval = |args: &[&str]| {
+        let mut command = lsdc(folder.path());
+        command
+            .args(ROOMS)
+            .args(["--method", "lsdc,linear", "--json", "r.json", "--force"])
+            .args(args)
+            .assert()
+            .success();
+        json(&folder.path().join("r.json"))
+    };
+    let kept = |report: &serde_json::Value| -> u64 {
+        let ranges = report["ranges"]["lsdc"]["certain"].as_array().unwrap();
+        ranges.iter().map(|range| range[0].as_u64().unwrap()).sum()
+    };
+    let (strict, usual) = (
+        eval(&["--uncertainty", "--sigma-cut", "0.01"]),
+        eval(&["--uncertainty"]),
+    );
+    let all = 4 * 96 * 72;
+    assert!(0 < kept(&strict) && kept(&strict) < kept(&usual) && kept(&usual) <= all);
+    assert_eq!(strict["means"], usual["means"]);
+    assert!(usual["ranges"]["linear"].get("certain").is_none());
+    let alone = [&ROOMS[..], &["--sigma-cut", "0.1"]].concat();
+    refused(folder.path(), &alone, &["--uncertainty"]);
+    let none = [&ROOMS[..], &["--uncertainty", "--sigma-cut", "0"]].concat();
+    refused(folder.path(), &none, &["sigma_cut"]);
+}

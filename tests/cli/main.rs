@@ -19,6 +19,8 @@ mod noise;
 mod outputs;
 mod recordings;
 mod reuse;
+#[path = "../scans/mod.rs"]
+mod scans;
 #[cfg(feature = "serve")]
 mod serve;
 mod summary;

@@ -5,7 +5,7 @@ use super::{Draws, FitFlags, Model, Settings, Source};
 use crate::data::{GuideSource, Shard, Split};
 use crate::eval::EvalConfig;
 use crate::predict::Method;
-use crate::sample::{Interpolation, Noise, Pattern};
+use crate::sample::{HoldOut, Interpolation, Noise, Pattern};
 use clap::Args as ClapArgs;
 use std::path::PathBuf;
 
@@ -25,6 +25,10 @@ pub(in crate::cli) struct Eval {
     /// half:N, given, files:DIR [default: as in the protocol].
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS", help_heading = "Protocol")]
     pub(in crate::cli) points: Option<Pattern>,
+    /// Hold out part of each frame, which is scored and never given: ring:K (all rings of a laser scanner but every K-th),
+    /// clusters:N (N square blocks around measured pixels) or region (a rectangle of half the width and height).
+    #[arg(long, value_parser = typed::<HoldOut>, value_name = "LAW", help_heading = "Protocol", hide_short_help = true)]
+    pub(in crate::cli) hold_out: Option<HoldOut>,
     /// Corrupt the points: added:SHARE:METRES (add up to METRES to a share of them), outliers:SHARE (replace a
     /// share of them), moved:LEAST:MOST (move each by so many pixels), region:SHARE:METRES (add METRES in a share
     /// of the image) or stereo:METRES (noise of METRES x the square of the depth).
@@ -34,8 +38,8 @@ pub(in crate::cli) struct Eval {
     #[arg(long, value_enum, help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) depth_resize: Option<Interpolation>,
     /// Methods to compare, on the same points [default: lsdc,linear]: lsdc (Fang et al., Depth-Independent Depth Completion
-    /// via Least Square Estimation, with a field), nearest, linear (Delaunay), idw (Shepard 1968), tps (Duchon 1977), wls
-    /// (Farbman et al. 2008), levin (Levin et al. 2004), steering (Takeda et al. 2007), ip-basic (Ku et al. 2018); with
+    /// via Least Square Estimation, with a field), nearest, linear (Delaunay), linear-inverse (the same of inverse depth), idw
+    /// (Shepard 1968), tps (Duchon 1977), wls (Farbman et al. 2008), levin (Levin et al. 2004), steering (Takeda et al. 2007), ip-basic (Ku et al. 2018); with
     /// weights of their own, given by --weights: s2d (Ma and Karaman, Sparse-to-Dense, ICRA 2018), cspn (Cheng, Wang and
     /// Yang, ECCV 2018), lsk (Liu et al., Learning Steering Kernels, TIP 2021).
     #[arg(long, value_parser = typed::<Method>, value_delimiter = ',', value_name = "NAMES", help_heading = "Methods")]
@@ -53,6 +57,16 @@ pub(in crate::cli) struct Eval {
     /// rank the errors.
     #[arg(long, help_heading = "Methods", hide_short_help = true)]
     pub(in crate::cli) uncertainty: bool,
+    /// With --uncertainty: rates of phantom and missed obstacles also of the pixels whose standard deviation is at most this
+    /// share of the predicted depth [default: 0.1].
+    #[arg(
+        long,
+        value_name = "SHARE",
+        requires = "uncertainty",
+        help_heading = "Methods",
+        hide_short_help = true
+    )]
+    pub(in crate::cli) sigma_cut: Option<f64>,
     /// Also score the depth maps of another program: FRAME.npy in metres or FRAME.png in millimetres,
     /// named like the frames of `lsdc export`; may be repeated.
     #[arg(long, value_parser = named_folder, value_name = "[NAME=]DIR", help_heading = "Methods", hide_short_help = true)]
@@ -118,7 +132,9 @@ impl Eval {
     pub(in crate::cli) fn apply(&self, eval: &mut EvalConfig) {
         self.draws.apply(eval);
         eval.points = self.points.clone().or(eval.points.take());
+        eval.hold_out = self.hold_out.or(eval.hold_out);
         eval.noise = self.noise.or(eval.noise);
+        eval.sigma_cut = self.sigma_cut.unwrap_or(eval.sigma_cut);
         if !self.method.is_empty() {
             eval.methods.clone_from(&self.method);
         }
@@ -146,6 +162,9 @@ pub(in crate::cli) struct Export {
     /// Sparse points, as for `eval` [default: as in the protocol].
     #[arg(long, value_parser = typed::<Pattern>, value_name = "POINTS")]
     pub(in crate::cli) points: Option<Pattern>,
+    /// Hold out part of each frame, as for `eval`: gt/FRAME.npy has what is scored.
+    #[arg(long, value_parser = typed::<HoldOut>, value_name = "LAW")]
+    pub(in crate::cli) hold_out: Option<HoldOut>,
     /// Corrupt the points, as for `eval`.
     #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE")]
     pub(in crate::cli) noise: Option<Noise>,

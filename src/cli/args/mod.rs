@@ -167,7 +167,7 @@ pub(super) struct Draws {
     )]
     pub(super) split: Split,
     /// Published protocol: full, nyu, nyu-s2d, nyu-cspn, nyu-conti, diode-paper, diode-masked,
-    /// diode-robustdc, kitti, void, marigold [default: that of the dataset].
+    /// diode-robustdc, kitti, void, marigold, scans, scans-filtered [default: that of the dataset].
     #[arg(
         long,
         value_name = "NAME",

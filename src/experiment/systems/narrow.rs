@@ -55,6 +55,7 @@ impl Dataset for Narrow {
             rgb,
             depth: moved(&frame.depth)?,
             sparse: None,
+            rings: None,
             mask: mask.map(|mask| (0..width * height).map(|i| mask[place(i)]).collect()),
             ..frame
         })
