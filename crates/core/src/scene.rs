@@ -213,7 +213,9 @@ impl Scene {
                     affinities.prior(config.joint.level);
                 }
                 let (field, solving) = (factorising.elapsed(), Instant::now());
-                let bases = rows.as_deref().map_or(Bases::Functions(inner), Bases::Rows);
+                let bases = rows
+                    .as_deref()
+                    .map_or(Bases::Functions(inner), |rows| Bases::Held(rows, inner));
                 let points = inner.points(bases, &usable, affinities, once);
                 Ok((fit(&points, &config, prior)?, field, solving.elapsed()))
             })
@@ -295,7 +297,9 @@ impl Scene {
         let (config, prior) = (inner.completer.fit_config(), inner.completer.prior());
         inner.completer.run(|| {
             let rows = inner.held(usable);
-            let bases = rows.as_deref().map_or(Bases::Functions(inner), Bases::Rows);
+            let bases = rows
+                .as_deref()
+                .map_or(Bases::Functions(inner), |rows| Bases::Held(rows, inner));
             let points = inner.points(bases, usable, inner.needed_affinities()?, false);
             judge(&points, config, prior)
         })
@@ -480,6 +484,13 @@ impl Functions for Inner {
             rows.map(|row| dot(row, weights)).collect::<Vec<_>>()
         });
         strips.collect()
+    }
+
+    fn map(&self, grid: (usize, usize), weights: &[f64]) -> Vec<f32> {
+        match &self.upsampling {
+            Some(upsampling) if upsampling.grid() == grid => self.combined(grid, weights).to_vec(),
+            _ => self.combine(grid, weights),
+        }
     }
 }
 

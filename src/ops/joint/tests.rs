@@ -19,6 +19,7 @@ const CONFIG: JointConfig = JointConfig {
     ridge: 0.2,
     level: 0.01,
     cosines: 1.0,
+    surface: false,
     bending: 0.5,
 };
 /// All weights have a ridge, or all but the first.

@@ -209,26 +209,36 @@ impl Kriged {
         let mut values = vec![0.0; self.factor.plan.len()];
         self.border.add_to(&self.factor, pull, &mut values);
         self.factor.backward(values.as_chunks_mut::<1>().0);
+        (values, self.weights_of(pull))
+    }
+
+    /// The solution of the equations for y, for a right-hand side at every pixel.
+    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
+        self.solve_with(right).0
+    }
+
+    /// The same, and the weights of the functions that are part of the field.
+    pub fn solve_with(&self, right: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let mut values = right.to_vec();
+        self.factor.forward(values.as_chunks_mut::<1>().0);
+        let products = self.border.products(&self.factor, &values);
+        let mut pull = Mat::from_fn(products.len(), 1, |i, _| -products[i]);
+        self.pull(pull.as_mut());
+        let pull = pull.col_as_slice(0);
+        self.border.add_to(&self.factor, pull, &mut values);
+        self.factor.backward(values.as_chunks_mut::<1>().0);
+        (values, self.weights_of(pull))
+    }
+
+    /// The weights of the functions that are part of the field, from `C^-1 t`.
+    fn weights_of(&self, pull: &[f64]) -> Vec<f64> {
         let mut weights = vec![0.0; self.ridges.len()];
         for strip in &self.functions {
             strip.add_products(pull, &mut weights);
         }
         let pairs = weights.iter_mut().zip(&self.ridges);
         pairs.for_each(|(weight, ridge)| *weight /= ridge.sqrt());
-        (values, weights)
-    }
-
-    /// The solution of the equations for y, for a right-hand side at every pixel.
-    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
-        let mut values = right.to_vec();
-        self.factor.forward(values.as_chunks_mut::<1>().0);
-        let products = self.border.products(&self.factor, &values);
-        let mut pull = Mat::from_fn(products.len(), 1, |i, _| -products[i]);
-        self.pull(pull.as_mut());
-        self.border
-            .add_to(&self.factor, pull.col_as_slice(0), &mut values);
-        self.factor.backward(values.as_chunks_mut::<1>().0);
-        values
+        weights
     }
 }
 

@@ -165,6 +165,18 @@ pub struct Scene<'a> {
 }
 
 impl Scene<'_> {
+    /// A position (u, v) of the image, on the grid of the field.
+    pub(super) fn on_grid(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        let (height, width) = self.affinities.size();
+        let scaled = |place: f64, from: usize, to: usize| {
+            (place + 0.5) * to as f64 / from.max(1) as f64 - 0.5
+        };
+        [
+            scaled(u, self.size.1, width),
+            scaled(v, self.size.0, height),
+        ]
+    }
+
     /// The pixels of the field that a position (u, v) of the image is read from.
     pub(super) fn taps(&self, place: [f64; 2]) -> Taps {
         match self.upsampling {

@@ -75,7 +75,18 @@ impl Estimate {
     }
 }
 
-impl Estimator<'_> {
+impl<'a> Estimator<'a> {
+    /// The same without the surface that points span: a fit that is linear in their depths.
+    fn roughly(self) -> Self {
+        match self {
+            Self::Field(field) => Self::Field(FieldEstimator {
+                surface: false,
+                ..field
+            }),
+            other => other,
+        }
+    }
+
     /// The inverse variance of the noise of a point of weight 1, in the unit of the fit.
     fn data(self) -> f64 {
         match self {
@@ -122,13 +133,19 @@ impl Estimator<'_> {
 /// No points, values that are not finite, a required prior that is not given, or a decomposition that does
 /// not converge.
 pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
-    let (mut fit, trust) = with_plain(points, config, prior, |rows, estimator, plain| {
-        let (estimate, point_weights) = match config.robust {
-            None => (plain, rows.weights.clone()),
-            Some(settings) => robust::robust(rows, estimator, plain, settings)?,
-        };
-        Ok(Fit::new(rows, estimate, point_weights))
-    })?;
+    let (mut fit, trust) = with_plain(
+        points,
+        config,
+        prior,
+        config.robust.is_some(),
+        |rows, estimator, plain| {
+            let (estimate, point_weights) = match config.robust {
+                None => (plain, rows.weights.clone()),
+                Some(settings) => robust::robust(rows, estimator, plain, settings)?,
+            };
+            Ok(Fit::new(rows, estimate, point_weights))
+        },
+    )?;
     fit.trust = trust;
     Ok(fit)
 }
@@ -142,7 +159,7 @@ pub fn judge(
     config: &FitConfig,
     prior: Option<&Prior>,
 ) -> Result<Vec<Judgement>> {
-    let (judged, _) = with_plain(points, config, prior, |rows, estimator, plain| {
+    let (judged, _) = with_plain(points, config, prior, true, |rows, estimator, plain| {
         let mut judged = robust::judge(rows, estimator, &plain)?;
         outcome::in_metres(&rows.values, &mut judged, rows.scale);
         Ok(judged)
@@ -156,6 +173,7 @@ fn with_plain<T>(
     points: &Points<'_>,
     config: &FitConfig,
     prior: Option<&Prior>,
+    rough_only: bool,
     then: impl FnOnce(&Rows<'_>, Estimator<'_>, Estimate) -> Result<T>,
 ) -> Result<(T, Option<f64>)> {
     config.check()?;
@@ -186,6 +204,7 @@ fn with_plain<T>(
             },
             prior: None,
             ridges: &ridges,
+            surface: config.joint.surface,
         }),
     };
     let mut trust = None;
@@ -212,10 +231,19 @@ fn with_plain<T>(
             ..field
         }),
     };
-    let plain = estimator.solve(&rows, &rows.weights)?;
-    let solve = |weights: &[f64]| estimator.solve(&rows, weights);
-    let (plain, weights) = measured::weighed(plain, &rows.variances, estimator.data(), solve)?;
+    let known = rows.variances.iter().any(|variance| *variance > 0.0);
+    let rough = if rough_only || known {
+        estimator.roughly()
+    } else {
+        estimator
+    };
+    let plain = rough.solve(&rows, &rows.weights)?;
+    let solve = |weights: &[f64]| rough.solve(&rows, weights);
+    let (mut plain, weights) = measured::weighed(plain, &rows.variances, estimator.data(), solve)?;
     rows.weights = weights;
+    if known && !rough_only {
+        plain = estimator.solve(&rows, &rows.weights)?;
+    }
     Ok((then(&rows, estimator, plain)?, trust))
 }
 

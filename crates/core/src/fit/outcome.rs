@@ -117,7 +117,10 @@ impl Fit {
     /// are distributed like the pixels. NaN for a point that the fit passes through whatever its depth is.
     pub fn leave_one_out(&self, leverages: &[f64]) -> Vec<f64> {
         let field = self.field.is_some();
-        let rests = leave_one_out(&self.rests, leverages, field);
+        let mut rests = leave_one_out(&self.rests, leverages, field);
+        if let Some(field) = &self.field {
+            field.left_out(&self.values, &mut rests);
+        }
         let mut errors = metres(&self.values, &rests, self.scale);
         for (error, leverage) in errors.iter_mut().zip(leverages) {
             if 1.0 - leverage < least_freedom(field) {

@@ -18,6 +18,9 @@ pub trait Functions: Debug + Sync {
 
     /// Functions x weights at each place.
     fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Vec<f64>;
+
+    /// Functions x weights at every pixel of a grid (height, width) over the image.
+    fn map(&self, grid: (usize, usize), weights: &[f64]) -> Vec<f32>;
 }
 
 /// The basis functions at some points.
@@ -27,6 +30,8 @@ pub enum Bases<'a> {
     Rows(&'a [f32]),
     /// Of so many points that fits with a field evaluate them at some of these only.
     Functions(&'a dyn Functions),
+    /// Both.
+    Held(&'a [f32], &'a dyn Functions),
 }
 
 /// Sparse depths with the basis functions at their positions.
@@ -86,7 +91,7 @@ impl<'a> Points<'a> {
             self.places.map_or(count, <[_]>::len),
         ];
         let (values, finite) = match self.bases {
-            Bases::Rows(rows) => (rows.len(), all_finite(rows)),
+            Bases::Rows(rows) | Bases::Held(rows, _) => (rows.len(), all_finite(rows)),
             Bases::Functions(functions) => (functions.count() * count, true),
         };
         if !values.is_multiple_of(count) || lengths != [count; 2] {
@@ -145,7 +150,7 @@ fn variances(
 impl Rows<'_> {
     pub(super) fn columns(&self) -> usize {
         match self.bases {
-            Bases::Rows(rows) => rows.len() / self.values.len().max(1),
+            Bases::Rows(rows) | Bases::Held(rows, _) => rows.len() / self.values.len().max(1),
             Bases::Functions(functions) => functions.count(),
         }
     }
@@ -153,7 +158,7 @@ impl Rows<'_> {
     /// The basis functions at all points.
     pub(super) fn bases(&self) -> Cow<'_, [f32]> {
         match self.bases {
-            Bases::Rows(rows) => Cow::Borrowed(rows),
+            Bases::Rows(rows) | Bases::Held(rows, _) => Cow::Borrowed(rows),
             Bases::Functions(functions) => {
                 Cow::Owned(functions.at(self.places.unwrap_or_default()))
             }
@@ -166,7 +171,7 @@ impl Rows<'_> {
     /// Values that are not finite.
     pub(super) fn bases_of(&self, points: &[usize]) -> Result<Vec<f32>, FitError> {
         let rows: Vec<f32> = match self.bases {
-            Bases::Rows(rows) => {
+            Bases::Rows(rows) | Bases::Held(rows, _) => {
                 let columns = self.columns();
                 let row = |&i: &usize| &rows[i * columns..][..columns];
                 points.iter().map(row).collect::<Vec<_>>().concat()
@@ -219,13 +224,30 @@ impl Rows<'_> {
     pub(super) fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Option<Vec<f64>> {
         match self.bases {
             Bases::Rows(_) => None,
-            Bases::Functions(functions) => Some(functions.combine(places, weights)),
+            Bases::Functions(functions) | Bases::Held(_, functions) => {
+                Some(functions.combine(places, weights))
+            }
+        }
+    }
+
+    /// Whether basis functions are known everywhere, and not at the points only.
+    pub(super) fn are_everywhere(&self) -> bool {
+        !matches!(self.bases, Bases::Rows(_))
+    }
+
+    /// Basis functions x weights at every pixel of a grid (height, width), unless they are known at the points only.
+    pub(super) fn map(&self, grid: (usize, usize), weights: &[f64]) -> Option<Vec<f32>> {
+        match self.bases {
+            Bases::Rows(_) => None,
+            Bases::Functions(functions) | Bases::Held(_, functions) => {
+                Some(functions.map(grid, weights))
+            }
         }
     }
 
     pub(super) fn residuals(&self, weights: &[f64]) -> Vec<f64> {
         let model = match self.bases {
-            Bases::Rows(rows) => {
+            Bases::Rows(rows) | Bases::Held(rows, _) => {
                 let rows = rows.chunks_exact(weights.len().max(1));
                 rows.map(|row| dot(row, weights)).collect()
             }

@@ -6,8 +6,10 @@ use super::fitted::{FieldFit, Form};
 use super::holes::Holes;
 use super::sites::{Sample, Sites};
 use super::smoothness::Smoothness;
+use super::surface::Surface;
 use crate::error::{FitError, Result};
 use crate::field::{self, Observed};
+use crate::fit::CosineBasis;
 use crate::fit::affinities::{Affinities, Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
@@ -25,6 +27,8 @@ pub(in crate::fit) struct FieldEstimator<'a> {
     pub(in crate::fit) prior: Option<(&'a Prior, Lambda)>,
     /// The last columns are cosines, with these penalties on the squares of their weights.
     pub(in crate::fit) ridges: &'a [f64],
+    /// Whether the field follows the surface that the sites span.
+    pub(in crate::fit) surface: bool,
 }
 
 /// What is found for some sites.
@@ -35,6 +39,7 @@ struct Found {
     /// The field at every pixel.
     values: Vec<f64>,
     form: Form,
+    smoothness: Smoothness,
     sample: Sample,
     /// What the weights leave of each point, if that was needed.
     residuals: Option<Vec<f64>>,
@@ -57,6 +62,7 @@ impl FieldEstimator<'_> {
         Self {
             prior: None,
             ridges: &[],
+            surface: false,
             ..self
         }
     }
@@ -82,21 +88,22 @@ impl FieldEstimator<'_> {
     }
 
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
-        let sites = Sites::new(rows, weights, self.scene, &self.joint)?;
+        let mut sites = Sites::new(rows, weights, self.scene, &self.joint)?;
+        let surface = self.surface(&sites, rows);
+        let surface = surface.as_ref();
         let found = match self.prior {
-            None => self.alone(&sites, rows)?,
+            None => self.alone(&mut sites, rows, surface)?,
             Some((prior, lambda)) if self.are_few(&sites) => {
-                self.few(&sites, rows, prior, lambda)?
+                self.few(&sites, rows, prior, lambda, surface)?
             }
-            Some((prior, lambda)) => self.many(&sites, rows, prior, lambda)?,
+            Some((prior, lambda)) => self.many(&mut sites, rows, prior, lambda, surface)?,
         };
         let rests = found.residuals;
         let rests = rests.unwrap_or_else(|| rows.residuals(&found.solution.weights));
         let places = rows.places.unwrap_or_default().par_iter();
         let pairs = rests.par_iter().zip(places);
         let rests = pairs.map(|(rest, &place)| rest - self.scene.taps(place).read(&found.values));
-        let smoothness = self.smoothness();
-        let size = smoothness.affinities.size();
+        let size = found.smoothness.affinities.size();
         Ok(Estimate {
             rests: rests.collect(),
             solution: found.solution,
@@ -104,7 +111,8 @@ impl FieldEstimator<'_> {
             lambda: found.lambda,
             field: Some(Arc::new(FieldFit {
                 form: found.form,
-                smoothness,
+                smoothness: found.smoothness,
+                follows: surface.is_some(),
                 sites,
                 sample: found.sample,
                 smooth: Smooth::new(size, &found.values),
@@ -125,10 +133,47 @@ impl FieldEstimator<'_> {
         Ok((all.without_last(self.ridges)?.0, sites.len()))
     }
 
+    /// The surface that sites span, unless there are so many that it would say nothing new, or basis functions are known
+    /// at the points only.
+    fn surface(self, sites: &Sites, rows: &Rows<'_>) -> Option<Surface> {
+        let known = self.prior.is_none() || rows.are_everywhere();
+        let size = self.scene.affinities.size();
+        (self.surface && known && sites.len() <= DENSE)
+            .then(|| Surface::through(&sites.places, &sites.depths, &sites.firmness(), size))
+            .flatten()
+    }
+
+    /// The field with all sites, and how smooth it is: in perspective, if they span a surface.
+    fn observed(
+        self,
+        sites: &mut Sites,
+        surface: Option<&Surface>,
+    ) -> Result<(Observed, Smoothness), FitError> {
+        let mut smoothness = self.smoothness();
+        if let Some(surface) = surface {
+            let [right, down] = surface.affinities(&smoothness.affinities.grid(smoothness.level));
+            let size = smoothness.affinities.size();
+            smoothness.affinities = Affinities::from_parts(size, right, down);
+            sites.scale(|depth| surface.precision(depth));
+        }
+        let field = smoothness.observed(&sites.taps, &sites.weights)?;
+        Ok((field, smoothness))
+    }
+
     /// The field without basis functions.
-    fn alone(self, sites: &Sites, rows: &Rows<'_>) -> Result<Found, FitError> {
-        let field = self.smoothness().observed(&sites.taps, &sites.weights)?;
-        let values = field.extend(&sites.depths);
+    fn alone(
+        self,
+        sites: &mut Sites,
+        rows: &Rows<'_>,
+        surface: Option<&Surface>,
+    ) -> Result<Found, FitError> {
+        let (field, smoothness) = self.observed(sites, surface)?;
+        let mut values = field.extend(&sites.depths);
+        if let Some(surface) = surface {
+            let nothing = vec![0.0; values.len()];
+            let grid = smoothness.affinities.grid(smoothness.level);
+            add(&mut values, &field.solve(&surface.pull(&grid, &nothing)));
+        }
         let square = dot(&sites.depths, &field.pull_from(&sites.depths, &values));
         let columns = rows.columns();
         Ok(Found {
@@ -146,6 +191,7 @@ impl FieldEstimator<'_> {
                 share: 0.0,
                 start: None,
             },
+            smoothness,
             sample: sites.sample(0, rows)?,
             residuals: None,
             limited: 0,
@@ -153,7 +199,14 @@ impl FieldEstimator<'_> {
     }
 
     /// From the moments of all columns, with the cosines as a part of the field.
-    fn few(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
+    fn few(
+        self,
+        sites: &Sites,
+        rows: &Rows<'_>,
+        prior: &Prior,
+        lambda: Lambda,
+        surface: Option<&Surface>,
+    ) -> Result<Found> {
         let sample = sites.sample(sites.len(), rows)?;
         let field = self.smoothness().kriged(&sample, self.ridges)?;
         let columns = sample.columns() - self.ridges.len();
@@ -162,14 +215,28 @@ impl FieldEstimator<'_> {
         let mut solution = found.solution;
         let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
         rest.push(1.0);
-        let (values, cosines) = field.extend(&rest);
+        let (mut values, cosines) = field.extend(&rest);
         solution.weights.extend(cosines);
+        let size = self.scene.affinities.size();
+        if let Some(surface) = surface
+            && let Some(functions) = rows.map(size, &solution.weights)
+        {
+            let grid = self.scene.affinities.grid(self.joint.level);
+            let (steps, cosines) = field.solve_with(&surface.pull(&grid, &functions));
+            add(&mut values, &steps);
+            // Kept with the field: the weights have another purpose.
+            let mut more = vec![0.0; values.len()];
+            CosineBasis::up_to(self.joint.cosines).add_to(size, &cosines, &mut more);
+            let pairs = values.iter_mut().zip(more);
+            pairs.for_each(|(value, more)| *value += f64::from(more));
+        }
         Ok(Found {
             solution,
             noise: found.noise,
             lambda: Some(found.lambda),
             values,
             form: Form::Few(field),
+            smoothness: self.smoothness(),
             sample,
             residuals: None,
             limited: 0,
@@ -178,7 +245,14 @@ impl FieldEstimator<'_> {
 
     /// The weights for some of the sites, then, unless there are very many, those for more by conjugate gradients
     /// from there; and the field of all.
-    fn many(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
+    fn many(
+        self,
+        sites: &mut Sites,
+        rows: &Rows<'_>,
+        prior: &Prior,
+        lambda: Lambda,
+        surface: Option<&Surface>,
+    ) -> Result<Found> {
         let enough = if sites.len() <= MOST {
             MOST
         } else if sites.len() <= DENSE {
@@ -199,7 +273,7 @@ impl FieldEstimator<'_> {
         let determined: f64 = pairs.map(|(a, b)| a.transpose() * b).sum();
 
         let mut known = None;
-        if sample.len() > first.len() {
+        if sample.len() > first.len() && surface.is_none() {
             let (map, penalties) = self.axes(prior, found.lambda);
             let field = self.smoothness().observed(&sample.taps, &sample.weights)?;
             let normal = Normal::new(&field, &sample, map, penalties, &near.normal)?;
@@ -211,7 +285,8 @@ impl FieldEstimator<'_> {
                 sample.len() as f64 - 1.0,
             );
             solution.weights = minimum.weights;
-            known = (sample.len() == sites.len()).then_some((field, minimum.rest));
+            known =
+                (sample.len() == sites.len() && surface.is_none()).then_some((field, minimum.rest));
         }
         let (mut start, mut sample) = (Some(some), sample);
         if self.scene.once && enough == START {
@@ -220,14 +295,23 @@ impl FieldEstimator<'_> {
             (start, sample) = (None, first);
             self.scene.affinities.forget_prior();
         }
+        let mut smoothness = self.smoothness();
         let (field, rest, residuals) = if let Some((field, rest)) = known {
             (field, rest, None)
         } else {
-            let field = self.smoothness().observed(&sites.taps, &sites.weights)?;
+            let (field, firmer) = self.observed(sites, surface)?;
+            smoothness = firmer;
             let residuals = rows.residuals(&solution.weights);
             (field, sites.means(&residuals), Some(residuals))
         };
         let mut values = field.extend(&rest);
+        let size = self.scene.affinities.size();
+        if let Some(surface) = surface
+            && let Some(functions) = rows.map(size, &solution.weights)
+        {
+            let grid = smoothness.affinities.grid(smoothness.level);
+            add(&mut values, &field.solve(&surface.pull(&grid, &functions)));
+        }
         let limited = self.limit_holes(sites, rows, &solution.weights, &field, &mut values);
         Ok(Found {
             solution,
@@ -239,6 +323,7 @@ impl FieldEstimator<'_> {
                 share: determined / sites.len() as f64,
                 start,
             },
+            smoothness,
             sample,
             residuals,
             limited,
@@ -300,6 +385,11 @@ impl FieldEstimator<'_> {
             lumped: true,
         }
     }
+}
+
+fn add(values: &mut [f64], more: &[f64]) {
+    let pairs = values.iter_mut().zip(more);
+    pairs.for_each(|(value, more)| *value += more);
 }
 
 /// The position of a pixel's centre on an axis of `from` pixels, on one of `to` pixels.

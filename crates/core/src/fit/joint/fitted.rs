@@ -3,6 +3,7 @@
 use super::coarse::Coarse;
 use super::sites::{Sample, Sites};
 use super::smoothness::Smoothness;
+use super::surface::{LeftOut, left_out};
 use crate::bilinear::Taps;
 use crate::error::FitError;
 use crate::field::{Kriged, Observed};
@@ -15,6 +16,8 @@ use faer::{Mat, MatRef};
 pub(in crate::fit) struct FieldFit {
     pub(super) form: Form,
     pub(super) smoothness: Smoothness,
+    /// Whether it follows the surface that the sites span.
+    pub(super) follows: bool,
     pub(super) sites: Sites,
     /// The sites that the weights were estimated from.
     pub(super) sample: Sample,
@@ -49,10 +52,27 @@ impl FieldFit {
         let pairs = self.sites.of_points().zip(weights);
         let leverage = |(site, weight): (Option<usize>, &f64)| {
             site.map_or(0.0, |site| {
+                let weight = weight * self.sites.scale_of(site);
                 (self.data * weight * variances[site]).clamp(0.0, 1.0)
             })
         };
         pairs.map(leverage).collect()
+    }
+
+    /// Leave-one-out errors of points with these `values`, from those of a field that follows no surface: a site that is
+    /// left out changes the surface, too.
+    pub(in crate::fit) fn left_out(&self, values: &[f64], errors: &mut [f64]) {
+        if !self.follows {
+            return;
+        }
+        let sites = &self.sites;
+        let others = left_out(&sites.places, &sites.depths, &sites.firmness());
+        let points = sites.of_points().zip(values).zip(errors);
+        for ((site, value), error) in points {
+            if let Some(LeftOut { depth, trust }) = site.and_then(|site| others[site]) {
+                *error += trust * (value - depth - *error);
+            }
+        }
     }
 
     /// The variance of the fitted depth at each site.

@@ -22,6 +22,7 @@ mod marginal;
 mod problem;
 mod sites;
 mod smoothness;
+mod surface;
 #[cfg(test)]
 mod tests;
 
@@ -49,6 +50,8 @@ pub struct JointConfig {
     /// divided by F.
     #[serde(alias = "waves")]
     pub cosines: f64,
+    /// Whether the field follows the surface that the points span, where that is plausible.
+    pub surface: bool,
     /// Penalty on the square of a cosine's weight at low frequencies.
     pub bending: f64,
 }
@@ -60,6 +63,7 @@ impl Default for JointConfig {
             ridge: 1.0,
             level: 1e-7,
             cosines: 0.0,
+            surface: true,
             // Of 0.2, 0.3, 0.57, 1 and 2 on 60 training frames: the smaller, the better with 500 points
             // (1 % from 1 to 0.2) and the worse with 100 (0.6 %).
             bending: 0.3,

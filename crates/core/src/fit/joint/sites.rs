@@ -15,6 +15,12 @@ pub(super) struct Sites {
     pub(super) taps: Vec<Taps>,
     pub(super) weights: Vec<f64>,
     pub(super) depths: Vec<f64>,
+    /// Mean positions (u, v) on the grid of the field.
+    pub(super) places: Vec<[f64; 2]>,
+    /// The mean weight of the points of each.
+    means: Vec<f64>,
+    /// By what [`Self::scale`] multiplied the weights.
+    scales: Vec<f64>,
     /// The site of each point, [`NONE`] if the point has no weight.
     of_points: Vec<u32>,
     /// The points of all sites, one site after the other.
@@ -80,22 +86,29 @@ impl Sites {
                 }
             }
             let place = [first[0] + off[0], first[1] + off[1]];
-            (scene.taps(place), total, depth)
+            (scene.taps(place), total, depth, scene.on_grid(place))
         };
         let found: Vec<_> = groups.into_par_iter().map(site).collect();
         let mut of_points = vec![NONE; places.len()];
         let mut shares = Vec::with_capacity(members.len());
-        for (site, ([start, end], (_, total, _))) in starts.array_windows().zip(&found).enumerate()
+        for (site, ([start, end], (_, total, ..))) in starts.array_windows().zip(&found).enumerate()
         {
             for &i in &members[*start..*end] {
                 of_points[i as usize] = site as u32;
                 shares.push(weights[i as usize] / total);
             }
         }
+        let counts = starts
+            .array_windows()
+            .map(|[start, end]| (end - start) as f64);
+        let means = found.iter().zip(counts).map(|(site, count)| site.1 / count);
         Ok(Self {
             taps: found.iter().map(|site| site.0).collect(),
             weights: found.iter().map(|site| joint.data * site.1).collect(),
             depths: found.iter().map(|site| site.2).collect(),
+            places: found.iter().map(|site| site.3).collect(),
+            means: means.collect(),
+            scales: vec![1.0; found.len()],
             of_points,
             members,
             shares,
@@ -106,6 +119,26 @@ impl Sites {
     /// The number of sites.
     pub(super) fn len(&self) -> usize {
         self.taps.len()
+    }
+
+    /// How far each site is believed beside others: by the mean weight of its points, at most 1.
+    pub(super) fn firmness(&self) -> Vec<f64> {
+        self.means.iter().map(|mean| mean.min(1.0)).collect()
+    }
+
+    /// Multiplies the weight of each site by a factor that depends on its depth.
+    pub(super) fn scale(&mut self, factor: impl Fn(f64) -> f64) {
+        let sites = self.weights.iter_mut().zip(&mut self.scales);
+        for ((weight, scale), &depth) in sites.zip(&self.depths) {
+            let factor = factor(depth);
+            *weight *= factor;
+            *scale *= factor;
+        }
+    }
+
+    /// By what the weight of a site was multiplied.
+    pub(super) fn scale_of(&self, site: usize) -> f64 {
+        self.scales[site]
     }
 
     /// The mean at each site of values at the points.

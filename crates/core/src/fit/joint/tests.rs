@@ -133,9 +133,14 @@ fn dense(fit: &Fit) -> Vec<f64> {
     map.into_iter().map(f64::from).collect()
 }
 
+/// A fit that is linear in the depths.
 fn settings(method: FitMethod) -> FitConfig {
     FitConfig {
         method,
+        joint: JointConfig {
+            surface: false,
+            ..JointConfig::default()
+        },
         prior: PriorKind::Flat,
         lambda: Lambda::Fixed(0.05),
         ..FitConfig::default()

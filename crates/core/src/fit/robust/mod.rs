@@ -141,12 +141,16 @@ pub(super) fn robust(
     settings: Robust,
 ) -> Result<(Estimate, Vec<f64>)> {
     if settings.loss != Loss::Auto {
-        return reweighted::reweighted(rows, estimator, plain, settings);
+        let (found, weights) = reweighted::reweighted(rows, estimator.roughly(), plain, settings)?;
+        return Ok(match estimator {
+            Estimator::Field(_) => (estimator.solve(rows, &weights)?, weights),
+            _ => (found, weights),
+        });
     }
     // Its field has the memory that the next ones take.
     plain.field = None;
     let data = estimator.data();
-    let judged = judge(rows, estimator, &plain)?.into_iter();
+    let judged = judge(rows, estimator.roughly(), &plain)?.into_iter();
     let weights: Vec<f64> = judged.map(|found| found.precision / data).collect();
     Ok((estimator.solve(rows, &weights)?, weights))
 }
