@@ -75,7 +75,7 @@ impl Estimate {
     }
 }
 
-impl<'a> Estimator<'a> {
+impl Estimator<'_> {
     /// The same without the surface that points span: a fit that is linear in their depths.
     fn roughly(self) -> Self {
         match self {

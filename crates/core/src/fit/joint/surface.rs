@@ -513,11 +513,12 @@ mod tests {
         depths[2 * 7 + 5] = 2.0;
         continue_outside(&mut depths, (5, 7));
         for (i, depth) in depths.iter().enumerate() {
-            match i % 7 {
-                0..3 => assert_eq!(*depth, 1.0),
-                4.. => assert_eq!(*depth, 2.0),
-                _ => assert!(*depth > 0.0),
-            }
+            // The middle is as near to both.
+            assert!(match i % 7 {
+                3 => [1.0, 2.0].contains(depth),
+                x if x < 3 => *depth == 1.0,
+                _ => *depth == 2.0,
+            });
         }
     }
 
