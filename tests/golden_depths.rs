@@ -35,6 +35,9 @@ const TOLERANCE: f32 = 1e-5;
 /// all but two of 131 results then differ by less than 1e-5, and these by up to 1.2e-5 (the fit without a prior, which is
 /// ill-conditioned, and the plain fit to outliers).
 const TOLERANCE_PORTABLE: f32 = 3e-5;
+/// A leave-one-out error is a residual over 1 - leverage, which multiplies what the residual is rounded by: without fused
+/// multiply-add, two of them differ by 3.1e-5 and 4.6e-5, and no depth by more than above.
+const MULTIPLIED: f32 = 2.0;
 /// Columns and rows of the grids.
 const GRID: (usize, usize) = (24, 18);
 /// Leave-one-out errors that are kept of a result.
@@ -164,7 +167,8 @@ fn of_network(results: &mut Results, name: &str, completer: &Completer, input: &
     let Input { frame, points, .. } = input;
     let (low, high) = frame.depth.range().unwrap();
     let mut add = |what: &str, values: Vec<f32>| {
-        let tolerance = TOLERANCE * (high - low);
+        let multiplied = if what == "left out" { MULTIPLIED } else { 1.0 };
+        let tolerance = multiplied * TOLERANCE * (high - low);
         let old = results.insert(
             format!("{name}/{}/{what}", input.name),
             Result { values, tolerance },
