@@ -59,8 +59,8 @@ impl FieldFit {
         pairs.map(leverage).collect()
     }
 
-    /// Leave-one-out errors of points with these `values`, from those of a field that follows no surface: a site that is
-    /// left out changes the surface, too.
+    /// Corrects leave-one-out errors of points with these `values`, which are those for a given surface: without a site, the
+    /// surface is another, too.
     pub(in crate::fit) fn left_out(&self, values: &[f64], errors: &mut [f64]) {
         if !self.follows {
             return;

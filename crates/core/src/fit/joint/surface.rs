@@ -13,8 +13,8 @@
 //!
 //! Where the equations are factorised with the sites in them, they also follow perspective: pixels are tied more firmly
 //! where the surface is trusted, whatever the image shows there, and the variance of a step, like that of an error of
-//! a site, grows in proportion to depth. (In proportion to its square, relative errors would be as small as they can be, and
-//! the largest errors larger: a mean between two surfaces weighs near and far errors alike in that case.)
+//! a site, grows in proportion to depth. (In proportion to its square, relative errors would be smaller, and the root mean
+//! square of errors larger.)
 
 use crate::field::Grid;
 use delaunator::{EMPTY, Point, Triangulation, next_halfedge, triangulate};
