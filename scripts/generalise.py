@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Weights on datasets that they have not seen: the shipped method beside untrained baselines.
+"""Weights on datasets that they have not seen: the shipped method beside untrained ones.
 
 Takes folders of FRAME.jpg (or .png) and 16-bit FRAME_depth.png, each with the metres of a stored
-unit after a colon where these are not millimetres, and prints a table, with the geometric mean over
-sets of the ratios to the RMSE of linear interpolation.
+unit after a colon where these are not millimetres, or of scans (FRAME_points.npz, docs/evaluation.md).
+Prints the scores of `lsdc` on every set with their ratios to the best of the others, and the geometric
+means over sets of the ratios to each.
 
     python3 scripts/generalise.py -o results redwood tum_desk kitti:0.00390625
-    python3 scripts/generalise.py -o results --points 200 --weights runs/mine/weights.safetensors DIR
+    python3 scripts/generalise.py -o results --points grid:16 --set fit.joint.surface=false DIR
+    python3 scripts/generalise.py -o results --hold-out ring:4 scans/*
 
 Needs Python 3.10 and nothing else.
 """
@@ -18,45 +20,76 @@ import subprocess
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-METHODS = ["lsdc", "linear", "wls"]
+SCORES = ["rmse", "mae", "rel"]
+BASELINES = ["linear", "linear-inverse", "wls"]
+# Other fits of the same weights.
+FITS = {"field": ["--fit", "field"], "without a surface": ["--set", "fit.joint.surface=false"]}
+OTHERS = [*BASELINES, *FITS]
 
 
-def measure(args: argparse.Namespace, folder: Path, scale: str) -> list[dict]:
-    report = args.output / f"{folder.name}-{args.points}.json"
+def evaluate(args: argparse.Namespace, folder: Path, scale: str, fit: str) -> list[dict]:
+    sampling = (args.hold_out or args.points).replace(":", "")
+    report = args.output / f"{folder.parent.name}-{folder.name}-{sampling}-{fit.replace(' ', '-')}.json"
     if not report.exists():
-        # The colour files of a set have one ending.
-        ending = "jpg" if any(folder.glob("*.jpg")) else "png"
-        command = [args.program, "eval", "--dataset", "folder", "--root", folder,
-                   "--set", f'data.folder.rgb="{{frame}}.{ending}"',
-                   "--set", 'data.folder.depth="{frame}_depth.png"',
-                   "--set", f"data.folder.depth_scale={scale}",
-                   "--points", str(args.points), "--method", ",".join(METHODS), "--json", report]
-        if args.weights:
-            command += ["--weights", args.weights]
+        if any(folder.glob("*_points.npz")):
+            data = ["--dataset", "scans", "--root", folder, "--protocol", "scans-filtered"]
+        else:
+            # The colour files of a set have one ending.
+            ending = "jpg" if any(folder.glob("*.jpg")) else "png"
+            data = ["--dataset", "folder", "--root", folder,
+                    "--set", f'data.folder.rgb="{{frame}}.{ending}"',
+                    "--set", 'data.folder.depth="{frame}_depth.png"',
+                    "--set", f"data.folder.depth_scale={scale}"]
+        given = ["--hold-out", args.hold_out] if args.hold_out else ["--points", args.points]
+        methods = "lsdc" if fit in FITS else ",".join(["lsdc", *BASELINES])
+        command = [args.program, "eval", *data, *given, "--method", methods, "--json", report, *args.rest,
+                   *FITS.get(fit, [])]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return json.loads(report.read_text())["frames"]
+
+
+def measure(args: argparse.Namespace, folder: Path, scale: str) -> tuple[int, dict[str, dict[str, float]]]:
+    """The number of frames, and the mean of every score by method."""
+    frames = evaluate(args, folder, scale, "lsdc")
+    mean = lambda frames, method: {
+        score: sum(f["scores"][method][score] for f in frames) / len(frames) for score in SCORES}
+    found = {method: mean(frames, method) for method in ["lsdc", *BASELINES]}
+    return len(frames), found | {fit: mean(evaluate(args, folder, scale, fit), "lsdc") for fit in FITS}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folders", nargs="+", metavar="DIR[:METRES]")
-    parser.add_argument("--points", type=int, default=500)
+    parser.add_argument("--points", default="500")
+    parser.add_argument("--hold-out")
     parser.add_argument("--weights")
+    parser.add_argument("--set", action="append", default=[], help="a setting of `lsdc eval`")
     parser.add_argument("--program", default=str(ROOT / "target/release/lsdc"))
     parser.add_argument("-o", "--output", type=Path, required=True)
     args = parser.parse_args()
+    args.rest = [word for setting in args.set for word in ("--set", setting)]
+    args.rest += ["--weights", args.weights] if args.weights else []
     args.output.mkdir(parents=True, exist_ok=True)
-    heads = [f"{m} {score}" for score in ("RMSE", "REL") for m in METHODS]
-    print("| set | frames | " + " | ".join(heads) + " |\n|" + "---|" * (2 + len(heads)))
-    ratios = []
+
+    print("| set | frames | " + " | ".join(s.upper() for s in SCORES) + " |\n|" + "---|" * (2 + len(SCORES)))
+    ratios: dict[str, dict[str, list[float]]] = {m: {s: [] for s in SCORES} for m in [*OTHERS, "the best"]}
     for text in args.folders:
         path, _, scale = text.partition(":")
-        frames = measure(args, Path(path), scale or "0.001")
-        mean = lambda m, s: sum(f["scores"][m][s] for f in frames) / len(frames)
-        cells = [f"{mean(m, s):.4f}" for s in ("rmse", "rel") for m in METHODS]
-        ratios.append(math.log(mean("lsdc", "rmse") / mean("linear", "rmse")))
-        print(f"| {Path(path).name} | {len(frames)} | " + " | ".join(cells) + " |", flush=True)
-    print(f"\nRMSE of lsdc / linear, geometric mean: {math.exp(sum(ratios) / len(ratios)):.3f}")
+        count, found = measure(args, Path(path), scale or "0.001")
+        cells = []
+        for score in SCORES:
+            own, others = found["lsdc"][score], {m: found[m][score] for m in OTHERS}
+            best = min(others, key=others.get)
+            for method, value in [*others.items(), ("the best", others[best])]:
+                ratios[method][score].append(math.log(own / value))
+            cells.append(f"{own:.4f} ({own / others[best]:.3f} of {best})")
+        print(f"| {Path(path).name} | {count} | " + " | ".join(cells) + " |", flush=True)
+
+    print("\nGeometric mean of lsdc / method:\n| method | " + " | ".join(s.upper() for s in SCORES) + " |")
+    print("|" + "---|" * (1 + len(SCORES)))
+    for method, found in ratios.items():
+        means = [f"{math.exp(sum(found[s]) / len(found[s])):.3f}" for s in SCORES]
+        print(f"| {method} | " + " | ".join(means) + " |")
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ struct Inner {
     size: (usize, usize),
     /// How depth is read from the grid that it is solved on, in a fit with a field to an image that is larger.
     upsampling: Option<Arc<Upsampling>>,
-    /// The last weights that functions were combined with on the grid of the upsampling, and the map.
+    /// The last weights that functions were combined with on the grid that depth is solved on, and the map.
     combined: Mutex<Option<Combined>>,
     network: Duration,
 }
@@ -307,12 +307,7 @@ impl Scene {
 
     /// Basis functions and cosines x weights at every pixel of the image at `size` (height, width).
     pub(crate) fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        match self.upsampling() {
-            Some(upsampling) if upsampling.grid() == size => {
-                self.0.combined(size, weights).to_vec()
-            }
-            _ => self.0.combine(size, weights),
-        }
+        self.0.map(size, weights)
     }
 }
 
@@ -384,36 +379,42 @@ impl Inner {
         self.depth_guide.as_ref().map_or(0, DepthGuide::count)
     }
 
-    /// The same on the grid of the upsampling, where a fit to many observations and the map that is read from it ask for
-    /// the same weights.
-    fn combined(&self, grid: (usize, usize), weights: &[f64]) -> Arc<Vec<f32>> {
+    /// The same on the grid that depth is solved on, where a fit with a field and the map that is read from it ask for the
+    /// same weights.
+    fn combined(&self, weights: &[f64]) -> Arc<Vec<f32>> {
         let lock = || self.combined.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, map)) = lock().as_ref().filter(|(known, _)| known == weights) {
             return map.clone();
         }
-        let map = Arc::new(self.combine(grid, weights));
+        let map = Arc::new(self.combine(self.grid(), weights));
         *lock() = Some((weights.to_vec(), map.clone()));
         map
     }
 
     /// The basis functions at observations, unless there are so many that they are evaluated at some only.
     fn held(&self, usable: &Usable) -> Option<Vec<f32>> {
-        let plain = self.completer.fit_config().method == FitMethod::Lse;
-        let grid = self
-            .upsampling
-            .as_ref()
-            .map_or(self.size, |upsampling| upsampling.grid());
+        let grid = self.grid();
         // A fit to dense points evaluates them in the holes between these, too.
         let sparse = usable.places.len() <= HELD.min(grid.0 * grid.1 / 5);
-        (plain || sparse).then(|| self.at(self.size, &usable.places))
+        (!self.has_field() || sparse).then(|| self.at(self.size, &usable.places))
+    }
+
+    fn has_field(&self) -> bool {
+        match self.completer.fit_config().method {
+            FitMethod::Lse => false,
+            FitMethod::Field | FitMethod::Joint => true,
+        }
+    }
+
+    /// Height and width of the grid that depth is solved on.
+    fn grid(&self) -> (usize, usize) {
+        let upsampling = self.upsampling.as_ref();
+        upsampling.map_or(self.size, |upsampling| upsampling.grid())
     }
 
     /// The affinities, if the fit needs them.
     fn needed_affinities(&self) -> Result<Option<&Affinities>> {
-        match self.completer.fit_config().method {
-            FitMethod::Lse => Ok(None),
-            FitMethod::Field | FitMethod::Joint => self.affinities().map(Some),
-        }
+        self.has_field().then(|| self.affinities()).transpose()
     }
 
     fn affinities(&self) -> Result<&Affinities> {
@@ -471,7 +472,7 @@ impl Functions for Inner {
 
     fn combine(&self, places: &[[f64; 2]], weights: &[f64]) -> Vec<f64> {
         if let Some(upsampling) = &self.upsampling {
-            let map = self.combined(upsampling.grid(), weights);
+            let map = self.combined(weights);
             let map: Vec<f64> = map.iter().copied().map(f64::from).collect();
             let places = places.par_iter();
             return places
@@ -487,9 +488,10 @@ impl Functions for Inner {
     }
 
     fn map(&self, grid: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        match &self.upsampling {
-            Some(upsampling) if upsampling.grid() == grid => self.combined(grid, weights).to_vec(),
-            _ => self.combine(grid, weights),
+        if self.grid() == grid && self.has_field() {
+            self.combined(weights).to_vec()
+        } else {
+            self.combine(grid, weights)
         }
     }
 }

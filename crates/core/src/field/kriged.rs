@@ -202,32 +202,57 @@ impl Kriged {
 
     /// The field for targets `columns x`, less the functions that are part of it, and the weights of these.
     pub fn extend(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let x = MatRef::from_column_major_slice(x, x.len(), 1);
-        let mut pull = self.columns.transpose() * x;
-        self.pull(pull.as_mut());
-        let pull = pull.col_as_slice(0);
+        let pull = self.pull_of(x);
         let mut values = vec![0.0; self.factor.plan.len()];
-        self.border.add_to(&self.factor, pull, &mut values);
+        self.border.add_to(&self.factor, &pull, &mut values);
         self.factor.backward(values.as_chunks_mut::<1>().0);
-        (values, self.weights_of(pull))
+        (values, self.weights_of(&pull))
+    }
+
+    /// The same with a further right-hand side at every pixel, which may depend on the weights that `extend` would
+    /// return. Returns what it adds to these apart from them.
+    pub fn extend_with(
+        &self,
+        x: &[f64],
+        right: impl FnOnce(&[f64]) -> Vec<f64>,
+    ) -> (Vec<f64>, [Vec<f64>; 2]) {
+        let mut pull = self.pull_of(x);
+        let weights = self.weights_of(&pull);
+        let mut values = right(&weights);
+        let more = self.pull_at(&mut values);
+        let added = self.weights_of(&more);
+        pull.iter_mut()
+            .zip(more)
+            .for_each(|(sum, more)| *sum += more);
+        self.border.add_to(&self.factor, &pull, &mut values);
+        self.factor.backward(values.as_chunks_mut::<1>().0);
+        (values, [weights, added])
     }
 
     /// The solution of the equations for y, for a right-hand side at every pixel.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
-        self.solve_with(right).0
+        let mut values = right.to_vec();
+        let pull = self.pull_at(&mut values);
+        self.border.add_to(&self.factor, &pull, &mut values);
+        self.factor.backward(values.as_chunks_mut::<1>().0);
+        values
     }
 
-    /// The same, and the weights of the functions that are part of the field.
-    pub fn solve_with(&self, right: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let mut values = right.to_vec();
-        self.factor.forward(values.as_chunks_mut::<1>().0);
-        let products = self.border.products(&self.factor, &values);
+    /// `C^-1 t` for targets `t = columns x`.
+    fn pull_of(&self, x: &[f64]) -> Vec<f64> {
+        let x = MatRef::from_column_major_slice(x, x.len(), 1);
+        let mut pull = self.columns.transpose() * x;
+        self.pull(pull.as_mut());
+        pull.col_as_slice(0).to_vec()
+    }
+
+    /// `C^-1 t` where t takes a right-hand side's own field away, `-S K^-1 right`; `right` becomes `L^-1 right`.
+    fn pull_at(&self, right: &mut [f64]) -> Vec<f64> {
+        self.factor.forward(right.as_chunks_mut::<1>().0);
+        let products = self.border.products(&self.factor, right);
         let mut pull = Mat::from_fn(products.len(), 1, |i, _| -products[i]);
         self.pull(pull.as_mut());
-        let pull = pull.col_as_slice(0);
-        self.border.add_to(&self.factor, pull, &mut values);
-        self.factor.backward(values.as_chunks_mut::<1>().0);
-        (values, self.weights_of(pull))
+        pull.col_as_slice(0).to_vec()
     }
 
     /// The weights of the functions that are part of the field, from `C^-1 t`.

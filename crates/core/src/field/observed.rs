@@ -86,22 +86,36 @@ impl Observed {
         self.extend_all(targets).into_flattened()
     }
 
+    /// The same with a further right-hand side at every pixel.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn extend_with(&self, targets: &[f64], mut right: Vec<f64>) -> Vec<f64> {
+        self.add_extended(targets.as_chunks::<1>().0, right.as_chunks_mut::<1>().0);
+        right
+    }
+
     /// The fields `[pixels, B]` for a few lists of targets `[observations, B]`.
     ///
     /// # Panics
     /// If lengths do not match.
     pub fn extend_all<const B: usize>(&self, targets: &[Row<B>]) -> Vec<Row<B>> {
-        assert_eq!(targets.len(), self.taps.len(), "targets");
         let mut values = vec![[0.0; B]; self.factor.plan.len()];
+        self.add_extended(targets, &mut values);
+        values
+    }
+
+    /// Turns right-hand sides into the fields for these and for targets.
+    fn add_extended<const B: usize>(&self, targets: &[Row<B>], values: &mut [Row<B>]) {
+        assert_eq!(targets.len(), self.taps.len(), "targets");
         for ((taps, weight), target) in self.taps.iter().zip(&self.weights).zip(targets) {
             for (pixel, share) in taps.iter() {
                 let sums = values[pixel as usize].iter_mut().zip(target);
                 sums.for_each(|(sum, target)| *sum += weight * share * target);
             }
         }
-        self.factor.forward(&mut values);
-        self.factor.backward(&mut values);
-        values
+        self.factor.forward(values);
+        self.factor.backward(values);
     }
 
     /// `H^-1 right`, for a right-hand side at every pixel.
@@ -117,15 +131,7 @@ impl Observed {
     }
 
     /// `C^-1 targets`, where C is the covariance of the targets: for them, the minimum of the sum over y is
-    /// `targets' C^-1 targets`.
-    ///
-    /// # Panics
-    /// If lengths do not match.
-    pub fn pull(&self, targets: &[f64]) -> Vec<f64> {
-        self.pull_from(targets, &self.extend(targets))
-    }
-
-    /// The same for targets whose field is known.
+    /// `targets' C^-1 targets`. `field` is the one for these targets.
     ///
     /// # Panics
     /// If lengths do not match.

@@ -211,7 +211,7 @@ fn moments_are_the_sum_at_its_minimum() {
         for ((taps, weight), target) in example.taps.iter().zip(&example.weights).zip(&targets) {
             sum += weight * (taps.read(&y) - target).powi(2);
         }
-        let pull = field.pull(&targets);
+        let pull = field.pull_from(&targets, &field.extend(&targets));
         let products = targets
             .iter()
             .zip(&pull)

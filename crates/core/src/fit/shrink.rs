@@ -110,8 +110,6 @@ pub(super) struct Shrunk {
     /// The variance of a row of weight 1.
     pub(super) noise: f64,
     pub(super) lambda: f64,
-    /// The scale of the prior, were u 0.
-    pub(super) scale: f64,
 }
 
 impl Moments {
@@ -306,7 +304,6 @@ impl<'a> Reduced<'a> {
             },
             noise: (prior.noise).variance(penalised, lambda, self.scale, self.freedom),
             lambda,
-            scale: self.scale,
         }
     }
 }

@@ -1,7 +1,6 @@
 //! The joint fit of basis functions and field to the points of one image.
 
 use super::JointConfig;
-use super::conjugate::Normal;
 use super::fitted::{FieldFit, Form};
 use super::holes::Holes;
 use super::sites::{Sample, Sites};
@@ -40,6 +39,8 @@ struct Found {
     values: Vec<f64>,
     form: Form,
     smoothness: Smoothness,
+    /// Whether the field follows the surface that the sites span.
+    follows: bool,
     sample: Sample,
     /// What the weights leave of each point, if that was needed.
     residuals: Option<Vec<f64>>,
@@ -47,14 +48,10 @@ struct Found {
     limited: usize,
 }
 
-/// The weights are estimated from all of at most so many sites.
-const MOST: usize = 5000;
-/// From so many of more. With 20,000 sites at 304x228, the RMSE of 1000 is 1.4 % higher.
-const SOME: usize = 2000;
-/// Of more sites than this the first estimate is as good: at 304x228, no pixel is far from one.
+/// Weights are estimated from at most so many sites.
+const SOME: usize = 700;
+/// More sites than this say so much that the surface which they span adds nothing: at 304x228, no pixel is far from one.
 const DENSE: usize = 30_000;
-/// The sites of the first estimate.
-const START: usize = 700;
 
 impl FieldEstimator<'_> {
     /// The field alone.
@@ -89,14 +86,12 @@ impl FieldEstimator<'_> {
 
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
         let mut sites = Sites::new(rows, weights, self.scene, &self.joint)?;
-        let surface = self.surface(&sites, rows);
-        let surface = surface.as_ref();
         let found = match self.prior {
-            None => self.alone(&mut sites, rows, surface)?,
+            None => self.alone(&mut sites, rows)?,
             Some((prior, lambda)) if self.are_few(&sites) => {
-                self.few(&sites, rows, prior, lambda, surface)?
+                self.few(&sites, rows, prior, lambda)?
             }
-            Some((prior, lambda)) => self.many(&mut sites, rows, prior, lambda, surface)?,
+            Some((prior, lambda)) => self.many(&mut sites, rows, prior, lambda)?,
         };
         let rests = found.residuals;
         let rests = rests.unwrap_or_else(|| rows.residuals(&found.solution.weights));
@@ -112,7 +107,7 @@ impl FieldEstimator<'_> {
             field: Some(Arc::new(FieldFit {
                 form: found.form,
                 smoothness: found.smoothness,
-                follows: surface.is_some(),
+                follows: found.follows,
                 sites,
                 sample: found.sample,
                 smooth: Smooth::new(size, &found.values),
@@ -127,7 +122,7 @@ impl FieldEstimator<'_> {
     /// The moments of some of the points, with field and cosines integrated out, and the number of all.
     pub(in crate::fit) fn some_moments(self, rows: &Rows<'_>) -> Result<(Moments, usize)> {
         let sites = Sites::new(rows, &rows.weights, self.scene, &self.joint)?;
-        let sample = sites.sample(START, rows)?;
+        let sample = sites.sample(SOME, rows)?;
         let field = self.smoothness().untied().kriged(&sample, &[])?;
         let all = moments(field.moments(), sample.columns(), sample.len());
         Ok((all.without_last(self.ridges)?.0, sites.len()))
@@ -161,19 +156,13 @@ impl FieldEstimator<'_> {
     }
 
     /// The field without basis functions.
-    fn alone(
-        self,
-        sites: &mut Sites,
-        rows: &Rows<'_>,
-        surface: Option<&Surface>,
-    ) -> Result<Found, FitError> {
-        let (field, smoothness) = self.observed(sites, surface)?;
-        let mut values = field.extend(&sites.depths);
-        if let Some(surface) = surface {
-            let nothing = vec![0.0; values.len()];
-            let grid = smoothness.affinities.grid(smoothness.level);
-            add(&mut values, &field.solve(&surface.pull(&grid, &nothing)));
-        }
+    fn alone(self, sites: &mut Sites, rows: &Rows<'_>) -> Result<Found, FitError> {
+        let surface = self.surface(sites, rows);
+        let (field, smoothness) = self.observed(sites, surface.as_ref())?;
+        let right = surface
+            .as_ref()
+            .map(|surface| surface.pull(&smoothness.affinities.grid(smoothness.level), None));
+        let values = extended(&field, &sites.depths, right);
         let square = dot(&sites.depths, &field.pull_from(&sites.depths, &values));
         let columns = rows.columns();
         Ok(Found {
@@ -192,6 +181,7 @@ impl FieldEstimator<'_> {
                 start: None,
             },
             smoothness,
+            follows: surface.is_some(),
             sample: sites.sample(0, rows)?,
             residuals: None,
             limited: 0,
@@ -199,37 +189,34 @@ impl FieldEstimator<'_> {
     }
 
     /// From the moments of all columns, with the cosines as a part of the field.
-    fn few(
-        self,
-        sites: &Sites,
-        rows: &Rows<'_>,
-        prior: &Prior,
-        lambda: Lambda,
-        surface: Option<&Surface>,
-    ) -> Result<Found> {
-        let sample = sites.sample(sites.len(), rows)?;
-        let field = self.smoothness().kriged(&sample, self.ridges)?;
-        let columns = sample.columns() - self.ridges.len();
-        let moments = moments(field.moments(), columns, sites.len());
-        let found = moments.shrunk(prior, lambda)?;
+    fn few(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
+        let weighed = || -> Result<_> {
+            let sample = sites.sample(sites.len(), rows)?;
+            let field = self.smoothness().kriged(&sample, self.ridges)?;
+            let columns = sample.columns() - self.ridges.len();
+            let moments = moments(field.moments(), columns, sites.len());
+            Ok((sample, field, moments.shrunk(prior, lambda)?))
+        };
+        let (weighed, surface) = rayon::join(weighed, || self.surface(sites, rows));
+        let (sample, field, found) = weighed?;
         let mut solution = found.solution;
         let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
         rest.push(1.0);
-        let (mut values, cosines) = field.extend(&rest);
-        solution.weights.extend(cosines);
-        let size = self.scene.affinities.size();
-        if let Some(surface) = surface
-            && let Some(functions) = rows.map(size, &solution.weights)
-        {
+        let values = if let Some(surface) = &surface {
             let grid = self.scene.affinities.grid(self.joint.level);
-            let (steps, cosines) = field.solve_with(&surface.pull(&grid, &functions));
-            add(&mut values, &steps);
+            let (mut values, [_, more]) = field.extend_with(&rest, |cosines| {
+                solution.weights.extend(cosines);
+                let functions = rows.map(self.scene.affinities.size(), &solution.weights);
+                surface.pull(&grid, functions.as_deref())
+            });
             // Kept with the field: the weights have another purpose.
-            let mut more = vec![0.0; values.len()];
-            CosineBasis::up_to(self.joint.cosines).add_to(size, &cosines, &mut more);
-            let pairs = values.iter_mut().zip(more);
-            pairs.for_each(|(value, more)| *value += f64::from(more));
-        }
+            self.add_cosines(&more, &mut values);
+            values
+        } else {
+            let (values, cosines) = field.extend(&rest);
+            solution.weights.extend(cosines);
+            values
+        };
         Ok(Found {
             solution,
             noise: found.noise,
@@ -237,85 +224,63 @@ impl FieldEstimator<'_> {
             values,
             form: Form::Few(field),
             smoothness: self.smoothness(),
+            follows: surface.is_some(),
             sample,
             residuals: None,
             limited: 0,
         })
     }
 
-    /// The weights for some of the sites, then, unless there are very many, those for more by conjugate gradients
-    /// from there; and the field of all.
+    fn add_cosines(self, weights: &[f64], values: &mut [f64]) {
+        let mut added = vec![0.0; values.len()];
+        let cosines = CosineBasis::up_to(self.joint.cosines);
+        cosines.add_to(self.scene.affinities.size(), weights, &mut added);
+        let pairs = values.iter_mut().zip(added);
+        pairs.for_each(|(value, added)| *value += f64::from(added));
+    }
+
+    /// The weights from some of the sites, and the field of all.
     fn many(
         self,
         sites: &mut Sites,
         rows: &Rows<'_>,
         prior: &Prior,
         lambda: Lambda,
-        surface: Option<&Surface>,
     ) -> Result<Found> {
-        let enough = if sites.len() <= MOST {
-            MOST
-        } else if sites.len() <= DENSE {
-            SOME
-        } else {
-            START
+        let weighed = || -> Result<_> {
+            let sample = sites.sample(SOME, rows)?;
+            let field = self.smoothness().untied().kriged(&sample, &[])?;
+            let near = moments(field.moments(), sample.columns(), sample.len());
+            let (others, cosines) = near.clone().without_last(self.ridges)?;
+            let found = others.shrunk(prior, lambda.at(sites.len()))?;
+            Ok((sample, field, near, cosines.beside(&found.solution), found))
         };
-        let sample = sites.sample(enough, rows)?;
-        let first = sample.some(START);
-        let some = self.smoothness().untied().kriged(&first, &[])?;
-        let near = moments(some.moments(), sample.columns(), first.len());
-        let (others, cosines) = near.clone().without_last(self.ridges)?;
-        let found = others.shrunk(prior, lambda.at(sites.len()))?;
-        let (mut solution, mut noise) = (cosines.beside(&found.solution), found.noise);
+        let (weighed, surface) = rayon::join(weighed, || self.surface(sites, rows));
+        let (sample, some, near, solution, found) = weighed?;
         // The trace of the moments times the covariance of the weights.
         let product = &near.normal * &solution.factor;
         let pairs = product.col_iter().zip(solution.factor.col_iter());
         let determined: f64 = pairs.map(|(a, b)| a.transpose() * b).sum();
 
-        let mut known = None;
-        if sample.len() > first.len() && surface.is_none() {
-            let (map, penalties) = self.axes(prior, found.lambda);
-            let field = self.smoothness().observed(&sample.taps, &sample.weights)?;
-            let normal = Normal::new(&field, &sample, map, penalties, &near.normal)?;
-            let minimum = normal.minimum(&sample.depths(), &near.right)?;
-            noise = prior.noise.variance(
-                minimum.value.max(0.0),
-                found.lambda,
-                found.scale,
-                sample.len() as f64 - 1.0,
-            );
-            solution.weights = minimum.weights;
-            known =
-                (sample.len() == sites.len() && surface.is_none()).then_some((field, minimum.rest));
-        }
-        let (mut start, mut sample) = (Some(some), sample);
-        if self.scene.once && enough == START {
-            // A field of so many sites is large, and standard deviations, for which the one of the first estimate is
-            // needed again, are not always asked for.
-            (start, sample) = (None, first);
+        let mut start = Some(some);
+        if self.scene.once && sites.len() > DENSE {
+            // A field of so many sites is large, and standard deviations, for which the one of some is needed again, are
+            // not always asked for.
+            start = None;
             self.scene.affinities.forget_prior();
         }
-        let mut smoothness = self.smoothness();
-        let (field, rest, residuals) = if let Some((field, rest)) = known {
-            (field, rest, None)
-        } else {
-            let (field, firmer) = self.observed(sites, surface)?;
-            smoothness = firmer;
-            let residuals = rows.residuals(&solution.weights);
-            (field, sites.means(&residuals), Some(residuals))
-        };
-        let mut values = field.extend(&rest);
-        let size = self.scene.affinities.size();
-        if let Some(surface) = surface
-            && let Some(functions) = rows.map(size, &solution.weights)
-        {
+        let (field, smoothness) = self.observed(sites, surface.as_ref())?;
+        let residuals = rows.residuals(&solution.weights);
+        let right = surface.as_ref().map(|surface| {
             let grid = smoothness.affinities.grid(smoothness.level);
-            add(&mut values, &field.solve(&surface.pull(&grid, &functions)));
-        }
+            let functions = rows.map(smoothness.affinities.size(), &solution.weights);
+            surface.pull(&grid, functions.as_deref())
+        });
+        let mut values = extended(&field, &sites.means(&residuals), right);
         let limited = self.limit_holes(sites, rows, &solution.weights, &field, &mut values);
         Ok(Found {
             solution,
-            noise,
+            noise: found.noise,
             lambda: Some(found.lambda),
             values,
             form: Form::Many {
@@ -324,8 +289,9 @@ impl FieldEstimator<'_> {
                 start,
             },
             smoothness,
+            follows: surface.is_some(),
             sample,
-            residuals,
+            residuals: Some(residuals),
             limited,
         })
     }
@@ -354,24 +320,6 @@ impl FieldEstimator<'_> {
         })
     }
 
-    /// The weights in the coordinates of the prior, which are its scale and its directions, and those of the
-    /// cosines: a map from these coordinates, and the penalties on their squares.
-    fn axes(self, prior: &Prior, lambda: f64) -> (Mat<f64>, Vec<f64>) {
-        let (functions, rank) = (prior.columns(), prior.factor.ncols());
-        let (rows, columns) = (functions + self.ridges.len(), 1 + rank + self.ridges.len());
-        let map = Mat::from_fn(rows, columns, |i, j| match j.checked_sub(1) {
-            None => prior.mean.get(i).copied().unwrap_or(0.0),
-            Some(j) if j < rank && i < functions => prior.factor[(i, j)],
-            Some(j) => f64::from(u8::from(
-                j >= rank && i >= functions && j - rank == i - functions,
-            )),
-        });
-        let mut penalties = vec![lambda; 1 + rank];
-        penalties[0] = 0.0;
-        penalties.extend(self.ridges);
-        (map, penalties)
-    }
-
     fn are_few(self, sites: &Sites) -> bool {
         let few = |count| count <= field::MOST;
         few(sites.len()) && self.smoothness().observations(sites).is_some_and(few)
@@ -387,9 +335,12 @@ impl FieldEstimator<'_> {
     }
 }
 
-fn add(values: &mut [f64], more: &[f64]) {
-    let pairs = values.iter_mut().zip(more);
-    pairs.for_each(|(value, more)| *value += more);
+/// The field for targets, with a further right-hand side at every pixel if there is one.
+fn extended(field: &Observed, targets: &[f64], right: Option<Vec<f64>>) -> Vec<f64> {
+    match right {
+        None => field.extend(targets),
+        Some(right) => field.extend_with(targets, right),
+    }
 }
 
 /// The position of a pixel's centre on an axis of `from` pixels, on one of `to` pixels.

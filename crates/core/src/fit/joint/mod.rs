@@ -12,7 +12,6 @@
 //! the paper's fit.
 
 mod coarse;
-mod conjugate;
 mod covariance;
 mod crowded;
 mod estimate;

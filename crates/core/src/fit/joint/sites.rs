@@ -255,25 +255,4 @@ impl Sample {
     pub(super) fn columns(&self) -> usize {
         (self.rows.len() / self.len().max(1)).saturating_sub(1)
     }
-
-    /// The depth of each site.
-    pub(super) fn depths(&self) -> Vec<f64> {
-        let rows = self.rows.chunks_exact(self.columns() + 1);
-        rows.filter_map(|row| row.last()).copied().collect()
-    }
-
-    /// At most so many of them.
-    pub(super) fn some(&self, most: usize) -> Self {
-        let chosen = choice(self.len(), most);
-        let stride = self.columns() + 1;
-        let rows: Vec<&[f64]> = chosen
-            .iter()
-            .map(|&i| &self.rows[i * stride..][..stride])
-            .collect();
-        Self {
-            taps: chosen.iter().map(|&i| self.taps[i]).collect(),
-            weights: chosen.iter().map(|&i| self.weights[i]).collect(),
-            rows: rows.concat(),
-        }
-    }
 }

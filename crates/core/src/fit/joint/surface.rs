@@ -38,6 +38,9 @@ const BEYOND: f64 = 0.5;
 const FEW: f64 = 50.0;
 const MANY: f64 = 500.0;
 
+/// Pixels that a task looks at.
+const TOGETHER: usize = 1 << 12;
+
 /// Depth between sites at every pixel.
 pub(super) struct Surface {
     /// Outside of the triangulation, those of the nearest pixel inside.
@@ -93,43 +96,40 @@ impl Surface {
             .then_some(found)
     }
 
-    /// What the expected steps add to the right-hand side of the equations of the field, beside `functions` at every
-    /// pixel.
-    pub(super) fn pull(&self, grid: &Grid<'_>, functions: &[f32]) -> Vec<f64> {
-        let mut pull = vec![0.0; self.depths.len()];
-        self.pairs(grid, |one, other, affinity| {
-            let functions = f64::from(functions[other]) - f64::from(functions[one]);
-            let trust = self.trust[one].min(self.trust[other]);
-            // The minimum with NaN is the other.
-            let (trust, belief) = if self.trust[one].is_nan() || self.trust[other].is_nan() {
-                (0.0, self.beyond)
-            } else {
-                (trust, self.within)
+    /// What the expected steps add to the right-hand side of the equations of the field, beside what basis functions say at
+    /// every pixel, if there are any.
+    pub(super) fn pull(&self, grid: &Grid<'_>, functions: Option<&[f32]>) -> Vec<f64> {
+        let step = |one: usize, other: usize| {
+            functions.map_or(0.0, |f| f64::from(f[other]) - f64::from(f[one]))
+        };
+        let [right, down] = self.of_pairs(grid, |one, other, affinity| {
+            let functions = step(one, other);
+            let expected = match self.trust(one, other) {
+                None => self.beyond * functions,
+                Some(trust) => {
+                    trust * (self.depths[other] - self.depths[one])
+                        + (1.0 - trust) * self.within * functions
+                }
             };
-            let expected = trust * (self.depths[other] - self.depths[one])
-                + (1.0 - trust) * belief * functions;
-            let force = affinity * (expected - functions);
-            pull[other] += force;
-            pull[one] -= force;
+            affinity * (expected - functions)
         });
-        pull
+        let width = grid.width;
+        let at = |i: usize| {
+            let before = if i % width > 0 { right[i - 1] } else { 0.0 };
+            let above = if i >= width { down[i - width] } else { 0.0 };
+            before + above - right[i] - down[i]
+        };
+        let pixels = (0..self.depths.len()).into_par_iter();
+        pixels.with_min_len(TOGETHER).map(at).collect()
     }
 
     /// Affinities in perspective, with the right neighbour and with the one below.
     pub(super) fn affinities(&self, grid: &Grid<'_>) -> [Vec<f64>; 2] {
-        let mut found = [vec![0.0; self.depths.len()], vec![0.0; self.depths.len()]];
-        self.pairs(grid, |one, other, affinity| {
-            let inside = !self.trust[one].is_nan() && !self.trust[other].is_nan();
-            let trust = if inside {
-                self.trust[one].min(self.trust[other])
-            } else {
-                0.0
-            };
+        self.of_pairs(grid, |one, other, affinity| {
+            let trust = self.trust(one, other).unwrap_or(0.0);
             let farther = self.depths[one].max(self.depths[other]);
-            let axis = usize::from(other != one + 1);
-            found[axis][one] = (affinity + FIRM * trust.powi(FALL)) * (self.mean / farther);
-        });
-        found
+            (affinity + FIRM * trust.powi(FALL)) * (self.mean / farther)
+        })
     }
 
     /// The inverse of the variance of the error of a site at a depth, over that at the mean depth.
@@ -137,17 +137,36 @@ impl Surface {
         self.mean / depth
     }
 
-    /// Calls `then` with each pair of neighbours and their affinity.
-    fn pairs(&self, grid: &Grid<'_>, mut then: impl FnMut(usize, usize, f64)) {
-        let (height, width) = (grid.height, grid.width);
-        for one in 0..self.depths.len() {
-            if (one + 1) % width > 0 {
-                then(one, one + 1, grid.right[one]);
-            }
-            if one + width < height * width {
-                then(one, one + width, grid.down[one]);
-            }
-        }
+    /// The trust in the step between two pixels, if both are inside of the triangulation.
+    fn trust(&self, one: usize, other: usize) -> Option<f64> {
+        let (one, other) = (self.trust[one], self.trust[other]);
+        (!one.is_nan() && !other.is_nan()).then(|| one.min(other))
+    }
+
+    /// What `of` says of each pixel, its right neighbour and their affinity, and of each and the one below; 0 where there
+    /// is none.
+    fn of_pairs(
+        &self,
+        grid: &Grid<'_>,
+        of: impl Fn(usize, usize, f64) -> f64 + Sync,
+    ) -> [Vec<f64>; 2] {
+        let pixels = || {
+            (0..self.depths.len())
+                .into_par_iter()
+                .with_min_len(TOGETHER)
+        };
+        let right = |one: usize| {
+            let is_inside = (one + 1) % grid.width > 0;
+            is_inside.then(|| of(one, one + 1, grid.right[one]))
+        };
+        let down = |one: usize| {
+            let other = one + grid.width;
+            (other < self.depths.len()).then(|| of(one, other, grid.down[one]))
+        };
+        [
+            pixels().map(|one| right(one).unwrap_or(0.0)).collect(),
+            pixels().map(|one| down(one).unwrap_or(0.0)).collect(),
+        ]
     }
 }
 
