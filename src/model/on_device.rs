@@ -2,7 +2,9 @@
 
 use super::{Bases, BasisNet, VisionTransformer};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{Basis, Encoded, Encoder, MORE_BLOCKS, Network, PATCH, in_patches};
+use lsdc_core::network::{
+    Basis, Encoded, Encoder, Forward, MORE_BLOCKS, Network, PATCH, in_patches,
+};
 use lsdc_core::{Error, Result, WeightsError};
 use std::sync::Arc;
 
@@ -79,41 +81,30 @@ pub fn encoded_tensor(images: &[&Encoded], device: &Device) -> Tensor<4> {
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-/// What it says of one image.
+/// An image, and what the encoder says of it.
 #[derive(Debug)]
 struct OfImage {
-    bases: Bases,
     net: BasisNet,
     image: Tensor<4>,
     encoded: Option<Tensor<4>>,
 }
 
 impl Network for OnDevice {
-    fn basis(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Basis>, Error> {
+    fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error> {
         let encoded = self.encoded(image, size)?;
         let image = TensorData::new(image.to_vec(), [1, size.0, size.1, 3]);
-        let image = Tensor::<4>::from_data(image, &self.device);
         Ok(Box::new(OfImage {
-            bases: self.net.bases(image.clone(), encoded.clone()),
             net: self.net.clone(),
-            image,
+            image: Tensor::from_data(image, &self.device),
             encoded,
         }))
     }
 }
 
-impl Basis for OfImage {
-    fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
-        if places.is_empty() {
-            return Vec::new();
-        }
-        let values = self.bases.at_places(size, places).into_data();
-        values.iter::<f32>().collect()
-    }
-
-    fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
-        let weights: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
-        self.bases.combine(size, &weights)
+impl Forward for OfImage {
+    fn basis(&self) -> Box<dyn Basis> {
+        let bases = self.net.bases(self.image.clone(), self.encoded.clone());
+        Box::new(BasesOfImage(bases))
     }
 
     fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
@@ -122,5 +113,23 @@ impl Basis for OfImage {
             .affinities(self.image.clone(), self.encoded.clone());
         let [_, height, width, _] = values.dims();
         (values.into_data().iter::<f32>().collect(), (height, width))
+    }
+}
+
+#[derive(Debug)]
+struct BasesOfImage(Bases);
+
+impl Basis for BasesOfImage {
+    fn at(&self, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
+        if places.is_empty() {
+            return Vec::new();
+        }
+        let values = self.0.at_places(size, places).into_data();
+        values.iter::<f32>().collect()
+    }
+
+    fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
+        let weights: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
+        self.0.combine(size, &weights)
     }
 }

@@ -8,7 +8,7 @@ use super::{
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{ADAPTERS, Basis, Encoder, Network as _, Prepared};
+use lsdc_core::network::{ADAPTERS, Basis, Encoder, Forward, Network as _, Prepared};
 use lsdc_core::{Error, Weights, WeightsError};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
@@ -93,25 +93,26 @@ impl Trained {
         }
     }
 
-    fn prepared(&self, level: Level, size: (usize, usize)) -> Box<dyn Basis> {
+    fn prepared(&self, level: Level, size: (usize, usize)) -> Box<dyn Forward> {
         let weights = weights_of(&self.net, self.config.clone(), Normalisation::default());
         let network =
             Prepared::new(&self.config, &weights.tensors, self.encoder.clone(), level).unwrap();
-        network.basis(&image(size.0, size.1), size).unwrap()
+        network.forward(&image(size.0, size.1), size).unwrap()
     }
 
-    fn plain(&self, size: (usize, usize)) -> Box<dyn Basis> {
+    fn plain(&self, size: (usize, usize)) -> Box<dyn Forward> {
         let network = OnDevice::new(
             self.net.clone(),
             self.encoder.clone().map(AnyEncoder::Prepared),
             &Device::flex(),
         )
         .unwrap();
-        network.basis(&image(size.0, size.1), size).unwrap()
+        network.forward(&image(size.0, size.1), size).unwrap()
     }
 
     fn agrees(&self, level: Level, size: (usize, usize), output: (usize, usize)) {
-        let (prepared, plain) = (self.prepared(level, size), self.plain(size));
+        let prepared = self.prepared(level, size).basis();
+        let plain = self.plain(size).basis();
         let pixels = (0..output.0 * output.1).step_by(7);
         let place = |pixel: usize| [(pixel % output.1) as f64, (pixel / output.1) as f64];
         let centres: Vec<_> = pixels.map(place).collect();
@@ -326,8 +327,15 @@ fn a_network_with_adapters_agrees() {
     let network = OnDevice::new(trained.net.clone(), Some(transformer), &Device::flex()).unwrap();
     let image = image(size.0, size.1);
     let places = [[3.0, 4.0], [60.5, 30.25]];
-    let found = network.basis(&image, size).unwrap().at(size, &places);
-    let reference = trained.prepared(Level::here(), size).at(size, &places);
+    let found = network
+        .forward(&image, size)
+        .unwrap()
+        .basis()
+        .at(size, &places);
+    let reference = trained
+        .prepared(Level::here(), size)
+        .basis()
+        .at(size, &places);
     assert!(difference(&found, &reference) < 1e-3);
     let short = EncoderConfig {
         blocks: 1,
@@ -351,7 +359,11 @@ fn a_network_with_adapters_agrees() {
         Level::here(),
     )
     .unwrap();
-    let other = network.basis(&image, size).unwrap().at(size, &places);
+    let other = network
+        .forward(&image, size)
+        .unwrap()
+        .basis()
+        .at(size, &places);
     assert!(difference(&other, &reference) > 1e-2);
 }
 
@@ -367,10 +379,10 @@ fn untrained_adapters_change_no_bit() {
     let values = |config: &NetworkConfig, tensors| {
         let encoder = Some(random_encoder());
         let network = Prepared::new(config, tensors, encoder, Level::here()).unwrap();
-        let basis = network.basis(&image, size).unwrap();
+        let forward = network.forward(&image, size).unwrap();
         (
-            basis.at(size, &[[3.0, 4.0], [60.5, 30.25]]),
-            basis.affinities(),
+            forward.basis().at(size, &[[3.0, 4.0], [60.5, 30.25]]),
+            forward.affinities(),
         )
     };
     let without = NetworkConfig::anything();

@@ -12,7 +12,7 @@ use crate::fit::{
     PriorKind, Scene as Placed, dot, fit, judge,
 };
 use crate::image::Image;
-use crate::network::Basis;
+use crate::network::{Basis, Forward};
 use crate::observations::Observations;
 use crate::resize::resized;
 use crate::upsampling::Upsampling;
@@ -38,9 +38,9 @@ pub struct Scene(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     completer: Completer,
+    forward: Arc<dyn Forward>,
     basis: Arc<dyn Basis>,
-    /// Computed immediately for a fit with a field, otherwise on first use.
-    /// As the network gives them.
+    /// As the network gives them: computed immediately for a fit with a field, otherwise on first use.
     affinities: Arc<OnceLock<Affinities>>,
     /// The same with the steps of the depth guide.
     tied: OnceLock<Affinities>,
@@ -86,18 +86,27 @@ impl Scene {
         let rgb = image.rgb()?;
         let colours = resized(&rgb, (height, width), working)?;
         let values = normalised(&colours, normalisation.mean, normalisation.deviation);
-        let basis = completer.run(|| completer.network().basis(&values, working))?;
+        let has_field = completer.fit_config().method.has_field();
+        let network = completer.network();
+        let forward = completer.run(|| network.forward(&values, working))?;
+        // Side by side: layers of either are too small for many threads.
+        let (basis, affinities) = completer.run(|| {
+            rayon::join(
+                || forward.basis(),
+                || has_field.then(|| forward.affinities()),
+            )
+        });
+        let affinities = affinities.map(|(values, size)| Affinities::new(size, &values));
+        let affinities = affinities.transpose()?.map(OnceLock::from);
         let cosines = CosineBasis::up_to(completer.fit_config().cosines());
-        let upsampling = match completer.fit_config().method {
-            FitMethod::Lse => None,
-            FitMethod::Field | FitMethod::Joint => {
-                Upsampling::new((rgb, (height, width)), (colours, working))
-            }
-        };
+        let upsampling = has_field
+            .then(|| Upsampling::new((rgb, (height, width)), (colours, working)))
+            .flatten();
         let mut inner = Inner {
             completer,
+            forward: forward.into(),
             basis: basis.into(),
-            affinities: Arc::default(),
+            affinities: affinities.unwrap_or_default().into(),
             tied: OnceLock::new(),
             depth_guide,
             cosines,
@@ -400,10 +409,7 @@ impl Inner {
     }
 
     fn has_field(&self) -> bool {
-        match self.completer.fit_config().method {
-            FitMethod::Lse => false,
-            FitMethod::Field | FitMethod::Joint => true,
-        }
+        self.completer.fit_config().method.has_field()
     }
 
     /// Height and width of the grid that depth is solved on.
@@ -424,7 +430,7 @@ impl Inner {
         let own = if let Some(own) = self.affinities.get() {
             own
         } else {
-            let (values, size) = self.completer.run(|| self.basis.affinities());
+            let (values, size) = self.completer.run(|| self.forward.affinities());
             let found = Affinities::new(size, &values)?;
             self.affinities.get_or_init(|| found)
         };

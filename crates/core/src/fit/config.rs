@@ -51,6 +51,10 @@ impl FitMethod {
     /// All methods.
     pub const ALL: [Self; 3] = [Self::Lse, Self::Field, Self::Joint];
 
+    pub(crate) fn has_field(self) -> bool {
+        self != Self::Lse
+    }
+
     /// The name in configs and on the command line.
     pub fn name(self) -> &'static str {
         match self {
@@ -196,7 +200,7 @@ impl FitConfig {
                 "the numbers of points of `fit.lambda` must rise",
             ));
         }
-        if self.method != FitMethod::Lse && self.space != Space::Depth {
+        if self.method.has_field() && self.space != Space::Depth {
             return Err(SettingsError::new(
                 "a field is fitted to depths: `fit.space = \"depth\"`",
             ));

@@ -51,18 +51,28 @@ use tensors::Tensors;
 
 /// A network that turns an image into basis functions and affinities.
 pub trait Network: Debug + Send + Sync {
-    /// The basis functions and affinities of a normalised image `[height, width, 3]` of `size` (height,
-    /// width).
+    /// The forward pass of a normalised image `[height, width, 3]` of `size` (height, width), as far as basis functions and
+    /// affinities share it.
     ///
     /// # Errors
     /// An image that cannot be encoded.
-    fn basis(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Basis>, Error>;
+    fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error>;
 
     /// Gives back memory that is kept for further images.
     fn release(&self) {}
 }
 
-/// The basis functions and affinities of one image.
+/// The two parts of the forward pass of one image, which can run side by side.
+pub trait Forward: Debug + Send + Sync {
+    /// The basis functions.
+    fn basis(&self) -> Box<dyn Basis>;
+
+    /// The affinities of each pixel with its right and lower neighbour, `[height, width, 2]`, and the height
+    /// and width.
+    fn affinities(&self) -> (Vec<f32>, (usize, usize));
+}
+
+/// The basis functions of one image.
 pub trait Basis: Debug + Send + Sync {
     /// The values `[places, N + 1]` at positions (u, v) of the image at `size` (height, width); the first
     /// function is the constant 1. Position (0, 0) is the centre of the first pixel.
@@ -70,10 +80,6 @@ pub trait Basis: Debug + Send + Sync {
 
     /// Basis functions x weights (N + 1 of them), at every pixel of the image at `size`.
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32>;
-
-    /// The affinities of each pixel with its right and lower neighbour, `[height, width, 2]`, and the height
-    /// and width.
-    fn affinities(&self) -> (Vec<f32>, (usize, usize));
 }
 
 /// A network prepared for one instruction set. Clones share weights and memory.
@@ -133,16 +139,18 @@ impl Prepared {
     }
 }
 
+impl Inner {
+    fn run(&self) -> Run<'_> {
+        Run {
+            scratch: &self.scratch,
+            pool: &self.pool,
+        }
+    }
+}
+
 impl Network for Prepared {
-    fn basis(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Basis>, Error> {
-        let Inner {
-            encoder,
-            extractor,
-            head,
-            scratch,
-            pool,
-            ..
-        } = &*self.0;
+    fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error> {
+        let Inner { encoder, pool, .. } = &*self.0;
         let encode = |encoder: &Arc<Encoder>| -> Result<Map, Error> {
             let encoded = encoder.encode(image, size)?;
             let channels = encoder.config().channels();
@@ -153,14 +161,8 @@ impl Network for Prepared {
         let encoded = encoder.as_ref().map(encode).transpose()?;
         let mut map = pool.take(size.0, size.1, 3);
         map.values.copy_from_slice(image);
-        // On a thread of the pool, or each of some sixty layers would wake and await it anew.
-        let inputs = rayon::scope(|_| {
-            let seen = extractor.forward(&map, encoded.as_ref(), Run { scratch, pool });
-            head.enter(seen, pool)
-        });
-        Ok(Box::new(PreparedBasis {
+        Ok(Box::new(PreparedForward {
             network: self.clone(),
-            inputs,
             image: map,
             encoded,
         }))
@@ -172,21 +174,65 @@ impl Network for Prepared {
     }
 }
 
+/// An image, and what the encoder says of it.
+#[derive(Debug)]
+struct PreparedForward {
+    network: Prepared,
+    image: Map,
+    encoded: Option<Map>,
+}
+
+impl Drop for PreparedForward {
+    fn drop(&mut self) {
+        let image = std::mem::take(&mut self.image);
+        for map in [image].into_iter().chain(self.encoded.take()) {
+            self.network.0.pool.give(map);
+        }
+    }
+}
+
+impl Forward for PreparedForward {
+    fn basis(&self) -> Box<dyn Basis> {
+        let inner = &*self.network.0;
+        // On a thread of the pool, or each of some sixty layers would wake and await it anew.
+        let inputs = rayon::scope(|_| {
+            let (image, encoded) = (&self.image, self.encoded.as_ref());
+            let seen = inner.extractor.forward(image, encoded, inner.run());
+            inner.head.enter(seen, &inner.pool)
+        });
+        Box::new(PreparedBasis {
+            network: self.network.clone(),
+            inputs,
+        })
+    }
+
+    fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
+        let inner = &*self.network.0;
+        let size = (self.image.height, self.image.width);
+        let changes = inner.affinities.as_ref().map(|network| {
+            let encoded = self.encoded.as_ref();
+            rayon::scope(|_| network.forward(&self.image, encoded, inner.run()))
+        });
+        let values = changes.as_ref().map(|map| &map.values[..]);
+        let values = affinities(&self.image.values, size, values);
+        if let Some(map) = changes {
+            inner.pool.give(map);
+        }
+        (values, size)
+    }
+}
+
 /// The basis functions of an image: cheap to read anywhere, again and again.
 #[derive(Debug)]
 struct PreparedBasis {
     network: Prepared,
     inputs: Inputs,
-    image: Map,
-    /// What the encoder says of the image.
-    encoded: Option<Map>,
 }
 
 impl Drop for PreparedBasis {
     fn drop(&mut self) {
         let Inputs { hidden, logarithm } = std::mem::take(&mut self.inputs);
-        let maps = [hidden, std::mem::take(&mut self.image)].into_iter();
-        for map in maps.chain(logarithm).chain(self.encoded.take()) {
+        for map in [hidden].into_iter().chain(logarithm) {
             self.network.0.pool.give(map);
         }
     }
@@ -201,23 +247,5 @@ impl Basis for PreparedBasis {
     fn combine(&self, size: (usize, usize), weights: &[f64]) -> Vec<f32> {
         let Inner { head, scratch, .. } = &*self.network.0;
         head.combine(&self.inputs, size, weights, scratch)
-    }
-
-    fn affinities(&self) -> (Vec<f32>, (usize, usize)) {
-        let inner = &*self.network.0;
-        let size = (self.image.height, self.image.width);
-        let run = Run {
-            scratch: &inner.scratch,
-            pool: &inner.pool,
-        };
-        let network = inner.affinities.as_ref();
-        let encoded = self.encoded.as_ref();
-        let changes = rayon::scope(|_| Some(network?.forward(&self.image, encoded, run)));
-        let values = changes.as_ref().map(|map| &map.values[..]);
-        let values = affinities(&self.image.values, size, values);
-        if let Some(map) = changes {
-            inner.pool.give(map);
-        }
-        (values, size)
     }
 }

@@ -4,7 +4,7 @@ use super::{Inner, Scene};
 use crate::completer::Completer;
 use crate::depth_guide::DepthGuide;
 use crate::error::{Result, SettingsError};
-use crate::fit::{Affinities, CosineBasis, FitConfig, FitMethod, Robust};
+use crate::fit::{Affinities, CosineBasis, FitConfig, Robust};
 use std::sync::{Arc, Mutex, OnceLock};
 
 impl Scene {
@@ -71,7 +71,7 @@ impl Scene {
         let inner = &*self.0;
         let before = inner.completer.fit_config().method;
         // Only a fit with a field keeps how depth is read in a larger image.
-        if before == FitMethod::Lse && fit.method != FitMethod::Lse {
+        if fit.method.has_field() && !before.has_field() {
             let what = "this scene was made for basis functions alone, without a field";
             return Err(SettingsError::new(what)
                 .with_hint("make the scene with the settings of the joint fit")
@@ -102,6 +102,7 @@ impl Scene {
         tied: OnceLock<Affinities>,
     ) -> Self {
         let Inner {
+            forward,
             basis,
             affinities,
             size,
@@ -111,9 +112,10 @@ impl Scene {
         } = &*self.0;
         let fit = completer.fit_config();
         let cosines = CosineBasis::up_to(fit.cosines());
-        let upsampling = upsampling.clone().filter(|_| fit.method != FitMethod::Lse);
+        let upsampling = upsampling.clone().filter(|_| fit.method.has_field());
         Self(Arc::new(Inner {
             completer,
+            forward: forward.clone(),
             basis: basis.clone(),
             affinities: affinities.clone(),
             tied,

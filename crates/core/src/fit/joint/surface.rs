@@ -730,17 +730,26 @@ mod tests {
     }
 
     #[test]
-    fn doubled_depths_have_doubled_maps_bit_for_bit() {
+    fn scaled_depths_have_scaled_maps() {
         for (size, count) in [(SIZE, 60), ((40, 40), 1200)] {
-            let mut example = Example::new(size, count, FitMethod::Joint);
+            let example = Example::new(size, count, FitMethod::Joint);
+            let scaled = |factor: f32| {
+                let mut example = Example::new(size, count, FitMethod::Joint);
+                example.depths.iter_mut().for_each(|depth| *depth *= factor);
+                example.map(&example.fit(|_| true))
+            };
             let once = example.map(&example.fit(|_| true));
-            example.depths.iter_mut().for_each(|depth| *depth *= 4.0);
-            let twice = example.map(&example.fit(|_| true));
-            assert!(
-                once.iter()
-                    .zip(&twice)
-                    .all(|(one, other)| 4.0 * one == *other)
-            );
+            // A power of two changes no bit.
+            assert!(once.iter().zip(scaled(4.0)).all(|(a, b)| 4.0 * a == b));
+            for factor in [1e-3, 0.7, 1e6] {
+                for (a, b) in once.iter().zip(scaled(factor)) {
+                    let expected = f64::from(factor) * a;
+                    assert!(
+                        (b - expected).abs() < 1e-5 * expected.abs(),
+                        "{b} {expected}"
+                    );
+                }
+            }
         }
     }
 
