@@ -27,7 +27,7 @@ const EXACT: f64 = 1e-4;
 
 /// A shift is clear if its gain is so many standard errors, and the mean error falls below `MATERIAL` of what it was.
 /// `STANDARD_ERRORS` is for `FRAMES` or more. One image may show a single object over many tiles, which then depend on
-/// each other: without a shift, single frames reached 8.1 and five frames 4.2 (`docs/evaluation.md`).
+/// each other: without a shift, single frames reached 8.1 and five frames 4.1 (`docs/evaluation.md`).
 const STANDARD_ERRORS: f64 = 6.0;
 const STANDARD_ERRORS_OF_FEW: f64 = 9.0;
 const FRAMES: usize = 5;
