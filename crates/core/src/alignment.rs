@@ -13,7 +13,19 @@ use std::fmt::{Display, Formatter};
 const LENGTHS: [f64; 4] = [2.0, 4.0, 8.0, FARTHEST];
 const FARTHEST: f64 = 16.0;
 const AREA: f64 = 304.0 * 228.0;
-const DIRECTIONS: u32 = 8;
+const DIRECTIONS: [[f64; 2]; 8] = {
+    const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
+    [
+        [1.0, 0.0],
+        [HALF, HALF],
+        [0.0, 1.0],
+        [-HALF, HALF],
+        [-1.0, 0.0],
+        [-HALF, -HALF],
+        [0.0, -1.0],
+        [HALF, -HALF],
+    ]
+};
 
 /// Fewer points do not tell a shift from chance, and more are not needed.
 const FEWEST: usize = 100;
@@ -206,7 +218,9 @@ impl Alignment {
         let scale = median.max(EXACT);
         let cost = |error: f64| (error / scale).powi(2).ln_1p();
         let mut counts = [0.0; TILES[0] * TILES[1]];
-        known.iter().for_each(|&i| counts[tiles[i]] += 1.0);
+        for &i in &known {
+            counts[tiles[i]] += 1.0;
+        }
         let tried = |errors: &Vec<f64>| {
             let mut gains = [0.0; TILES[0] * TILES[1]];
             for &i in &known {
@@ -280,10 +294,8 @@ impl Alignment {
 /// The shifts that are tried, to the right and down.
 fn shifts() -> impl Iterator<Item = [f64; 2]> {
     LENGTHS.into_iter().flat_map(|length| {
-        (0..DIRECTIONS).map(move |direction| {
-            let angle = f64::from(direction) * std::f64::consts::TAU / f64::from(DIRECTIONS);
-            [length * angle.cos(), length * angle.sin()]
-        })
+        let directions = DIRECTIONS.into_iter();
+        directions.map(move |direction| direction.map(|share| length * share))
     })
 }
 
