@@ -52,6 +52,7 @@
 //! The modules hidden from this page are used by the `lsdc` program for training; they may change at any
 //! time.
 
+mod alignment;
 #[doc(hidden)]
 pub mod bilinear;
 mod camera;
@@ -84,6 +85,7 @@ mod usable;
 #[doc(hidden)]
 pub mod weights;
 
+pub use alignment::{Alignment, Shift};
 pub use camera::{Camera, Lens};
 #[doc(inline)]
 pub use cloud::Cloud;

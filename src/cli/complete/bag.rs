@@ -1,5 +1,6 @@
 //! A recording whose depths go into another recording.
 
+use super::calibration::{Calibration, warning};
 use super::failures::Failures;
 use super::flow::{self, finished};
 use super::frame::{Completed, Engine};
@@ -59,6 +60,7 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
     let bar = ui::bar(frames.len(), "frames");
     let failures = Failures::new(args.json).beside(&bar);
     let mut tally = Tally::new(&bar, args.json);
+    let mut calibration = Calibration::new(args);
     let (mut lost, mut broken) = (0, false);
 
     let bag = std::thread::scope(|scope| {
@@ -90,6 +92,9 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
                 }
                 lost += beyond;
                 tally.add(name, &Summary::new(name, loaded, completed, &forms));
+                if let Some(shift) = calibration.add(loaded, completed) {
+                    tally.warn(&warning(&shift));
+                }
                 Ok(())
             },
         );

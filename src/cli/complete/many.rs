@@ -1,5 +1,6 @@
 //! Many images, whose results go into a folder.
 
+use super::calibration::{Calibration, warning};
 use super::failures::Failures;
 use super::flow;
 use super::frame::Engine;
@@ -64,6 +65,7 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
 
     let mut tally = Tally::new(&bar, args.json);
     let mut chain = Chain::default();
+    let mut calibration = Calibration::new(args);
     flow::run(
         &left,
         &engine,
@@ -87,6 +89,9 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             outputs.write(loaded, completed, &forms, &summary)?;
             records.write(job, inputs, &summary)?;
             tally.add(&job.name, &summary);
+            if let Some(shift) = calibration.add(loaded, completed) {
+                tally.warn(&warning(&shift));
+            }
             Ok(())
         },
     )?;

@@ -1,6 +1,7 @@
 //! `lsdc complete`: images and their points to dense depth.
 
 mod bag;
+mod calibration;
 mod failures;
 mod flow;
 mod frame;
@@ -19,6 +20,7 @@ use super::args::Complete;
 use super::{Exit, ui};
 use crate::error::{Error, Result};
 use crate::process;
+use calibration::Calibration;
 use frame::Engine;
 use inputs::Job;
 use lsdc_files::has_ending;
@@ -59,7 +61,13 @@ fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
     let frame = job.load(args)?;
     let found = Engine::new(args, true)?.complete(&frame)?;
     let forms = outputs.forms(&frame, &found)?;
-    let summary = Summary::new(&job.name, &frame, &found, &forms);
+    let mut calibration = Calibration::new(args);
+    let clear = calibration.add(&frame, &found);
+    let mut summary = Summary::new(&job.name, &frame, &found, &forms);
+    summary.checked(
+        calibration.shift(),
+        clear.as_ref().map(calibration::warning),
+    );
     for remark in summary.remarks() {
         ui::warn(&format!("warning: {remark}"));
     }

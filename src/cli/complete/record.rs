@@ -253,6 +253,7 @@ fn settings(args: &Complete) -> Result<Value> {
         shard: _,
         force: _,
         json: _,
+        no_alignment: _,
     } = args;
     Ok(json!({
         "numerics": provenance::numerics(),

@@ -30,6 +30,10 @@ struct Said {
     first: String,
 }
 
+fn warn(bar: &ProgressBar, warning: &str) {
+    bar.suspend(|| ui::warn(&format!("warning: {warning}")));
+}
+
 /// A remark with `#` in place of each number: the same remark of another frame has other counts and depths.
 fn without_numbers(remark: &str) -> String {
     let mut kind = String::with_capacity(remark.len());
@@ -65,10 +69,8 @@ impl<'a> Tally<'a> {
         for remark in summary.remarks() {
             let said = self.said.entry(without_numbers(remark)).or_default();
             if said.frames == 0 {
-                let name = name.display();
-                said.first = format!("{name}: {remark}");
-                self.bar
-                    .suspend(|| ui::warn(&format!("warning: {}", said.first)));
+                said.first = format!("{}: {remark}", name.display());
+                warn(self.bar, &said.first);
             }
             said.frames += 1;
         }
@@ -89,6 +91,11 @@ impl<'a> Tally<'a> {
         if self.json {
             self.bar.suspend(|| ui::print(&summary.value().to_string()));
         }
+    }
+
+    /// Says what follows from several frames.
+    pub(super) fn warn(&self, warning: &str) {
+        warn(self.bar, warning);
     }
 
     /// How many frames were written.
