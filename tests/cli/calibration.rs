@@ -51,21 +51,3 @@ fn points_in_their_places_are_not_warned_of() {
     let args = ["images", "points", "-o", "depths"];
     assert_eq!(warned(folder.path(), &args), 0);
 }
-
-#[test]
-fn the_report_of_an_image_has_its_best_shift() {
-    let folder = room();
-    let at = folder.path();
-    moved(&at.join("moved.npy"), 12);
-    lsdc(at)
-        .args(["complete", "rgb.png", "moved.npy", "-o", "depth.json"])
-        .assert()
-        .success();
-    let found = &json(&at.join("depth.json"))["alignment"];
-    let shift = [0, 1].map(|i| found["shift"][i].as_f64().unwrap());
-    assert!(
-        (shift[0] + 12.0).abs() < 5.0 && shift[1].abs() < 5.0,
-        "{shift:?}"
-    );
-    assert_eq!(found["frames"], 1);
-}

@@ -1,7 +1,7 @@
 //! A completion in numbers, by the names that `lsdc complete --json` and the service share: metres, and counts of pixels.
 
 use crate::Cloud;
-use lsdc_core::{Completion, DepthMap, Outlier, Shift};
+use lsdc_core::{Completion, DepthMap, Outlier};
 use serde::Serialize;
 
 /// A depth map.
@@ -124,36 +124,6 @@ impl DescribedFit {
             rank: report.rank,
             functions: report.functions,
             guide_trust: report.guide_trust,
-        }
-    }
-}
-
-/// How points fit the image where they are, and moved.
-#[derive(Clone, Debug, Serialize)]
-pub struct DescribedShift {
-    /// The best shift, to the right and down, in pixels of the image.
-    pub shift: [f64; 2],
-    /// Mean leave-one-out error without it, over the depth.
-    pub error: f64,
-    /// The same of the moved points.
-    pub error_moved: f64,
-    /// The gain in log-likelihood over its standard error.
-    pub standard_errors: f64,
-    /// Frames that this is the evidence of.
-    pub frames: usize,
-    /// Whether chance does not explain it.
-    pub clear: bool,
-}
-
-impl From<&Shift> for DescribedShift {
-    fn from(shift: &Shift) -> Self {
-        Self {
-            shift: [shift.u, shift.v],
-            error: shift.error,
-            error_moved: shift.error_moved,
-            standard_errors: shift.standard_errors,
-            frames: shift.frames,
-            clear: shift.is_clear(),
         }
     }
 }

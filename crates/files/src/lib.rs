@@ -40,7 +40,7 @@ pub use cloud::{Cloud, CloudOptions};
 pub use colmap::{Colmap, View};
 pub use contents::Contents;
 pub use depth_kind::{DepthKind, StoredAs};
-pub use described::{DescribedCloud, DescribedDepth, DescribedFit, DescribedShift};
+pub use described::{DescribedCloud, DescribedDepth, DescribedFit};
 pub use files::{
     Colored, Hdf5, NumberList, Unfinished, Upright, are_far, check_output, check_writable,
     encode_depth_png, encode_exr, encode_npy, encode_npz, encode_ply, from_planes, has_ending,

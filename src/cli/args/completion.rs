@@ -153,8 +153,8 @@ pub(in crate::cli) struct Complete {
     /// Also write a list of the points that disagree with the others.
     #[arg(long, help_heading = "Output")]
     pub(in crate::cli) outliers: bool,
-    /// Do not check whether the points lie where the image shows them. The check is made in a single image, or in the first
-    /// five of several, and warns of a shift, as wrong extrinsics or time stamps cause.
+    /// Do not check whether the points lie where the images show them. The check is made in the first five of several
+    /// images, and warns of a shift, as wrong extrinsics or time stamps cause.
     #[arg(long, help_heading = "Fit", hide_short_help = true)]
     pub(in crate::cli) no_alignment: bool,
     /// Run the network on the image at full resolution, instead of resizing it to the number of pixels of

@@ -1,4 +1,4 @@
-//! Whether points lie where the images show them, in the first frames.
+//! Whether points lie where the images show them, in the first of several frames. One alone hardly ever tells.
 
 use super::frame::Completed;
 use super::inputs::Loaded;
@@ -41,14 +41,10 @@ impl Calibration {
             Some(pooled) => pooled.add(&alignment),
             none => *none = Some(alignment),
         }
-        let clear = self.shift().filter(Shift::is_clear)?;
+        let shift = self.pooled.as_ref()?.shift()?;
+        let clear = shift.is_clear().then_some(shift)?;
         self.frames_left = 0;
         Some(clear)
-    }
-
-    /// The best shift so far, clear or not.
-    pub(super) fn shift(&self) -> Option<Shift> {
-        self.pooled.as_ref()?.shift()
     }
 }
 

@@ -20,7 +20,6 @@ use super::args::Complete;
 use super::{Exit, ui};
 use crate::error::{Error, Result};
 use crate::process;
-use calibration::Calibration;
 use frame::Engine;
 use inputs::Job;
 use lsdc_files::has_ending;
@@ -61,13 +60,7 @@ fn one(args: &Complete, job: &Job, pipes: &Pipes) -> Result<Exit> {
     let frame = job.load(args)?;
     let found = Engine::new(args, true)?.complete(&frame)?;
     let forms = outputs.forms(&frame, &found)?;
-    let mut calibration = Calibration::new(args);
-    let clear = calibration.add(&frame, &found);
-    let mut summary = Summary::new(&job.name, &frame, &found, &forms);
-    summary.checked(
-        calibration.shift(),
-        clear.as_ref().map(calibration::warning),
-    );
+    let summary = Summary::new(&job.name, &frame, &found, &forms);
     for remark in summary.remarks() {
         ui::warn(&format!("warning: {remark}"));
     }

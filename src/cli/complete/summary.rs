@@ -5,8 +5,7 @@ use super::inputs::{Loaded, Noise};
 use super::outputs::Forms;
 use crate::cli::ui::counted;
 use crate::data::Unit;
-use lsdc_core::Shift;
-use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit, DescribedShift};
+use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
@@ -41,9 +40,6 @@ pub(super) struct Summary {
     /// Whether the fit limits the influence of outliers.
     #[serde(skip)]
     pub(super) robust: bool,
-    /// The shift at which the points fit the image best, of a single image.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    alignment: Option<DescribedShift>,
     pub(super) seconds: Seconds,
     /// What was assumed or left out and should be checked.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -165,7 +161,6 @@ impl Summary {
             }),
             metres: points.unit.of_depths(),
             robust: fit.is_some_and(|fit| fit.robust),
-            alignment: None,
             seconds: Seconds {
                 reading: seconds(frame.reading),
                 network: report.map(|report| seconds(report.network)),
@@ -175,12 +170,6 @@ impl Summary {
             },
             remarks,
         }
-    }
-
-    /// Adds whether the points lie where the image shows them, and what is said of that.
-    pub(super) fn checked(&mut self, shift: Option<Shift>, warning: Option<String>) {
-        self.alignment = shift.as_ref().map(DescribedShift::from);
-        self.remarks.extend(warning);
     }
 
     /// What was assumed or left out and should be checked.
