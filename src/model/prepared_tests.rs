@@ -8,7 +8,7 @@ use super::{
 };
 use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use lsdc_core::network::{ADAPTERS, Basis, Encoder, Forward, Network as _, Prepared};
+use lsdc_core::network::{ADAPTERS, Encoder, Forward, Network as _, Prepared};
 use lsdc_core::{Error, Weights, WeightsError};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;

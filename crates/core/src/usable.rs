@@ -31,7 +31,16 @@ pub(crate) struct Usable {
 
 impl Usable {
     /// The usable observations for an image of `size` (height, width).
-    pub(crate) fn new(
+    pub(crate) fn new(observations: &Observations, size: (usize, usize)) -> Result<Self, FitError> {
+        let mut usable = Self::as_given(observations, size)?;
+        if let Some(deviations) = &usable.deviations {
+            usable.smoothed = Smoothed::new(&usable.places, &usable.depths, deviations, size);
+        }
+        Ok(usable)
+    }
+
+    /// The same without smoothing.
+    pub(crate) fn as_given(
         observations: &Observations,
         (height, width): (usize, usize),
     ) -> Result<Self, FitError> {
@@ -74,8 +83,6 @@ impl Usable {
         let without = deviations.iter().filter(|sigma| sigma.is_none()).count();
         if without < deviations.len() {
             usable.without = without;
-            usable.smoothed =
-                Smoothed::new(&usable.places, &usable.depths, &deviations, (height, width));
             usable.deviations = Some(deviations);
         }
         Ok(usable)

@@ -49,6 +49,8 @@ pub(crate) async fn complete(
                 let read = || {
                     let frame = Frame::read(&upload, &own.config.limits)?;
                     let points = frame.points(&upload, &options, &own.config.limits)?;
+                    let (width, height) = frame.size();
+                    points.points.check(width, height)?;
                     Ok((frame, points))
                 };
                 let ((frame, points), reading) = task.part(Part::Read, read)?;
