@@ -115,7 +115,11 @@ impl Surface {
         });
         let width = grid.width;
         let at = |i: usize| {
-            let before = if i % width > 0 { right[i - 1] } else { 0.0 };
+            let before = if i.is_multiple_of(width) {
+                0.0
+            } else {
+                right[i - 1]
+            };
             let above = if i >= width { down[i - width] } else { 0.0 };
             before + above - right[i] - down[i]
         };
@@ -156,8 +160,8 @@ impl Surface {
                 .with_min_len(TOGETHER)
         };
         let right = |one: usize| {
-            let is_inside = (one + 1) % grid.width > 0;
-            is_inside.then(|| of(one, one + 1, grid.right[one]))
+            let is_last = (one + 1).is_multiple_of(grid.width);
+            (!is_last).then(|| of(one, one + 1, grid.right[one]))
         };
         let down = |one: usize| {
             let other = one + grid.width;
