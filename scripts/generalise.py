@@ -2,9 +2,10 @@
 """Weights on datasets that they have not seen: the shipped method beside untrained ones.
 
 Takes folders of FRAME.jpg (or .png) and 16-bit FRAME_depth.png, each with the metres of a stored
-unit after a colon where these are not millimetres, or of scans (FRAME_points.npz, docs/evaluation.md).
-Prints the scores of `lsdc` on every set with their ratios to the best of the others, and the geometric
-means over sets of the ratios to each.
+unit after a colon where these are not millimetres, or of scans (FRAME_points.npz, docs/evaluation.md;
+protocol `scans-filtered`). Prints the scores of all methods on every set with the ratio of `lsdc` to the
+best of the others, and the geometric means over sets of its ratios to each. Reports in the output folder
+are used again if they were made by the same command.
 
     python3 scripts/generalise.py -o results redwood tum_desk kitti:0.00390625
     python3 scripts/generalise.py -o results --points grid:16 --set fit.joint.surface=false DIR
@@ -14,6 +15,7 @@ Needs Python 3.10 and nothing else.
 """
 
 import argparse
+import hashlib
 import json
 import math
 import subprocess
@@ -28,23 +30,22 @@ OTHERS = [*BASELINES, *FITS]
 
 
 def evaluate(args: argparse.Namespace, folder: Path, scale: str, fit: str) -> list[dict]:
-    sampling = (args.hold_out or args.points).replace(":", "")
-    report = args.output / f"{folder.parent.name}-{folder.name}-{sampling}-{fit.replace(' ', '-')}.json"
+    if any(folder.glob("*_points.npz")):
+        data = ["--dataset", "scans", "--root", folder, "--protocol", "scans-filtered"]
+    else:
+        # The colour files of a set have one ending.
+        ending = "jpg" if any(folder.glob("*.jpg")) else "png"
+        data = ["--dataset", "folder", "--root", folder,
+                "--set", f'data.folder.rgb="{{frame}}.{ending}"',
+                "--set", 'data.folder.depth="{frame}_depth.png"',
+                "--set", f"data.folder.depth_scale={scale}"]
+    given = ["--hold-out", args.hold_out] if args.hold_out else ["--points", args.points]
+    methods = "lsdc" if fit in FITS else ",".join(["lsdc", *BASELINES])
+    command = [args.program, "eval", *data, *given, "--method", methods, *args.rest, *FITS.get(fit, [])]
+    made_by = hashlib.sha256(repr([str(word) for word in command]).encode()).hexdigest()[:12]
+    report = args.output / f"{folder.name}-{made_by}.json"
     if not report.exists():
-        if any(folder.glob("*_points.npz")):
-            data = ["--dataset", "scans", "--root", folder, "--protocol", "scans-filtered"]
-        else:
-            # The colour files of a set have one ending.
-            ending = "jpg" if any(folder.glob("*.jpg")) else "png"
-            data = ["--dataset", "folder", "--root", folder,
-                    "--set", f'data.folder.rgb="{{frame}}.{ending}"',
-                    "--set", 'data.folder.depth="{frame}_depth.png"',
-                    "--set", f"data.folder.depth_scale={scale}"]
-        given = ["--hold-out", args.hold_out] if args.hold_out else ["--points", args.points]
-        methods = "lsdc" if fit in FITS else ",".join(["lsdc", *BASELINES])
-        command = [args.program, "eval", *data, *given, "--method", methods, "--json", report, *args.rest,
-                   *FITS.get(fit, [])]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([*command, "--json", report], check=True, stdout=subprocess.DEVNULL)
     return json.loads(report.read_text())["frames"]
 
 
@@ -71,19 +72,20 @@ def main() -> None:
     args.rest += ["--weights", args.weights] if args.weights else []
     args.output.mkdir(parents=True, exist_ok=True)
 
-    print("| set | frames | " + " | ".join(s.upper() for s in SCORES) + " |\n|" + "---|" * (2 + len(SCORES)))
+    heads = ["set", "frames", "score", "lsdc", *OTHERS, "lsdc / best of the others"]
+    print("| " + " | ".join(heads) + " |\n|" + "---|" * len(heads))
     ratios: dict[str, dict[str, list[float]]] = {m: {s: [] for s in SCORES} for m in [*OTHERS, "the best"]}
     for text in args.folders:
         path, _, scale = text.partition(":")
         count, found = measure(args, Path(path), scale or "0.001")
-        cells = []
         for score in SCORES:
             own, others = found["lsdc"][score], {m: found[m][score] for m in OTHERS}
             best = min(others, key=others.get)
             for method, value in [*others.items(), ("the best", others[best])]:
                 ratios[method][score].append(math.log(own / value))
-            cells.append(f"{own:.4f} ({own / others[best]:.3f} of {best})")
-        print(f"| {Path(path).name} | {count} | " + " | ".join(cells) + " |", flush=True)
+            cells = [f"{value:.4f}" for value in [own, *others.values()]]
+            cells = [Path(path).name, str(count), score.upper(), *cells, f"{own / others[best]:.3f}"]
+            print("| " + " | ".join(cells) + " |", flush=True)
 
     print("\nGeometric mean of lsdc / method:\n| method | " + " | ".join(s.upper() for s in SCORES) + " |")
     print("|" + "---|" * (1 + len(SCORES)))
