@@ -344,10 +344,22 @@ fn functions_that_are_part_of_a_field_have_the_weights_of_the_dense_equations() 
         for (k, ridge) in ridges.iter().enumerate() {
             all[(pixels + k, pixels + k)] += ridge;
         }
-        let expected = all.llt(Side::Lower).unwrap().solve(right);
+        let all = all.llt(Side::Lower).unwrap();
+        let expected = all.solve(&right);
         let (values, weights) = field.extend(&x);
         assert_eq!(weights.len(), 2);
-        let found = [values, weights].concat();
+        let found = [values, weights.clone()].concat();
+        assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
+        // A further right-hand side changes these weights, too.
+        let more: Vec<f64> = (0..pixels).map(|i| (i as f64).sin()).collect();
+        (0..pixels).for_each(|i| right[(i, 0)] += more[i]);
+        let expected = all.solve(&right);
+        let (values, [before, added]) = field.extend_with(&x, |known| {
+            assert_eq!(known, weights);
+            more
+        });
+        let sums = before.iter().zip(&added).map(|(a, b)| a + b);
+        let found = [values, sums.collect()].concat();
         assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
     }
 }
