@@ -29,8 +29,11 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
-/// Results may differ by this share of the range of true depths.
-const TOLERANCE: f32 = 1e-5;
+/// Results may differ by this share of the range of true depths. Libraries of linear algebra cut their sums into blocks by the
+/// caches of the processor: between three generations of Xeon and EPYC, results differ by up to 1.5e-5.
+const TOLERANCE: f32 = 2e-5;
+/// The same of the losses of a training, each of whose steps starts from the rounding of the ones before: up to 2.4e-5.
+const TOLERANCE_TRAINED: f32 = 5e-5;
 /// The same without fused multiply-add, where every product is rounded before it is added, in all layers of the network:
 /// all but two of 131 results then differ by less than 1e-5, and these by up to 1.2e-5 (the fit without a prior, which is
 /// ill-conditioned, and the plain fit to outliers).
@@ -301,7 +304,7 @@ fn compute() -> Results {
         );
     }
     let values = trained();
-    let tolerance = TOLERANCE * values[0];
+    let tolerance = TOLERANCE_TRAINED * values[0];
     results.insert("training/losses".into(), Result { values, tolerance });
     results
 }

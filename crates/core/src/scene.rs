@@ -7,6 +7,7 @@ use crate::completer::Completer;
 use crate::completion::Completion;
 use crate::depth_guide::DepthGuide;
 use crate::error::{FitError, Result};
+use crate::field;
 use crate::fit::{
     Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Judgement, Points, Prior,
     PriorKind, Scene as Placed, dot, fit, judge,
@@ -17,6 +18,7 @@ use crate::observations::Observations;
 use crate::resize::resized;
 use crate::upsampling::Upsampling;
 use crate::usable::Usable;
+use lsdc_kernels::schedule::join;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -91,7 +93,7 @@ impl Scene {
         let forward = completer.run(|| network.forward(&values, working))?;
         // Side by side: layers of either are too small for many threads.
         let (basis, affinities) = completer.run(|| {
-            rayon::join(
+            join(
                 || forward.basis(),
                 || has_field.then(|| forward.affinities()),
             )
@@ -215,7 +217,7 @@ impl Scene {
         // On a thread of the pool, which need not be awaited for each step.
         let found = inner.completer.run(|| {
             rayon::scope(|_| {
-                let rows = inner.held(&usable);
+                let rows = inner.held(&usable, config.robust.is_some());
                 let affinities = inner.needed_affinities()?;
                 let factorising = Instant::now();
                 if let (FitMethod::Joint, Some(affinities)) = (config.method, affinities) {
@@ -305,7 +307,7 @@ impl Scene {
         let inner = &*self.0;
         let (config, prior) = (inner.completer.fit_config(), inner.completer.prior());
         inner.completer.run(|| {
-            let rows = inner.held(usable);
+            let rows = inner.held(usable, true);
             let bases = rows
                 .as_deref()
                 .map_or(Bases::Functions(inner), |rows| Bases::Held(rows, inner));
@@ -400,11 +402,18 @@ impl Inner {
         map
     }
 
-    /// The basis functions at observations, unless there are so many that they are evaluated at some only.
-    fn held(&self, usable: &Usable) -> Option<Vec<f32>> {
+    /// The basis functions at observations, unless there are so many that they are evaluated at some only: of a fit in
+    /// `rounds`, or of one.
+    fn held(&self, usable: &Usable, rounds: bool) -> Option<Vec<f32>> {
         let grid = self.grid();
+        // Where a map of the grid says what they add up to at all points, a fit without rounds evaluates them at some.
+        let most = if rounds || self.upsampling.is_none() {
+            HELD
+        } else {
+            field::MOST
+        };
         // A fit to dense points evaluates them in the holes between these, too.
-        let sparse = usable.places.len() <= HELD.min(grid.0 * grid.1 / 5);
+        let sparse = usable.places.len() <= most.min(grid.0 * grid.1 / 5);
         (!self.has_field() || sparse).then(|| self.at(self.size, &usable.places))
     }
 

@@ -6,6 +6,7 @@
 //! from its own side.
 
 use crate::bilinear::{Taps, neighbours};
+use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
@@ -127,7 +128,7 @@ impl Upsampling {
         let shares: Vec<f32> = columns.iter().map(|between| between.2).collect();
         let mut output = vec![0.0; size.0 * size.1];
         let strips = output.par_chunks_mut(STRIP * size.1.max(1));
-        strips.enumerate().for_each(|(strip, output)| {
+        strips.enumerate().each(|(strip, output)| {
             let mut corners = Corners::new(size.1);
             let mut colours = [(); 3].map(|()| vec![0.0; size.1]);
             for (i, output) in output.chunks_exact_mut(size.1).enumerate() {

@@ -2,6 +2,7 @@
 //!
 //! Sums run in the order of the cells, so results do not depend on the number of threads.
 
+use crate::schedule::InTasks;
 use crate::simd::{Blend, Level, Unset, write_blends, written};
 use rayon::prelude::*;
 
@@ -47,7 +48,7 @@ fn gather_one(table: &[f32], channels: usize, cells: &[Cell], output: &mut Unset
     let outputs = output.par_chunks_mut((PIECE * channels).max(1));
     outputs
         .zip(cells.par_chunks(PIECE))
-        .for_each(|(output, cells)| {
+        .each(|(output, cells)| {
             let blends = cells.iter().map(|cell| Blend::<4, 0> {
                 parts: std::array::from_fn(|k| (row(cell.rows[k]), cell.shares[k])),
                 terms: [],

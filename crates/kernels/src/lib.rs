@@ -12,4 +12,5 @@ pub mod conv;
 pub mod gather;
 pub mod norm;
 pub mod propagate;
+pub mod schedule;
 pub mod simd;

@@ -3,6 +3,7 @@
 //! Work is cut into the same pieces whatever the number of threads, and pieces are summed in a
 //! fixed order, so results do not depend on the number of threads.
 
+use crate::schedule::InTasks;
 use crate::simd::{Kernel, Level, Shared, Unset, Vector, written};
 use rayon::prelude::*;
 
@@ -382,7 +383,7 @@ fn map(x: &[f32], y: &[f32], channels: usize, job: Map<'_>) -> Vec<f32> {
     let write = |output: &mut Unset| {
         let inputs = x.par_chunks(piece).zip(y.par_chunks(piece));
         let outputs = output.par_chunks_mut(piece);
-        outputs.zip(inputs).for_each(|(output, (x, y))| {
+        outputs.zip(inputs).each(|(output, (x, y))| {
             let kernel = Mapping {
                 x,
                 y,

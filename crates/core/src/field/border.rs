@@ -7,14 +7,18 @@
 //! on in strips of rows, each of which is a task of its own.
 
 use super::factor::{Factor, both};
-use super::plan::{FORK, Half, Home};
+use super::plan::{Batch, FORK, Half, Home};
 use super::strip::{STRIP, Strip, dot};
 use super::sweep::Rows;
 use crate::bilinear::Taps;
 use lsdc_kernels::cholesky::{PAD, solve_rows, subtract_product};
+use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
+
+/// Columns of a covariance that a task finds: part of a strip, because the first columns have many more rows than the last.
+const TOGETHER: usize = STRIP / 4;
 
 /// `W`, by the variables of lines and tiles.
 #[derive(Debug)]
@@ -93,26 +97,29 @@ impl Border {
     pub(super) fn covariance(&self, factor: &Factor, more: &[Strip]) -> Vec<f64> {
         let size = self.order.len().next_multiple_of(PAD);
         let mut all = vec![0.0; size * size];
-        let mut chunks: Vec<_> = all.chunks_mut(STRIP * size).enumerate().collect();
-        // The first columns are the longest: half of the work in each half.
-        chunks.sort_by_key(|(i, _)| i % 2);
-        chunks.into_par_iter().for_each(|(i, columns)| {
-            let own = |strips: &[Strip]| strips.iter().position(|s| s.first / STRIP == i);
+        let columns = all.par_chunks_mut(TOGETHER * size).enumerate();
+        // The first columns are the longest, so that they are begun first.
+        columns.with_max_len(1).each(|(i, columns)| {
+            let own = i * TOGETHER..i * TOGETHER + columns.len() / size;
             let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
             for strips in lists {
-                let Some(at) = own(strips) else {
+                let holds = |s: &Strip| s.first < own.end && own.start < s.first + s.rows;
+                let Some(at) = strips.iter().position(holds) else {
                     continue;
                 };
                 let right = &strips[at];
                 let depth = right.values.len() / right.rows;
+                let first = own.start.max(right.first);
+                let count = own.end.min(right.first + right.rows) - first;
+                let block = right.block().below(first - right.first);
                 for left in &strips[at..] {
-                    let start = (right.first - i * STRIP) * size + left.first;
+                    let start = (first - own.start) * size + left.first;
                     subtract_product(
                         factor.level,
                         (&mut columns[start..], size),
-                        [left.rows, right.rows, depth],
+                        [left.rows, count, depth],
                         left.block(),
-                        right.block(),
+                        block,
                     );
                 }
             }
@@ -120,17 +127,28 @@ impl Border {
                 *value = -*value;
             }
         });
-        for rows in &self.tiles {
+        let mut rest = &mut all[..];
+        let mut done = 0;
+        let mut tiles = Vec::with_capacity(self.tiles.len());
+        let mut in_order: Vec<&TileRows> = self.tiles.iter().collect();
+        in_order.sort_by_key(|rows| rows.positions.start);
+        for rows in in_order {
+            let (_, later) = rest.split_at_mut((rows.positions.start - done) * size);
+            let (own, later) = later.split_at_mut(rows.positions.len() * size);
+            (rest, done) = (later, rows.positions.end);
+            tiles.push((rows, own));
+        }
+        tiles.into_par_iter().each(|(rows, columns)| {
             let pixels = rows.values.len() / rows.positions.len().max(1);
             let lists: Vec<&[f64]> = rows.values.chunks_exact(pixels).collect();
-            let pairs = rows.positions.clone().zip(&lists).enumerate();
-            for (k, (column, one)) in pairs {
-                for (row, other) in rows.positions.clone().zip(&lists).skip(k) {
+            for (k, (column, one)) in columns.chunks_exact_mut(size).zip(&lists).enumerate() {
+                let sums = column[rows.positions.clone()].iter_mut().zip(&lists);
+                for (sum, other) in sums.skip(k) {
                     let products = one.iter().zip(*other).map(|(a, b)| a * b);
-                    all[column * size + row] += products.sum::<f64>();
+                    *sum += products.sum::<f64>();
                 }
             }
-        }
+        });
         all
     }
 
@@ -211,7 +229,7 @@ impl Border {
             }
             sums
         };
-        let lines: Vec<_> = self.lines.par_iter().enumerate().map(of_line).collect();
+        let lines: Vec<_> = self.lines.par_iter().enumerate().gather(of_line);
         for (line, sums) in plan.lines.iter().zip(&lines) {
             for (&pixel, sum) in line.own.iter().zip(sums) {
                 values[pixel as usize] += sum;
@@ -230,7 +248,7 @@ impl Border {
             }
             sums
         };
-        let tiles: Vec<_> = self.tiles.par_iter().map(of_tile).collect();
+        let tiles: Vec<_> = self.tiles.par_iter().gather(of_tile);
         for (rows, sums) in self.tiles.iter().zip(&tiles) {
             let (tile, program) = (&plan.tiles[rows.tile], plan.program(rows.tile));
             for (&(u, v), sum) in program.order.iter().zip(sums) {
@@ -243,16 +261,20 @@ impl Border {
     pub(super) fn products(&self, factor: &Factor, values: &[f64]) -> Vec<f64> {
         let plan = &*factor.plan;
         let mut found = vec![0.0; self.order.len()];
-        for (line, strips) in plan.lines.iter().zip(&self.lines) {
-            for strip in strips {
+        let parts = found.par_chunks_mut(STRIP).enumerate();
+        parts.each(|(i, found)| {
+            for (line, strips) in plan.lines.iter().zip(&self.lines) {
+                let Some(strip) = strips.iter().find(|s| s.first / STRIP == i) else {
+                    continue;
+                };
                 let columns = strip.values.chunks_exact(strip.rows);
                 for (&pixel, column) in line.own.iter().zip(columns) {
                     let value = values[pixel as usize];
-                    let found = found[strip.first..].iter_mut().zip(column);
+                    let found = found[strip.first % STRIP..].iter_mut().zip(column);
                     found.for_each(|(sum, factor)| *sum += factor * value);
                 }
             }
-        }
+        });
         for rows in &self.tiles {
             let (tile, program) = (&plan.tiles[rows.tile], plan.program(rows.tile));
             let lists = rows.values.chunks_exact(program.order.len());
@@ -341,7 +363,7 @@ impl Climb<'_> {
         }
         let panel = self.factor.columns(line);
         let pairs = front.own.par_iter_mut().zip(&mut front.rest);
-        pairs.for_each(|(own, rest)| {
+        pairs.each(|(own, rest)| {
             let (own, rest) = (&mut own.values, &mut rest.values);
             solve_rows(self.factor.level, panel, line.own.len(), own, rest);
         });
@@ -381,7 +403,7 @@ fn tile_rows(
     turns: &[u32],
 ) -> Vec<TileRows> {
     let plan = &*factor.plan;
-    let found = plan.batches.par_iter().map(|batch| {
+    let of_batch = |batch: &Batch| {
         let program = &plan.programs[batch.program];
         let pixels = program.order.len();
         let mut found: Vec<TileRows> = batch
@@ -426,6 +448,7 @@ fn tile_rows(
         }
         found.retain(|rows| !rows.positions.is_empty());
         found
-    });
-    found.collect::<Vec<_>>().into_iter().flatten().collect()
+    };
+    let found: Vec<_> = plan.batches.par_iter().gather(of_batch);
+    found.into_iter().flatten().collect()
 }

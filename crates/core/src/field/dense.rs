@@ -5,6 +5,7 @@
 
 use super::strip::{STRIP, Strip};
 use lsdc_kernels::cholesky::{Block, factorise, solve_rows, subtract_product};
+use lsdc_kernels::schedule::{InTasks, join};
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 
@@ -40,15 +41,15 @@ pub(super) fn cholesky(
             }
         };
         let strips = (end..size).into_par_iter().step_by(STRIP);
-        let (below, further): (Vec<Strip>, Vec<Strip>) = rayon::join(
-            || strips.map(|start| part(own, size, start)).collect(),
+        let (below, further): (Vec<Strip>, Vec<Strip>) = join(
+            || strips.gather(|start| part(own, size, start)),
             || {
                 let strips = (0..more).into_par_iter().step_by(STRIP);
-                strips.map(|start| part(own_extra, more, start)).collect()
+                strips.gather(|start| part(own_extra, more, start))
             },
         );
         // What is left of later columns, while those that are done are put back.
-        rayon::join(
+        join(
             || {
                 let columns = later.par_chunks_mut(STRIP * size);
                 let extras = later_extra.par_chunks_mut((STRIP * more).max(1));
@@ -65,7 +66,7 @@ pub(super) fn cholesky(
                         subtract_product(level, target, sizes, left.block(), right.block());
                     }
                 };
-                columns.zip(extras).enumerate().for_each(update);
+                columns.zip(extras).enumerate().each(update);
             },
             || {
                 for (j, column) in own.chunks_exact_mut(size).enumerate() {
@@ -91,7 +92,7 @@ pub(super) fn squared(level: Level, matrix: &[f64], rows: usize) -> Vec<f64> {
     let depth = matrix.len() / rows.max(1);
     let mut square = vec![0.0; rows * rows];
     let parts = square.par_chunks_mut((STRIP * rows).max(1)).enumerate();
-    parts.for_each(|(i, columns)| {
+    parts.each(|(i, columns)| {
         let first = i * STRIP;
         let factor = Block {
             values: &matrix[first..],

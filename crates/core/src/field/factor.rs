@@ -1,9 +1,11 @@
 //! The Cholesky factor of a field's equations, in the order of a plan.
 
-use super::plan::{FORK, Half, Line, Plan};
+use super::plan::{Batch, FORK, Half, Line, Plan};
 use super::runs::Run;
 use super::stencil::Stencil;
+use super::tile::Program;
 use lsdc_kernels::cholesky::{Eight, factorise};
+use lsdc_kernels::schedule::{join, region};
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -167,34 +169,39 @@ fn eliminate_tiles(
         (factors, rests) = (others, left);
         work.push((batch, program, factor, rest));
     }
+    type Memories = (Vec<Eight>, Vec<Eight>, Vec<Eight>);
+    type Work<'a> = (&'a Batch, &'a Program, &'a mut [Eight], &'a mut [f64]);
     let memory = || (Vec::new(), Vec::new(), Vec::new());
-    let work = work.into_par_iter();
-    work.map_init(
-        memory,
-        |(entries, room, eight), (batch, program, factor, rest)| {
-            entries.resize(program.sources.len(), [0.0; 8]);
-            room.resize(program.room(), [0.0; 8]);
-            eight.resize(program.rest(), [0.0; 8]);
-            // Lanes without a tile do as the last one does.
-            let tile = |lane: usize| &plan.tiles[batch.tiles[lane.min(batch.tiles.len() - 1)]];
-            let places: [usize; 8] = std::array::from_fn(|lane| {
-                let tile = tile(lane);
-                stencil.place(tile.left, tile.top)
-            });
-            for (value, source) in entries.iter_mut().zip(&program.sources) {
-                let offset = stencil.offset(source.x, source.y);
-                let map = stencil.map(source.entry);
-                *value = places.map(|place| map[place.wrapping_add_signed(offset)]);
-            }
-            let found = program.eliminate(level, entries, factor, eight, room);
-            level.vectorised(
-                #[inline(always)]
-                || program.part(eight, rest),
-            );
-            found
-        },
-    )
-    .all(|found| found)
+    let eliminate = |(entries, room, eight): &mut Memories,
+                     (batch, program, factor, rest): Work<'_>| {
+        entries.resize(program.sources.len(), [0.0; 8]);
+        room.resize(program.room(), [0.0; 8]);
+        eight.resize(program.rest(), [0.0; 8]);
+        // Lanes without a tile do as the last one does.
+        let tile = |lane: usize| &plan.tiles[batch.tiles[lane.min(batch.tiles.len() - 1)]];
+        let places: [usize; 8] = std::array::from_fn(|lane| {
+            let tile = tile(lane);
+            stencil.place(tile.left, tile.top)
+        });
+        for (value, source) in entries.iter_mut().zip(&program.sources) {
+            let offset = stencil.offset(source.x, source.y);
+            let map = stencil.map(source.entry);
+            *value = places.map(|place| map[place.wrapping_add_signed(offset)]);
+        }
+        let found = program.eliminate(level, entries, factor, eight, room);
+        level.vectorised(
+            #[inline(always)]
+            || program.part(eight, rest),
+        );
+        found
+    };
+    region(|region| {
+        let work = work.into_par_iter();
+        work.map_init(memory, |memory, work| {
+            region.task(|| eliminate(memory, work))
+        })
+        .all(|found| found)
+    })
 }
 
 /// The elimination of lines.
@@ -240,7 +247,7 @@ impl Lines<'_> {
             let (found, rest_two) = if line.tiles > FORK {
                 let (room_one, room) = room.split_at_mut(lines[one].room);
                 let (rest_two, room) = room.split_at_mut(lines[two].square());
-                let (one, two) = rayon::join(
+                let (one, two) = join(
                     || self.eliminate(one, first, base, rest_one, room_one),
                     || self.eliminate(two, second, base + split, rest_two, room),
                 );
@@ -359,7 +366,7 @@ pub(super) fn both<A: Send, B: Send>(
     two: impl FnOnce() -> B + Send,
 ) -> (A, B) {
     if parallel {
-        rayon::join(one, two)
+        join(one, two)
     } else {
         (one(), two())
     }

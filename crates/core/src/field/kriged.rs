@@ -17,6 +17,7 @@ use faer::linalg::triangular_solve::{
 };
 use faer::{Mat, MatMut, MatRef, Par};
 use lsdc_kernels::cholesky::{PAD, solve_rows};
+use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -293,7 +294,7 @@ fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64 + Sync) 
         return Vec::new();
     }
     let mut strips = Strip::all(&(0..n), scales.len());
-    strips.par_iter_mut().for_each(|strip| {
+    strips.par_iter_mut().each(|strip| {
         let (first, rows) = (strip.first, strip.rows);
         for (j, (column, scale)) in strip.values.chunks_exact_mut(rows).zip(scales).enumerate() {
             for (value, i) in column.iter_mut().zip(first..n) {

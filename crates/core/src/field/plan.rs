@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const SIDE: usize = 15;
 
 /// Halves of more tiles than this are eliminated in parallel.
-pub(super) const FORK: usize = 24;
+pub(super) const FORK: usize = 8;
 
 /// A rectangle between lines.
 #[derive(Debug)]

@@ -2,6 +2,7 @@
 
 use super::Grid;
 use crate::bilinear::Taps;
+use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
 /// The neighbours that a pixel is joined to.
@@ -49,17 +50,17 @@ impl Stencil {
         let [own, right, down, ..] = &mut matrix.entries;
         // Affinities with the pixels after and before.
         let after = |map: &[f64], at: usize, inside: bool| if inside { map[at] } else { 0.0 };
-        rows(right, stride, height).for_each(|(y, row)| {
+        rows(right, stride, height, |y, row| {
             for (x, value) in row[1..=width].iter_mut().enumerate() {
                 *value = -after(grid.right, y * width + x, x + 1 < width);
             }
         });
-        rows(down, stride, height).for_each(|(y, row)| {
+        rows(down, stride, height, |y, row| {
             for (x, value) in row[1..=width].iter_mut().enumerate() {
                 *value = -after(grid.down, y * width + x, y + 1 < height);
             }
         });
-        rows(own, stride, height).for_each(|(y, row)| {
+        rows(own, stride, height, |y, row| {
             let above = &down[y * stride..];
             let (here, beside) = (&down[(y + 1) * stride..], &right[(y + 1) * stride..]);
             for (x, value) in row[1..=width].iter_mut().enumerate() {
@@ -147,14 +148,11 @@ impl Stencil {
     }
 }
 
-/// The rows of a map but for its border.
-fn rows(
-    map: &mut [f64],
-    stride: usize,
-    height: usize,
-) -> impl IndexedParallelIterator<Item = (usize, &mut [f64])> {
+/// Writes the rows of a map but for its border.
+fn rows(map: &mut [f64], stride: usize, height: usize, write: impl Fn(usize, &mut [f64]) + Sync) {
     let rows = map[stride..].par_chunks_exact_mut(stride);
-    rows.take(height).enumerate()
+    let rows = rows.take(height).enumerate();
+    rows.each(|(y, row)| write(y, row));
 }
 
 /// Where a pixel is in a map with a border of a grid of some width.

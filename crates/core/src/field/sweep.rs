@@ -4,6 +4,7 @@ use super::factor::{Factor, both};
 use super::plan::{FORK, Half, Line};
 use super::tile::{Program, Step};
 use lsdc_kernels::cholesky::Eight;
+use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
 /// Values of `B` columns.
@@ -16,19 +17,16 @@ impl Factor {
     /// `L^-1 values`, in place: each value of the result stands at the pixel that its column eliminates.
     pub(super) fn forward<const B: usize>(&self, values: &mut [Row<B>]) {
         let plan = &*self.plan;
-        let batches = plan.batches.par_iter();
-        let swept: Vec<Vec<Rows<B>>> = batches
-            .map(|batch| {
-                let program = &plan.programs[batch.program];
-                let mut x = self.gathered(&batch.tiles, program, values);
-                let factor = &self.tiles[batch.factor..][..program.length];
-                self.level.vectorised(
-                    #[inline(always)]
-                    || program.forward(factor, &mut x),
-                );
-                x
-            })
-            .collect();
+        let swept: Vec<Vec<Rows<B>>> = plan.batches.par_iter().gather(|batch| {
+            let program = &plan.programs[batch.program];
+            let mut x = self.gathered(&batch.tiles, program, values);
+            let factor = &self.tiles[batch.factor..][..program.length];
+            self.level.vectorised(
+                #[inline(always)]
+                || program.forward(factor, &mut x),
+            );
+            x
+        });
         self.scatter(&swept, values);
         if let Half::Line(root) = plan.root {
             let mut packed = self.packed(values);
@@ -45,26 +43,23 @@ impl Factor {
             self.descend(root, &mut packed, 0, &[]);
             self.unpack(&packed, values);
         }
-        let batches = plan.batches.par_iter();
         let known: &[Row<B>] = values;
-        let swept: Vec<Vec<Rows<B>>> = batches
-            .map(|batch| {
-                let program = &plan.programs[batch.program];
-                let mut x = self.gathered(&batch.tiles, program, known);
-                for (lane, &tile) in batch.tiles.iter().enumerate() {
-                    let ring = x[program.order.len()..].iter_mut().zip(plan.ring(tile));
-                    ring.for_each(|(value, pixel)| {
-                        value[lane] = pixel.map_or([0.0; B], |pixel| known[pixel as usize]);
-                    });
-                }
-                let factor = &self.tiles[batch.factor..][..program.length];
-                self.level.vectorised(
-                    #[inline(always)]
-                    || program.backward(factor, &mut x),
-                );
-                x
-            })
-            .collect();
+        let swept: Vec<Vec<Rows<B>>> = plan.batches.par_iter().gather(|batch| {
+            let program = &plan.programs[batch.program];
+            let mut x = self.gathered(&batch.tiles, program, known);
+            for (lane, &tile) in batch.tiles.iter().enumerate() {
+                let ring = x[program.order.len()..].iter_mut().zip(plan.ring(tile));
+                ring.for_each(|(value, pixel)| {
+                    value[lane] = pixel.map_or([0.0; B], |pixel| known[pixel as usize]);
+                });
+            }
+            let factor = &self.tiles[batch.factor..][..program.length];
+            self.level.vectorised(
+                #[inline(always)]
+                || program.backward(factor, &mut x),
+            );
+            x
+        });
         self.scatter(&swept, values);
     }
 

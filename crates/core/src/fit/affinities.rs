@@ -5,6 +5,7 @@ use crate::bilinear::{Taps, neighbours};
 use crate::error::FitError;
 use crate::field::{FieldPrior, Grid};
 use crate::upsampling::Upsampling;
+use lsdc_kernels::schedule::{InTasks, join};
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -39,11 +40,12 @@ impl Affinities {
         if !values.iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(FitError::NotFinite);
         }
-        let every = |first: usize| {
+        let every = |first: usize| -> Vec<f64> {
             let some = values.iter().skip(first).step_by(2);
             some.map(|&v| f64::from(v)).collect()
         };
-        Ok(Self::from_parts((height, width), every(0), every(1)))
+        let (right, down) = join(|| every(0), || every(1));
+        Ok(Self::from_parts((height, width), right, down))
     }
 
     /// Affinities with the right neighbour, and with the one below: `[height * width]` each.
@@ -227,7 +229,7 @@ impl Smooth {
         };
         let columns: Vec<_> = (0..size.1).map(|x| axis(x, size.1, self.width)).collect();
         let rows = map.par_chunks_exact_mut(size.1.max(1)).enumerate();
-        rows.for_each(|(y, row)| {
+        rows.each(|(y, row)| {
             let (top, bottom, v) = axis(y, size.0, self.height);
             let [upper, lower] = [top, bottom].map(|y| &self.values[y * self.width..]);
             for (value, &(left, right, u)) in row.iter_mut().zip(&columns) {

@@ -1,6 +1,7 @@
 //! The cosine basis: smooth functions that do not depend on the image. They represent slopes and curvature
 //! between points, which a field of first differences would flatten.
 
+use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
 /// Cosines over the image, without the constant, up to a frequency that is the same in both directions for an
@@ -91,7 +92,7 @@ impl CosineBasis {
         values
             .par_chunks_mut(width)
             .enumerate()
-            .for_each(|(y, values)| {
+            .each(|(y, values)| {
                 let mut sums = vec![0.0_f32; most + 1];
                 for (&(p, q), weight) in self.pairs.iter().zip(weights) {
                     sums[p] += *weight as f32 * down[q * height + y];

@@ -7,6 +7,7 @@ use crate::error::{Error, WeightsError};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par, Side};
 use lsdc_kernels::cholesky::{PAD, factorise};
+use lsdc_kernels::schedule::join;
 use lsdc_kernels::simd::Level;
 use serde::{Deserialize, Serialize};
 
@@ -232,13 +233,17 @@ impl<'a> Reduced<'a> {
             below[..columns].copy_from_slice(map.col_as_slice(j));
             below[columns] = self.right[j];
         }
-        if !factorise(Level::here(), &mut panel, rank, &mut []) {
+        let (found, determined) = join(
+            || factorise(Level::here(), &mut panel, rank, &mut []),
+            || self.determined(lambda),
+        );
+        if !found {
             return None;
         }
         let below = |i: usize, j: usize| panel[j * rows + rank + i];
         let factor = Mat::from_fn(columns, rank, below);
         let along: Vec<f64> = (0..rank).map(|j| below(columns, j)).collect();
-        Some(self.shrunk(lambda, &along, factor, self.determined(lambda)))
+        Some(self.shrunk(lambda, &along, factor, determined))
     }
 
     /// The number of squared singular values of `P A L` above lambda: that of positive eigenvalues of

@@ -1,6 +1,8 @@
 //! Affinities of neighbouring pixels, from their colours and the output of the affinity network.
 
 use super::config::CHANGES;
+use lsdc_kernels::schedule::InTasks;
+use rayon::prelude::*;
 
 /// The colour difference at which the affinity is half that of equal colours: 1.5 of 255, in units of the
 /// normalised image. This and the next constant were chosen on training frames of NYU Depth v2.
@@ -28,12 +30,12 @@ pub(super) fn affinities(
         1.0 / (1.0 + square / (contrast * contrast)) + LEAST as f32
     };
     let most = MOST_CHANGE as f32;
-    let mut affinities = Vec::with_capacity(2 * height * width);
-    for pixel in 0..height * width {
+    let of_pixel = |pixel: usize| {
         let last = [pixel % width + 1 == width, pixel / width + 1 == height];
-        for (way, (last, step)) in last.into_iter().zip([1, width]).enumerate() {
+        let ways = [(0, last[0], 1), (1, last[1], width)];
+        ways.map(|(way, last, step)| {
             let alike = alike(pixel, if last { pixel } else { pixel + step });
-            affinities.push(match changes {
+            match changes {
                 None => alike,
                 Some(changes) => {
                     let changes = &changes[CHANGES * pixel..][..CHANGES];
@@ -41,9 +43,15 @@ pub(super) fn affinities(
                     let more = changes[2 + way].clamp(-1.0, 1.0);
                     (alike.ln() * (1.0 + more) + factor).exp()
                 }
-            });
-        }
-    }
+            }
+        })
+    };
+    let mut affinities = vec![0.0; 2 * height * width];
+    let rows = affinities.par_chunks_mut((2 * width).max(1)).enumerate();
+    rows.each(|(y, row)| {
+        let pairs = row.as_chunks_mut().0.iter_mut().enumerate();
+        pairs.for_each(|(x, pair)| *pair = of_pixel(y * width + x));
+    });
     affinities
 }
 

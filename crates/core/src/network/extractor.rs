@@ -8,6 +8,7 @@ use super::run::Run;
 use super::tensors::Tensors;
 use crate::error::WeightsError;
 use lsdc_kernels::conv::{ConvSpec, Layer};
+use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
 
@@ -320,7 +321,7 @@ fn gather(raw: &Map, skip: &Map, branches: &[Map], pool: &Pool) -> Map {
     let mut all = pool.take(raw.height, raw.width, channels);
     let level = Level::here();
     let rows = all.values.par_chunks_exact_mut(raw.width * channels);
-    rows.enumerate().for_each(|(y, row)| {
+    rows.enumerate().each(|(y, row)| {
         level.vectorised(
             #[inline(always)]
             || {
@@ -354,7 +355,7 @@ fn averages(map: &Map, size: usize, pool: &Pool) -> Map {
         .values
         .par_chunks_exact_mut(width * channels)
         .enumerate();
-    rows.for_each(|(window_row, sums)| {
+    rows.each(|(window_row, sums)| {
         let rows = window_row * size..((window_row + 1) * size).min(map.height);
         for y in rows.clone() {
             let row = &map.values[y * map.width * channels..][..map.width * channels];

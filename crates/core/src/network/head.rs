@@ -7,6 +7,7 @@ use super::grid::{Grid, Grids, axis_of};
 use super::map::{Map, Pool};
 use super::tensors::{Linear, Tensors};
 use crate::error::WeightsError;
+use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::{Blend, Level, Packed, Scratch, Tail, blend_rows, dot_rows};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -147,30 +148,28 @@ impl Head {
         let (functions, channels) = (self.last.columns(), self.features.columns());
         let (grid, cells) = self.cells((inputs.hidden.height, inputs.hidden.width), size, places);
         let pieces = rows.par_chunks_mut(PIECE * (functions + 1));
-        pieces
-            .zip(cells.par_chunks(PIECE))
-            .for_each(|(rows, cells)| {
-                let own = self.memory(cells.len());
-                scratch.with(own + cells.len() * functions, |memory| {
-                    let (memory, values) = memory.split_at_mut(own);
-                    let blends = cells
-                        .iter()
-                        .map(|&cell| grid.blend(&inputs.hidden, cell, channels));
-                    let activations = self.activations(blends, memory);
-                    self.last.apply_sparse(activations, Tail::default(), values);
+        pieces.zip(cells.par_chunks(PIECE)).each(|(rows, cells)| {
+            let own = self.memory(cells.len());
+            scratch.with(own + cells.len() * functions, |memory| {
+                let (memory, values) = memory.split_at_mut(own);
+                let blends = cells
+                    .iter()
+                    .map(|&cell| grid.blend(&inputs.hidden, cell, channels));
+                let activations = self.activations(blends, memory);
+                self.last.apply_sparse(activations, Tail::default(), values);
+                let targets = rows.chunks_exact_mut(functions + 1);
+                for (row, values) in targets.zip(values.chunks_exact(functions)) {
+                    row[1..].copy_from_slice(values);
+                }
+                let mut first = [0.0; PIECE];
+                let first = &mut first[..cells.len()];
+                let cells = cells.iter().copied();
+                if self.first_function(inputs, &grid, cells, activations, first) {
                     let targets = rows.chunks_exact_mut(functions + 1);
-                    for (row, values) in targets.zip(values.chunks_exact(functions)) {
-                        row[1..].copy_from_slice(values);
-                    }
-                    let mut first = [0.0; PIECE];
-                    let first = &mut first[..cells.len()];
-                    let cells = cells.iter().copied();
-                    if self.first_function(inputs, &grid, cells, activations, first) {
-                        let targets = rows.chunks_exact_mut(functions + 1);
-                        targets.zip(first).for_each(|(row, v)| row[0] = *v);
-                    }
-                });
+                    targets.zip(first).for_each(|(row, v)| row[0] = *v);
+                }
             });
+        });
     }
 
     /// A grid with these places, and the row and column of each.
@@ -223,7 +222,7 @@ impl Head {
         let channels = self.features.columns();
         let mut depths = vec![0.0; size.0 * size.1];
         let rows = depths.par_chunks_mut(size.1.max(1)).enumerate();
-        rows.for_each(|(y, depths)| {
+        rows.each(|(y, depths)| {
             let entering = hidden.width * channels;
             scratch.with(entering + self.memory(PIECE), |memory| {
                 let (row, memory) = memory.split_at_mut(entering);

@@ -1,6 +1,7 @@
 //! Feature maps passed between layers, and their reusable memory.
 
 use crate::bilinear::neighbours;
+use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::{Buffer, Level};
 use rayon::prelude::*;
 use std::sync::Mutex;
@@ -54,7 +55,7 @@ impl Map {
         let (height, width, channels) = (self.height, self.width, self.channels());
         let level = Level::here();
         let rows = self.values.par_chunks_exact_mut(width * channels);
-        rows.enumerate().for_each(|(y, row)| {
+        rows.enumerate().each(|(y, row)| {
             let mut value = vec![0.0; channels];
             level.vectorised(
                 #[inline(always)]

@@ -13,6 +13,16 @@ pub struct Block<'a> {
 }
 
 impl Block<'_> {
+    /// The rows from one on.
+    ///
+    /// # Panics
+    /// If there are fewer.
+    #[must_use]
+    pub fn below(self, rows: usize) -> Self {
+        let values = &self.values[rows..];
+        Self { values, ..self }
+    }
+
     fn holds(&self, rows: usize, columns: usize) -> bool {
         holds(self.values.len(), self.stride, rows, columns)
     }

@@ -4,6 +4,7 @@
 //! Work is cut into the same pieces and summed in the same order whatever the number of threads.
 
 use super::shape::Shape;
+use crate::schedule::InTasks;
 use crate::simd::{Kernel, Level, Shared, Tail, Unset, Vector, written};
 use rayon::prelude::*;
 
@@ -65,7 +66,7 @@ impl Filter {
         let length = columns.len() * channels;
         let images = from[0] * from[1] * channels;
         let lines = output.par_chunks_mut(length.max(1)).enumerate();
-        lines.for_each(|(i, output)| {
+        lines.each(|(i, output)| {
             let skip = tail.skip.map(|skip| &skip[i * length..][..length]);
             let kernel = Gather {
                 filter: self,

@@ -3,6 +3,7 @@
 //! Work is cut into the same pieces and summed in the same order whatever the number of threads.
 
 use super::shape::Shape;
+use crate::schedule::InTasks;
 use crate::simd::{
     Kernel, Level, Packed, Rows, Scratch, Shared, Tail, Unset, Vector, product, written,
 };
@@ -113,7 +114,7 @@ pub(super) fn forward(
     }
     let (depth, piece) = (shape.depth(), PIXELS * shape.outputs.max(1));
     let outputs = output.par_chunks_mut(piece).enumerate();
-    outputs.for_each(|(i, output)| {
+    outputs.each(|(i, output)| {
         let pixels = output.len() / shape.outputs;
         scratch.with(pixels * depth, |rows| {
             shape.unfold(x, i * PIXELS, rows);

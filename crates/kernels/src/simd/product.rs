@@ -1,6 +1,7 @@
 //! The matrix product that every layer comes down to: rows of inputs times panels of weights.
 
 use super::{Buffer, Kernel, Level, Shared, Unset, Vector, unset};
+use crate::schedule::InTasks;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -325,7 +326,7 @@ impl Packed {
         const ROWS: usize = 84;
         let piece = ROWS * self.columns.max(1);
         let outputs = output.par_chunks_mut(piece).enumerate();
-        outputs.for_each(|(i, output)| {
+        outputs.each(|(i, output)| {
             let rows = output.len() / self.columns.max(1);
             let x = &x[i * ROWS * self.depth..][..rows * self.depth];
             let skip = tail.skip.map(|skip| &skip[i * piece..][..output.len()]);

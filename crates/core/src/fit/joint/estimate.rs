@@ -15,6 +15,7 @@ use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
 use crate::fit::{Estimate, Lambda};
 use faer::Mat;
+use lsdc_kernels::schedule::join;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -197,7 +198,7 @@ impl FieldEstimator<'_> {
             let moments = moments(field.moments(), columns, sites.len());
             Ok((sample, field, moments.shrunk(prior, lambda)?))
         };
-        let (weighed, surface) = rayon::join(weighed, || self.surface(sites, rows));
+        let (weighed, surface) = join(weighed, || self.surface(sites, rows));
         let (sample, field, found) = weighed?;
         let mut solution = found.solution;
         let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
@@ -255,7 +256,7 @@ impl FieldEstimator<'_> {
             let found = others.shrunk(prior, lambda.at(sites.len()))?;
             Ok((sample, field, near, cosines.beside(&found.solution), found))
         };
-        let (weighed, surface) = rayon::join(weighed, || self.surface(sites, rows));
+        let (weighed, surface) = join(weighed, || self.surface(sites, rows));
         let (sample, some, near, solution, found) = weighed?;
         // The trace of the moments times the covariance of the weights.
         let product = &near.normal * &solution.factor;

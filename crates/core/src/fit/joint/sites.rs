@@ -5,6 +5,7 @@ use crate::bilinear::Taps;
 use crate::error::FitError;
 use crate::fit::affinities::Scene;
 use crate::fit::points::Rows;
+use lsdc_kernels::schedule::InTasks;
 use lsdc_rng::Rng;
 use rayon::prelude::*;
 
@@ -88,7 +89,7 @@ impl Sites {
             let place = [first[0] + off[0], first[1] + off[1]];
             (scene.taps(place), total, depth, scene.on_grid(place))
         };
-        let found: Vec<_> = groups.into_par_iter().map(site).collect();
+        let found: Vec<_> = groups.into_par_iter().gather(site);
         let mut of_points = vec![NONE; places.len()];
         let mut shares = Vec::with_capacity(members.len());
         for (site, ([start, end], (_, total, ..))) in starts.array_windows().zip(&found).enumerate()
@@ -191,7 +192,7 @@ impl Sites {
         };
         parts
             .zip(chosen.par_chunks(TOGETHER))
-            .try_for_each(gather)?;
+            .gather::<Result<(), FitError>, _>(gather)?;
         Ok(Sample {
             taps: chosen.iter().map(|&site| self.taps[site]).collect(),
             weights: chosen.iter().map(|&site| self.weights[site]).collect(),

@@ -18,6 +18,7 @@
 
 use crate::field::Grid;
 use delaunator::{EMPTY, Point, Triangulation, next_halfedge, triangulate};
+use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
 /// A triangle is trusted by half if it lies so far off the planes of its neighbours, relative to depth. This constant and
@@ -123,8 +124,7 @@ impl Surface {
             let above = if i >= width { down[i - width] } else { 0.0 };
             before + above - right[i] - down[i]
         };
-        let pixels = (0..self.depths.len()).into_par_iter();
-        pixels.with_min_len(TOGETHER).map(at).collect()
+        self.of_pixels(at)
     }
 
     /// Affinities in perspective, with the right neighbour and with the one below.
@@ -147,6 +147,16 @@ impl Surface {
         (!one.is_nan() && !other.is_nan()).then(|| one.min(other))
     }
 
+    fn of_pixels(&self, of: impl Fn(usize) -> f64 + Sync) -> Vec<f64> {
+        let mut values = vec![0.0; self.depths.len()];
+        let parts = values.par_chunks_mut(TOGETHER).enumerate();
+        parts.each(|(i, part)| {
+            let places = part.iter_mut().zip(i * TOGETHER..);
+            places.for_each(|(value, pixel)| *value = of(pixel));
+        });
+        values
+    }
+
     /// What `of` says of each pixel, its right neighbour and their affinity, and of each and the one below; 0 where there
     /// is none.
     fn of_pairs(
@@ -154,11 +164,6 @@ impl Surface {
         grid: &Grid<'_>,
         of: impl Fn(usize, usize, f64) -> f64 + Sync,
     ) -> [Vec<f64>; 2] {
-        let pixels = || {
-            (0..self.depths.len())
-                .into_par_iter()
-                .with_min_len(TOGETHER)
-        };
         let right = |one: usize| {
             let is_last = (one + 1).is_multiple_of(grid.width);
             (!is_last).then(|| of(one, one + 1, grid.right[one]))
@@ -168,8 +173,8 @@ impl Surface {
             (other < self.depths.len()).then(|| of(one, other, grid.down[one]))
         };
         [
-            pixels().map(|one| right(one).unwrap_or(0.0)).collect(),
-            pixels().map(|one| down(one).unwrap_or(0.0)).collect(),
+            self.of_pixels(|one| right(one).unwrap_or(0.0)),
+            self.of_pixels(|one| down(one).unwrap_or(0.0)),
         ]
     }
 }

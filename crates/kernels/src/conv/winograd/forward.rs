@@ -1,6 +1,7 @@
 //! The convolution: inputs to the frequency domain, a product per frequency, and back.
 
 use super::{Filter, IN, Images, OUT, SPECTRUM, Tile, frequency_stride, tiles, transform};
+use crate::schedule::{InTasks, threads};
 use crate::simd::{Kernel, Rows, Scratch, Shared, Tail, Unset, Vector, product};
 use rayon::prelude::*;
 
@@ -29,7 +30,7 @@ impl Filter {
         // As many equal tasks as threads, or a multiple.
         let most = (CACHE / (SPECTRUM * padded)).clamp(1, TILES);
         let tasks = tiles.len().div_ceil(most);
-        let tasks = tasks.next_multiple_of(rayon::current_num_threads());
+        let tasks = tasks.next_multiple_of(threads());
         let most = tiles.len().div_ceil(tasks.max(1)).max(1);
         let zeros = vec![0.0; padded];
         let images = Images {
@@ -40,7 +41,7 @@ impl Filter {
             zeros: &zeros,
         };
         let output = Shared::unset(output);
-        tiles.par_chunks(most).for_each(|tiles| {
+        tiles.par_chunks(most).each(|tiles| {
             let inputs = SPECTRUM * frequency_stride(tiles.len(), padded);
             let products = SPECTRUM * tiles.len() * self.panel;
             scratch.with(inputs + products, |memory| {

@@ -1,0 +1,210 @@
+//! How long a completion would take on more cores than there are: what it runs in parallel is recorded on one thread, and
+//! handed out to 1 to 16 threads. The times that are measured on one and on two threads stand beside.
+//!
+//!     cargo bench --bench schedule -- [WIDTHxHEIGHT [POINTS]]
+//!
+//! An idle thread takes a waiting task, the newest first, for the cost of such a move, which is measured. That cores share
+//! memory, caches and power is left out: the prediction is a bound.
+
+#![allow(clippy::print_stdout)]
+
+use lsdc::data::{Dataset as _, Rooms, RoomsConfig, Split};
+use lsdc::predict::scene;
+use lsdc::sample::Pattern;
+use lsdc_core::{Completer, Observations, Weights};
+use lsdc_kernels::schedule::{Part, Task, record};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::error::Error;
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+const ROUNDS: usize = 21;
+const THREADS: [usize; 5] = [1, 2, 4, 8, 16];
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1).filter(|arg| !arg.starts_with('-'));
+    let size = args.next().unwrap_or_else(|| "304x228".into());
+    let (width, height) = size.split_once('x').ok_or("a size is WIDTHxHEIGHT")?;
+    let points = args.next().map_or(Ok(500), |points| points.parse())?;
+    let config = RoomsConfig {
+        width: width.parse()?,
+        height: height.parse()?,
+        ..RoomsConfig::default()
+    };
+    let frame = Rooms::new(Split::Val, &config)?.load(0)?;
+    let points = Observations::from_map(&Pattern::Exactly(points).draw(&frame, 0)?);
+    let completer = Completer::new(&Weights::builtin())?;
+
+    let pools = [1, 2].map(|count| ThreadPoolBuilder::new().num_threads(count).build());
+    let [one, two] = pools;
+    let (one, two) = (one?, two?);
+    let cost = cost_of_a_move(&two);
+    println!(
+        "{size}, {} points; a task that moves to another thread costs {cost:.1?}",
+        points.len()
+    );
+    println!("ms         measured on 1, 2   predicted on {THREADS:?}");
+    let seen = scene(&completer, &frame.rgb)?;
+    let completed = seen.complete(&points)?;
+    let all = || {
+        let seen = scene(&completer, black_box(&frame.rgb)).map_err(drop)?;
+        let completed = seen.complete(black_box(&points)).map_err(drop)?;
+        completed.depth().map_err(drop)
+    };
+    report("network", cost, [&one, &two], || {
+        scene(&completer, black_box(&frame.rgb))
+    });
+    report("fit", cost, [&one, &two], || {
+        seen.complete(black_box(&points))
+    });
+    report("reading", cost, [&one, &two], || completed.depth());
+    report("all", cost, [&one, &two], all);
+    Ok(())
+}
+
+/// Prints what is measured and predicted of some work.
+fn report<R: Send>(
+    name: &str,
+    cost: Duration,
+    pools: [&ThreadPool; 2],
+    work: impl Fn() -> R + Sync,
+) {
+    let measured = pools.map(|pool| {
+        pool.install(|| {
+            least((0..ROUNDS).map(|_| {
+                let start = Instant::now();
+                black_box(work());
+                start.elapsed()
+            }))
+        })
+    });
+    let predicted = THREADS.map(|threads| {
+        let recorded = || pools[0].install(|| record(threads, || black_box(work()))).1;
+        least((0..ROUNDS).map(|_| simulated(&recorded(), threads, cost)))
+    });
+    let list = |times: &[Duration]| {
+        let times = times
+            .iter()
+            .map(|time| format!("{:7.2}", 1e3 * time.as_secs_f64()));
+        times.collect::<String>()
+    };
+    println!("{name:10}{}   {}", list(&measured), list(&predicted));
+}
+
+/// The time that others on the machine disturbed least.
+fn least(times: impl Iterator<Item = Duration>) -> Duration {
+    times.min().unwrap_or_default()
+}
+
+fn median(times: impl Iterator<Item = Duration>) -> Duration {
+    let mut times: Vec<Duration> = times.collect();
+    times.sort_unstable();
+    times[times.len() / 2]
+}
+
+/// How much later a task begins on another thread than it was offered.
+fn cost_of_a_move(two: &ThreadPool) -> Duration {
+    const WORK: Duration = Duration::from_micros(200);
+    let busy = || {
+        let start = Instant::now();
+        while start.elapsed() < WORK {
+            std::hint::spin_loop();
+        }
+    };
+    two.install(|| {
+        median((0..200).map(|_| {
+            let start = Instant::now();
+            rayon::join(busy, busy);
+            start.elapsed().saturating_sub(WORK)
+        }))
+    })
+}
+
+/// A task that was begun.
+struct Job<'a> {
+    task: &'a Task,
+    /// The part that is next.
+    part: usize,
+    /// Tasks of the last part that have not ended.
+    open: usize,
+    parent: Option<usize>,
+    /// The thread on which it was offered, and then on which it ran last.
+    thread: usize,
+}
+
+/// The time of a task on so many threads, each of which takes the newest job that is ready.
+fn simulated(task: &Task, threads: usize, cost: Duration) -> Duration {
+    let mut jobs = vec![Job {
+        task,
+        part: 0,
+        open: 0,
+        parent: None,
+        thread: 0,
+    }];
+    let mut ready = vec![0];
+    let mut idle: Vec<usize> = (0..threads).rev().collect();
+    // When which thread ends a part of which job.
+    let mut ends: BinaryHeap<Reverse<(Duration, usize, usize)>> = BinaryHeap::new();
+    let mut now = Duration::ZERO;
+    loop {
+        while let (Some(&thread), Some(&job)) = (idle.last(), ready.last()) {
+            (idle.pop(), ready.pop());
+            let own = &mut jobs[job];
+            let moves = if own.thread == thread {
+                Duration::ZERO
+            } else {
+                cost
+            };
+            own.thread = thread;
+            let length = match own.task.0.get(own.part) {
+                Some(Part::Serial(length)) => *length,
+                _ => Duration::ZERO,
+            };
+            ends.push(Reverse((now + moves + length, thread, job)));
+        }
+        let Some(Reverse((time, thread, mut job))) = ends.pop() else {
+            return now;
+        };
+        now = time;
+        idle.push(thread);
+        // What follows the part that ended, in this job or in those that waited for it.
+        loop {
+            jobs[job].part += 1;
+            let (task, part) = (jobs[job].task, jobs[job].part);
+            match task.0.get(part) {
+                Some(Part::Serial(_)) => {
+                    jobs[job].thread = thread;
+                    ready.push(job);
+                    break;
+                }
+                Some(Part::Parallel(tasks)) if !tasks.is_empty() => {
+                    jobs[job].open = tasks.len();
+                    for task in tasks.iter().rev() {
+                        ready.push(jobs.len());
+                        jobs.push(Job {
+                            task,
+                            part: 0,
+                            open: 0,
+                            parent: Some(job),
+                            thread,
+                        });
+                    }
+                    break;
+                }
+                Some(Part::Parallel(_)) => {}
+                None => {
+                    let Some(parent) = jobs[job].parent else {
+                        return now;
+                    };
+                    jobs[parent].open -= 1;
+                    if jobs[parent].open > 0 {
+                        break;
+                    }
+                    job = parent;
+                }
+            }
+        }
+    }
+}
