@@ -150,7 +150,8 @@ fn simulated(task: &Task, threads: usize, cost: Duration) -> Duration {
     let mut now = Duration::ZERO;
     loop {
         while let (Some(&thread), Some(&job)) = (idle.last(), ready.last()) {
-            (idle.pop(), ready.pop());
+            idle.pop();
+            ready.pop();
             let own = &mut jobs[job];
             let moves = if own.thread == thread {
                 Duration::ZERO

@@ -153,6 +153,12 @@ impl Factor {
     }
 }
 
+/// A batch of tiles, its program, and where its factor and what it leaves go.
+type Work<'a> = (&'a Batch, &'a Program, &'a mut [Eight], &'a mut [f64]);
+
+/// Memory of a thread for one batch after the other.
+type Memories = (Vec<Eight>, Vec<Eight>, Vec<Eight>);
+
 fn eliminate_tiles(
     plan: &Plan,
     level: Level,
@@ -169,8 +175,6 @@ fn eliminate_tiles(
         (factors, rests) = (others, left);
         work.push((batch, program, factor, rest));
     }
-    type Memories = (Vec<Eight>, Vec<Eight>, Vec<Eight>);
-    type Work<'a> = (&'a Batch, &'a Program, &'a mut [Eight], &'a mut [f64]);
     let memory = || (Vec::new(), Vec::new(), Vec::new());
     let eliminate = |(entries, room, eight): &mut Memories,
                      (batch, program, factor, rest): Work<'_>| {
