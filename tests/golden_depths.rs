@@ -29,8 +29,8 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
-/// Results may differ by this share of the range of true depths. Libraries of linear algebra cut their sums into blocks by the
-/// caches of the processor: between three generations of Xeon and EPYC, results differ by up to 1.5e-5.
+/// Results may differ by this share of the range of true depths. On another processor (Sapphire Rapids) than
+/// the file was made on, results differ by up to 1.5e-5 with the same vectors: sums are cut into other blocks.
 const TOLERANCE: f32 = 2e-5;
 /// The same of the losses of a training, each of whose steps starts from the rounding of the ones before: up to 2.4e-5.
 const TOLERANCE_TRAINED: f32 = 5e-5;

@@ -98,7 +98,7 @@ impl Border {
         let size = self.order.len().next_multiple_of(PAD);
         let mut all = vec![0.0; size * size];
         let columns = all.par_chunks_mut(TOGETHER * size).enumerate();
-        // The first columns are the longest, so that they are begun first.
+        // One by one, because the first columns are the longest.
         columns.with_max_len(1).each(|(i, columns)| {
             let own = i * TOGETHER..i * TOGETHER + columns.len() / size;
             let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
@@ -127,6 +127,7 @@ impl Border {
                 *value = -*value;
             }
         });
+        // The observations of a tile are consecutive, and of no other tile.
         let mut rest = &mut all[..];
         let mut done = 0;
         let mut tiles = Vec::with_capacity(self.tiles.len());
