@@ -8,6 +8,7 @@ knows standard deviations, residuals, leave-one-out errors and outliers, and is 
 there is `complete_many`.
 """
 
+from ._alignment import Alignment, Shift
 from ._camera import Camera, Cloud
 from ._cloud import PointCloud
 from ._complete import complete, complete_many
@@ -23,6 +24,7 @@ from ._settings import FitSettings, JointSettings, RobustSettings
 from ._warnings import FileWarning, InputWarning
 
 __all__ = [
+    "Alignment",
     "Camera",
     "Cloud",
     "Colmap",
@@ -43,6 +45,7 @@ __all__ = [
     "RobustSettings",
     "Scene",
     "SettingsError",
+    "Shift",
     "WeightsError",
     "__version__",
     "complete",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
+from ._alignment import Alignment
 from ._completion import Completion
 from ._files import read_points
 from ._guide import DepthGuide
@@ -103,11 +104,9 @@ class Scene(Unpicklable):
         >>> report["used"], report["outside"]
         (3, 1)
         """
-        if isinstance(sparse, (str, os.PathLike)):
-            if noise is not None and unit is None:
-                raise InputError("`noise` is in metres, but the unit of a file may be a guess", 'give `unit`, as in "m"')
-            sparse, unit = read_points(sparse, self.size, unit=unit), None
-        known = as_observations(sparse, sigma, unit, self.size)
+        if noise is not None and unit is None and isinstance(sparse, (str, os.PathLike)):
+            raise InputError("`noise` is in metres, but the unit of a file may be a guess", 'give `unit`, as in "m"')
+        known = self._observations(sparse, sigma, unit)
         if noise is not None:
             known = with_noise(known, noise)
         scene = self._native
@@ -120,6 +119,28 @@ class Scene(Unpicklable):
             weights = np.ascontiguousarray(as_array(weights, "`near`"), dtype=np.float64)
         size = self.size if size is None else as_size(size, "size")
         return Completion(scene.complete(known, weights), known, size)
+
+    def alignment(self, sparse: Sparse, *, unit: Unit | None = None) -> Alignment:
+        """Tests whether points lie where the image shows them, which wrong extrinsics or time stamps prevent.
+
+        The points (at most 2000 of them) are predicted from each other where they are, and moved by 32 shifts of up to a
+        twentieth of the width of the image. One image hardly ever tells, so add the evidence of the first five to ten
+        frames of a recording. Each takes as long as some 33 fits. `sparse` and `unit` are those of `complete`. Fewer than
+        100 points that are not near the border are no evidence.
+
+        >>> completer, alignment = lsdc.Completer("small"), lsdc.Alignment()
+        >>> for image, points in [(image, sparse)] * 5:
+        ...     alignment += completer.scene(image).alignment(points)
+        >>> shift = alignment.shift
+        >>> shift.frames, "check extrinsics and time stamps" if shift.is_clear else "no evidence of a shift"
+        (5, 'no evidence of a shift')
+        """
+        return Alignment(self._native.alignment(self._observations(sparse, None, unit)))
+
+    def _observations(self, sparse: Sparse, sigma: Array | float | None, unit: Unit | None) -> _native.Observations:
+        if isinstance(sparse, (str, os.PathLike)):
+            sparse, unit = read_points(sparse, self.size, unit=unit), None
+        return as_observations(sparse, sigma, unit, self.size)
 
     def basis_functions(self, positions: Array) -> NDArray[np.float32]:
         """The functions that the network found, `(N, functions)`, at positions `(N, 2)` of x and y; the first is

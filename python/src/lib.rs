@@ -4,6 +4,7 @@
 //! positions in pixels, depths in one unit); here they become values of `lsdc-core`, and its results arrays. The
 //! interpreter is released while anything is computed.
 
+mod alignment;
 mod arrays;
 mod camera;
 mod completer;
@@ -28,6 +29,8 @@ fn golden() -> &'static str {
 /// The module `lsdc._native`.
 #[pymodule(gil_used = false)]
 mod _native {
+    #[pymodule_export]
+    use crate::alignment::Alignment;
     #[pymodule_export]
     use crate::camera::Camera;
     #[pymodule_export]

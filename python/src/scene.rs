@@ -1,5 +1,6 @@
 //! The network's output for one image.
 
+use crate::alignment::Alignment;
 use crate::arrays;
 use crate::completer::robust;
 use crate::completion::Completion;
@@ -87,6 +88,14 @@ impl Scene {
             self.colours.clone(),
             self.pool.clone(),
         ))
+    }
+
+    /// The evidence of this frame for a shift between points and image.
+    fn alignment(&self, py: Python<'_>, observations: &Observations) -> PyResult<Alignment> {
+        let found = self
+            .pool
+            .run(py, || self.inner.alignment(&observations.all))?;
+        Ok(Alignment(found))
     }
 
     /// The basis functions `(places, functions)` at rows u, v.

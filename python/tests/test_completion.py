@@ -208,3 +208,25 @@ def test_names(completer, scene, completion):
     assert repr(lsdc.Completer("small", threads=2, fit={"ridge": 1}, working_size=(32, 24))) == (
         "lsdc.Completer('small', fit={'ridge': 1}, working_size=(32, 24), threads=2)"
     )
+
+
+def test_alignment_pools_evidence_of_a_shift(completer):
+    """Points on two sides of an edge that lie 10 pixels beside it."""
+    random = np.random.default_rng(3)
+    image = np.full((228, 304, 3), 60, np.uint8)
+    image[:, 152:] = 180
+    image[60:170, 40:110] = 120
+    depth = np.full((228, 304), 3.0)
+    depth[:, 152:] = 2.0
+    depth[60:170, 40:110] = 1.2
+    x, y = random.integers(30, 270, 2000), random.integers(30, 200, 2000)
+    scene = completer.scene(image)
+    right = scene.alignment(np.column_stack([x, y, depth[y, x]]))
+    moved = scene.alignment(np.column_stack([x, y, depth[y, x + 8]]))
+    assert right.points == 2000 and (right + moved).points == 4000
+    assert not right.shift.is_clear
+    assert abs(moved.shift.u - 8) < 5 and moved.shift.error_moved < moved.shift.error
+    assert (moved + moved).shift.frames == 2
+    assert "(+8, +0) pixels" in str(moved.shift)
+    none = scene.alignment(np.column_stack([x, y, depth[y, x]])[:50])
+    assert none.points == 0 and none.shift is None and lsdc.Alignment().shift is None

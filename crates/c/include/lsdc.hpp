@@ -374,6 +374,30 @@ private:
     std::size_t cols_;
 };
 
+// The evidence of frames for a shift between points and images, as wrong extrinsics or time stamps cause.
+class Alignment {
+public:
+    // The best of the shifts, clear or not.
+    lsdc_shift shift() const {
+        lsdc_shift shift{};
+        shift.struct_size = sizeof shift;
+        detail::check(lsdc_alignment_shift(handle(), &shift));
+        return shift;
+    }
+
+    lsdc_alignment *handle() const noexcept { return handle_.get(); }
+
+private:
+    friend class Scene;
+    struct Free {
+        void operator()(lsdc_alignment *alignment) const noexcept { lsdc_alignment_free(alignment); }
+    };
+
+    explicit Alignment(lsdc_alignment *handle) : handle_(handle) {}
+
+    std::unique_ptr<lsdc_alignment, Free> handle_;
+};
+
 // What the network makes of an image, ready for any points.
 class Scene {
 public:
@@ -382,18 +406,7 @@ public:
 
     // A fit to points. `previous` is the completion of the previous frame of a video.
     Completion complete(const Point *points, std::size_t count, const Completion *previous = nullptr) const {
-        static const Point none;
-        const Point *first = points == nullptr && count == 0 ? &none : points;
-        lsdc_points all{};
-        all.struct_size = sizeof all;
-        all.count = count;
-        all.stride = sizeof(Point);
-        if (first != nullptr) {
-            all.x = &first->x;
-            all.y = &first->y;
-            all.depth = &first->depth;
-            all.sigma = &first->sigma;
-        }
+        lsdc_points all = columns(points, count);
         lsdc_complete_options options = settings(previous);
         lsdc_completion *completion = nullptr;
         detail::check(lsdc_scene_complete(handle(), &all, &options, &completion));
@@ -417,6 +430,16 @@ public:
         return complete(depths.map(), &sigma, previous);
     }
 
+    // Whether points lie where the image shows them. One image hardly ever tells: `before` is the evidence of the
+    // frames before, which the result contains too.
+    Alignment alignment(const std::vector<Point> &points, const Alignment *before = nullptr) const {
+        lsdc_points all = columns(points.data(), points.size());
+        lsdc_alignment *alignment = nullptr;
+        detail::check(
+            lsdc_scene_alignment(handle(), &all, before == nullptr ? nullptr : before->handle(), &alignment));
+        return Alignment(alignment);
+    }
+
     lsdc_scene *handle() const noexcept { return handle_.get(); }
 
 private:
@@ -426,6 +449,22 @@ private:
     };
 
     Scene(lsdc_scene *handle, std::size_t rows, std::size_t cols) : handle_(handle), rows_(rows), cols_(cols) {}
+
+    static lsdc_points columns(const Point *points, std::size_t count) {
+        static const Point none;
+        const Point *first = points == nullptr && count == 0 ? &none : points;
+        lsdc_points all{};
+        all.struct_size = sizeof all;
+        all.count = count;
+        all.stride = sizeof(Point);
+        if (first != nullptr) {
+            all.x = &first->x;
+            all.y = &first->y;
+            all.depth = &first->depth;
+            all.sigma = &first->sigma;
+        }
+        return all;
+    }
 
     static lsdc_complete_options settings(const Completion *previous) {
         lsdc_complete_options options{};

@@ -16,6 +16,7 @@
 #![allow(clippy::doc_markdown, clippy::missing_safety_doc)]
 
 mod abi;
+mod alignment;
 mod completer;
 mod completion;
 mod fault;
@@ -27,6 +28,7 @@ mod scene;
 mod status;
 
 pub use abi::LSDC_ABI_VERSION;
+pub use alignment::*;
 pub use completer::*;
 pub use completion::*;
 pub use input::*;

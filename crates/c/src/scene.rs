@@ -17,7 +17,7 @@ pub struct lsdc_scene {
     _opaque: [u8; 0],
 }
 
-static SCENES: Handles<lsdc_scene, Pooled<Scene>> = Handles::new("scene");
+pub(crate) static SCENES: Handles<lsdc_scene, Pooled<Scene>> = Handles::new("scene");
 
 /// Settings of a scene; zeros are the defaults. Set `struct_size` to `sizeof(lsdc_scene_options)`.
 #[repr(C)]

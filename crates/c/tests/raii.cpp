@@ -58,6 +58,8 @@ int main(int count, char **arguments) {
     lsdc::Completer completer("small", options);
     lsdc::Scene scene = completer.scene({rgb.data(), HEIGHT, WIDTH, lsdc::Format::rgb8});
     lsdc::Completion completion = scene.complete(points);
+    lsdc::Alignment alignment = scene.alignment(points);
+    CHECK(scene.alignment(points, &alignment).shift().points == 2 * alignment.shift().points);
     lsdc::Map depth = completion.depth();
     CHECK(depth.rows == HEIGHT && depth.cols == WIDTH && depth.values.size() == PIXELS);
 

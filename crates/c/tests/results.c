@@ -163,8 +163,53 @@ static void layouts(void) {
     OK(lsdc_completion_free(made));
 }
 
+static void alignment(void) {
+    // Away from the border, on a wider image than that of the fixture, so that shifts stay inside.
+    enum { W = 8 * WIDTH, H = 8 * HEIGHT, COUNT = 300 };
+    static uint8_t colours[3 * W * H];
+    static double x[COUNT], y[COUNT];
+    static float z[COUNT];
+    uint64_t random = 3;
+    paint(colours, W, H, 7);
+    for (int i = 0; i < COUNT; ++i) {
+        x[i] = 40 + uniform(&random) * (W - 80);
+        y[i] = 40 + uniform(&random) * (H - 80);
+        z[i] = x[i] < W / 2.0 ? 2.0f : 3.0f;
+    }
+    lsdc_image image = image_of(colours, W, H);
+    lsdc_points some = points_of(x, y, z, COUNT), few = points_of(x, y, z, 99);
+    lsdc_scene *wide;
+    lsdc_alignment *one, *both, *none;
+    lsdc_shift shift;
+    OK(lsdc_scene_create(completer, &image, NULL, &wide));
+    FAILS(LSDC_ERROR_ARGUMENT, "`alignment` is null", lsdc_scene_alignment(wide, &some, NULL, NULL));
+    FAILS(LSDC_ERROR_ARGUMENT, "null", lsdc_scene_alignment(wide, NULL, NULL, &one));
+    CHECK(one == NULL);
+    OK(lsdc_scene_alignment(wide, &some, NULL, &one));
+    OK(lsdc_scene_alignment(wide, &some, one, &both));
+    OK(lsdc_scene_alignment(wide, &few, NULL, &none));
+    FAILS(LSDC_ERROR_ARGUMENT, "`shift` is null", lsdc_alignment_shift(one, NULL));
+    shift.struct_size = sizeof shift;
+    OK(lsdc_alignment_shift(one, &shift));
+    CHECK(shift.frames == 1 && shift.points > 250 && isfinite(shift.x) && shift.error > 0 && shift.is_clear <= 1);
+    const double moved = shift.x;
+    OK(lsdc_alignment_shift(both, &shift));
+    CHECK(shift.frames == 2 && shift.points > 500 && shift.x == moved);
+    OK(lsdc_alignment_shift(none, &shift));
+    OK(lsdc_alignment_free(none));
+    CHECK(shift.frames == 0 && shift.points == 0 && isnan(shift.x) && shift.is_clear == 0);
+    OK(lsdc_alignment_free(one));
+    FAILS(LSDC_ERROR_HANDLE, "alignment", lsdc_scene_alignment(wide, &some, one, &none));
+    CHECK(none == NULL);
+    FAILS(LSDC_ERROR_HANDLE, "alignment", lsdc_alignment_free(one));
+    OK(lsdc_alignment_free(both));
+    OK(lsdc_alignment_free(NULL));
+    OK(lsdc_scene_free(wide));
+}
+
 int main(void) {
     prepare();
+    alignment();
     maps_and_points();
     outliers();
     layouts();
