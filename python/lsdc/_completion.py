@@ -209,6 +209,8 @@ class Completion(Unpicklable):
         - `residual`: root mean square of the residuals
         - `rank`: directions that the points determine, of `functions`
         - `lambda`: the strength of the prior; `guide_trust`: how far the guide was trusted, 0 for not at all
+        - `median_share`: how far the map goes from the joint fit, 0, to the median of this, the field alone and the surface
+          that the points span, 1
         - `network`, `fit` (which contains `field` and `solve`): seconds
         """
         report = self._native.report()

@@ -204,6 +204,7 @@ impl Completion {
         fields.set_item("functions", report.functions)?;
         fields.set_item("lambda", report.lambda)?;
         fields.set_item("guide_trust", report.guide_trust)?;
+        fields.set_item("median_share", report.median_share)?;
         fields.set_item("network", report.network.as_secs_f64())?;
         fields.set_item("fit", report.fit.as_secs_f64())?;
         fields.set_item("field", report.field.as_secs_f64())?;

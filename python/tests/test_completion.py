@@ -210,6 +210,14 @@ def test_names(completer, scene, completion):
     )
 
 
+def test_the_report_tells_how_far_the_map_is_from_the_joint_fit(completion, scene, sparse):
+    assert 0 <= completion.report["median_share"] <= 1
+    # A single point spans no surface.
+    sparse = np.zeros_like(sparse)
+    sparse[20, 30] = 2
+    assert scene.complete(sparse).report["median_share"] is None
+
+
 def test_alignment_pools_evidence_of_a_shift(completer):
     """Points on two sides of an edge that lie 10 pixels beside it."""
     random = np.random.default_rng(3)

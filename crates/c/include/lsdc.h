@@ -217,6 +217,9 @@ typedef struct lsdc_report {
     lsdc_fit fit;
     /// 0.
     uint32_t reserved;
+    /// How far the map goes from the joint fit, 0, to the median of this fit, of the field alone, and of the surface that
+    /// the points span, 1; NaN for other fits, and for points that span no surface.
+    double median_share;
 } lsdc_report;
 
 /// A point that is more likely wrong than right, judged by the others.

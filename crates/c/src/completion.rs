@@ -67,6 +67,9 @@ pub struct lsdc_report {
     pub fit: lsdc_fit,
     /// 0.
     pub reserved: u32,
+    /// How far the map goes from the joint fit, 0, to the median of this fit, of the field alone, and of the surface that
+    /// the points span, 1; NaN for other fits, and for points that span no surface.
+    pub median_share: f64,
 }
 
 // SAFETY: it is `repr(C)`, begins with its size, and consists of numbers.
@@ -345,6 +348,7 @@ fn report_of(completion: &Completion) -> lsdc_report {
         solve_seconds: report.solve.as_secs_f64(),
         fit: fit_of(report.method),
         reserved: 0,
+        median_share: report.median_share.unwrap_or(f64::NAN),
     }
 }
 

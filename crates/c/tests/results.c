@@ -160,6 +160,7 @@ static void layouts(void) {
     CHECK(memcmp(dense, expected, sizeof dense) == 0);
     OK(lsdc_completion_report(made, &report));
     CHECK(marked > 0 && report.invalid == marked);
+    CHECK(report.median_share >= 0.0 && report.median_share <= 1.0);
     OK(lsdc_completion_free(made));
 }
 

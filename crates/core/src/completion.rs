@@ -69,6 +69,11 @@ pub struct Report {
     /// How far the [guide](crate::DepthGuide) was trusted, if there was one: the expected size of the weights of its
     /// functions, in units of the scene's scale; 0 if the points do not support it.
     pub guide_trust: Option<f64>,
+    /// How far the map goes from the joint fit of basis functions and field, 0, to the median of this fit, of the field
+    /// alone, and of the surface that the observations span, 1. With up to 1000 observations, their leave-one-out errors
+    /// decide, so that it is 0 where the network knows the place. `None` for other fits, and for observations that span no
+    /// surface.
+    pub median_share: Option<f64>,
     /// Run time of the network.
     pub network: Duration,
     /// Run time of the fit, including the evaluation of the basis functions at the observations, and `field`.
@@ -160,6 +165,7 @@ impl Completion {
             functions: fit.functions(),
             lambda: fit.lambda,
             guide_trust: fit.trust,
+            median_share: fit.median_share(),
             network,
             fit: fitting,
             field,

@@ -96,6 +96,9 @@ pub struct DescribedFit {
     /// How far the guide was trusted, if there was one; 0: not at all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guide_trust: Option<f64>,
+    /// How far the map goes from the joint fit, 0, to the median of this, the field alone and the surface of the points, 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub median_share: Option<f64>,
 }
 
 impl DescribedFit {
@@ -124,6 +127,7 @@ impl DescribedFit {
             rank: report.rank,
             functions: report.functions,
             guide_trust: report.guide_trust,
+            median_share: report.median_share,
         }
     }
 }

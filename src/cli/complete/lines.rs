@@ -162,6 +162,13 @@ fn of_fit(fit: &DescribedFit) -> Vec<String> {
             "guide     not used: the points do not support it".to_owned()
         }
     });
+    let share = fit.median_share.filter(|share| *share > 0.0);
+    let map = share.map(|share| {
+        format!(
+            "map       {:.0} % of the way from the joint fit to the median with the field alone and the surface of the points",
+            100.0 * share
+        )
+    });
     let sigma = fit.deviations_of_95.map(|deviations| {
         format!(
             "sigma     68.3 % of errors are expected within 1 standard deviation, 95 % within {deviations:.1}"
@@ -179,7 +186,7 @@ fn of_fit(fit: &DescribedFit) -> Vec<String> {
             counted(fit.limited, "pixel")
         )
     });
-    let all = [guide, sigma, smoothed, limited];
+    let all = [guide, map, sigma, smoothed, limited];
     all.into_iter().flatten().collect()
 }
 

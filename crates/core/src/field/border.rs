@@ -92,17 +92,15 @@ impl Border {
         }
     }
 
-    /// `W' W`, lower half, column by column, at positions padded to a multiple of [`PAD`]. `more` are further
-    /// rows of W, dense in all observations.
-    pub(super) fn covariance(&self, factor: &Factor, more: &[Strip]) -> Vec<f64> {
+    /// `W' W`, lower half, column by column, at positions padded to a multiple of [`PAD`].
+    pub(super) fn covariance(&self, factor: &Factor) -> Vec<f64> {
         let size = self.order.len().next_multiple_of(PAD);
         let mut all = vec![0.0; size * size];
         let columns = all.par_chunks_mut(TOGETHER * size).enumerate();
         // One by one, because the first columns are the longest.
         columns.with_max_len(1).each(|(i, columns)| {
             let own = i * TOGETHER..i * TOGETHER + columns.len() / size;
-            let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
-            for strips in lists {
+            for strips in &self.lines {
                 let holds = |s: &Strip| s.first < own.end && own.start < s.first + s.rows;
                 let Some(at) = strips.iter().position(holds) else {
                     continue;
@@ -154,19 +152,10 @@ impl Border {
     }
 
     /// Minus `V' W`, where V are the rows of another border of the same factor, at the positions of a strip of that
-    /// border: `[STRIP, own positions]`, padded. `more` and the strips beside the other border are further rows of W
-    /// and V.
-    pub(super) fn across(
-        &self,
-        factor: &Factor,
-        more: &[Strip],
-        (other, others): (&Self, &[Strip]),
-        strip: usize,
-    ) -> Vec<f64> {
+    /// border: `[STRIP, own positions]`, padded.
+    pub(super) fn across(&self, factor: &Factor, other: &Self, strip: usize) -> Vec<f64> {
         let mut all = vec![0.0; STRIP * self.order.len().next_multiple_of(PAD)];
-        let lists = self.lines.iter().map(Vec::as_slice).chain([more]);
-        let other_lists = other.lines.iter().map(Vec::as_slice).chain([others]);
-        for (rights, lefts) in lists.zip(other_lists) {
+        for (rights, lefts) in self.lines.iter().zip(&other.lines) {
             let Some(left) = lefts.iter().find(|s| s.first / STRIP == strip) else {
                 continue;
             };
@@ -198,25 +187,6 @@ impl Border {
             }
         }
         all
-    }
-
-    /// The diagonal of `W' W`. `more` are further rows of W.
-    pub(super) fn squares(&self, more: &[Strip]) -> Vec<f64> {
-        let mut squares = vec![0.0; self.order.len()];
-        for strip in self.lines.iter().flatten().chain(more) {
-            for column in strip.values.chunks_exact(strip.rows) {
-                let sums = squares[strip.first..].iter_mut().zip(column);
-                sums.for_each(|(sum, value)| *sum += value * value);
-            }
-        }
-        for rows in &self.tiles {
-            let pixels = rows.values.len() / rows.positions.len().max(1);
-            let lists = rows.values.chunks_exact(pixels);
-            for (position, list) in rows.positions.clone().zip(lists) {
-                squares[position] += dot(list, list);
-            }
-        }
-        squares
     }
 
     /// Adds `W x` to values in the order of pixels.

@@ -3,20 +3,21 @@
 //!
 //! With K the equations without observations, S the interpolation at these, A their weights and t their targets,
 //! the minimum of `y' K y + (S y - t)' A (S y - t)` is `y = K^-1 S' C^-1 t` with `C = S K^-1 S' + A^-1`, where
-//! its value is `t' C^-1 t`. Functions with ridges R on their weights are part of the field: with G their values
-//! at the observations, C grows by `G R^-1 G'`, and their weights are `R^-1 G' C^-1 t`.
+//! its value is `t' C^-1 t`.
 
 use super::border::Border;
 use super::dense::{cholesky, squared};
 use super::factor::Factor;
-use super::strip::{STRIP, Strip};
+use super::strip::STRIP;
 use super::{FieldPrior, Observations};
 use crate::bilinear::Taps;
+use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
-use faer::{Mat, MatMut, MatRef, Par};
-use lsdc_kernels::cholesky::{PAD, solve_rows};
+use faer::prelude::ReborrowMut as _;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+use lsdc_kernels::cholesky::PAD;
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -26,52 +27,43 @@ use std::sync::Arc;
 pub struct Kriged {
     factor: Arc<Factor>,
     border: Border,
-    /// The Cholesky factor of C at the positions of the border, padded, column by column.
+    /// The Cholesky factor L of C at the positions of the border, padded, column by column.
     lower: Vec<f64>,
-    /// The columns without those that are part of the field, `[columns, observations]`, in the same order.
+    /// The columns, `[columns, observations]`, in the same order.
     columns: Mat<f64>,
+    /// `L^-1 columns`, likewise, padded.
+    white: Vec<f64>,
     /// Of the observations, in the same order.
     weights: Vec<f64>,
     moments: Mat<f64>,
-    /// `R^-1/2 G'`, by strips of observations.
-    functions: Vec<Strip>,
-    ridges: Vec<f64>,
 }
 
 /// Columns that a task solves for.
 const TOGETHER: usize = 33;
 
 impl Kriged {
-    /// Adds observations to a field. Columns before the last one may be functions that are part of the field,
-    /// with a penalty on the square of the weight of each: its ridge. `None` if values are not finite, a weight is
-    /// not above 0, or there is no observation.
+    /// Adds observations to a field. `None` if values are not finite, a weight is not above 0, or there is no
+    /// observation.
     ///
     /// # Panics
     /// If lengths do not match or a pixel is outside the grid.
-    pub fn new(prior: &FieldPrior, seen: &Observations<'_>, ridges: &[f64]) -> Option<Self> {
+    pub fn new(prior: &FieldPrior, seen: &Observations<'_>) -> Option<Self> {
         seen.check();
-        assert!(ridges.len() < seen.count, "columns");
         if seen.taps.is_empty() {
             return None;
         }
         let factor = prior.0.clone();
         let border = Border::new(&factor, seen.taps);
-        let n = border.order.len();
-        let free = seen.count - ridges.len() - 1;
-        let row =
-            |position: usize| &seen.columns[border.order[position] * seen.count..][..seen.count];
-        let columns = Mat::from_fn(free + 1, n, |j, i| {
-            row(i)[if j < free { j } else { seen.count - 1 }]
-        });
-        let functions = strips_of(n, &scales(ridges), |i, j| row(i)[free + j]);
-        let mut lower = border.covariance(&factor, &functions);
+        let (n, count) = (border.order.len(), seen.count);
+        let columns = Mat::from_fn(count, n, |j, i| seen.columns[border.order[i] * count + j]);
+        let mut lower = border.covariance(&factor);
         let weights: Vec<f64> = border.order.iter().map(|&i| seen.weights[i]).collect();
         let size = n.next_multiple_of(PAD);
         for (i, column) in lower.chunks_exact_mut(size).enumerate() {
             column[i] += weights.get(i).map_or(1.0, |weight| weight.recip());
         }
         // The columns as further rows of the matrix.
-        let more = (free + 1).next_multiple_of(PAD);
+        let more = count.next_multiple_of(PAD);
         let mut white = vec![0.0; size * more];
         for (row, column) in white.chunks_exact_mut(more).zip(columns.col_iter()) {
             let pairs = row.iter_mut().zip(column.iter());
@@ -81,21 +73,20 @@ impl Kriged {
             return None;
         }
         let moments = squared(factor.level, &white, more);
-        let moments = Mat::from_fn(free + 1, free + 1, |i, j| moments[j * more + i]);
+        let moments = Mat::from_fn(count, count, |i, j| moments[j * more + i]);
         Some(Self {
             factor,
             border,
             lower,
             columns,
+            white,
             weights,
             moments,
-            functions,
-            ridges: ridges.to_vec(),
         })
     }
 
-    /// `columns^T C^-1 columns` (lower half) for the columns that are not part of the field, where C is the
-    /// covariance of the targets: for targets `columns x`, the minimum of the sum over y is `x^T moments x`.
+    /// `columns^T C^-1 columns` (lower half), where C is the covariance of the targets: for targets `columns x`, the
+    /// minimum of the sum over y is `x^T moments x`.
     pub fn moments(&self) -> &Mat<f64> {
         &self.moments
     }
@@ -115,125 +106,139 @@ impl Kriged {
     /// `A^-1 - A^-1 C^-1 A^-1`.
     pub fn variances(&self) -> Vec<f64> {
         let n = self.weights.len();
-        let lower = self.triangle();
-        let mut inverse = Mat::<f64>::identity(n, n);
-        let parts = column_chunks(inverse.as_mut()).into_par_iter();
-        parts.enumerate().for_each(|(k, part)| {
-            // The inverse is a lower triangle, too.
-            let first = k * TOGETHER;
-            let (_, part) = part.split_at_row_mut(first);
-            let lower = lower.get(first.., first..);
-            solve_lower_triangular_in_place(lower, part, Par::Seq);
-        });
-        let mut variances = vec![0.0; n];
-        for (i, &at) in self.border.order.iter().enumerate() {
-            let own = self.weights[i].recip();
-            variances[at] = own * (1.0 - own * inverse.col(i).squared_norm_l2());
-        }
-        variances
+        self.variances_of(&(0..n).collect::<Vec<_>>())
     }
 
-    /// The field at each observation with each combination t of the columns as targets, which is
-    /// `t - A^-1 C^-1 t`: `[observations, combinations]` from `[columns, combinations]`.
-    pub fn responses(&self, combinations: MatRef<'_, f64>) -> Mat<f64> {
+    /// The same at some of the observations.
+    pub fn variances_of(&self, which: &[usize]) -> Vec<f64> {
         let n = self.weights.len();
-        let mut found = Mat::<f64>::zeros(n, combinations.ncols());
-        let parts = column_chunks(found.as_mut()).into_par_iter();
-        parts.enumerate().for_each(|(k, mut part)| {
-            let own = combinations.subcols(k * TOGETHER, part.ncols());
-            let targets = self.columns.transpose() * own;
-            let mut pull = targets.clone();
-            self.pull(pull.as_mut());
-            for j in 0..part.ncols() {
-                for (i, &at) in self.border.order.iter().enumerate() {
-                    part[(at, j)] = targets[(i, j)] - pull[(i, j)] / self.weights[i];
-                }
+        let mut positions = vec![0; n];
+        for (position, &i) in self.border.order.iter().enumerate() {
+            positions[i] = position;
+        }
+        let mut wanted: Vec<(usize, usize)> =
+            which.iter().map(|&i| positions[i]).zip(0..).collect();
+        wanted.sort_unstable();
+        let lower = self.triangle();
+        let variances: Vec<Vec<f64>> = wanted.par_chunks(TOGETHER).gather(|wanted| {
+            // The inverse is a lower triangle, too.
+            let first = wanted[0].0;
+            let mut inverse = Mat::<f64>::zeros(n - first, wanted.len());
+            for (j, (position, _)) in wanted.iter().enumerate() {
+                inverse[(position - first, j)] = 1.0;
             }
+            let lower = lower.get(first.., first..);
+            solve_lower_triangular_in_place(lower, inverse.as_mut(), Par::Seq);
+            let columns = inverse.col_iter().zip(wanted);
+            columns
+                .map(|(column, (position, _))| {
+                    let own = self.weights[*position].recip();
+                    own * (1.0 - own * column.squared_norm_l2())
+                })
+                .collect()
+        });
+        let mut found = vec![0.0; which.len()];
+        for ((_, at), variance) in wanted.iter().zip(variances.into_iter().flatten()) {
+            found[*at] = variance;
+        }
+        found
+    }
+
+    /// What the field leaves of each observation, with each combination t of the columns as targets: `A^-1 C^-1 t`,
+    /// `[observations, combinations]` from `[columns, combinations]`.
+    pub fn left(&self, combinations: MatRef<'_, f64>) -> Mat<f64> {
+        let pulls = self.pulls(combinations);
+        let mut found = Mat::zeros(pulls.nrows(), pulls.ncols());
+        for (i, &at) in self.border.order.iter().enumerate() {
+            let own = self.weights[i].recip();
+            let pairs = found.row_mut(at).iter_mut().zip(pulls.row(i).iter());
+            pairs.for_each(|(left, pull)| *left = own * pull);
+        }
+        found
+    }
+
+    /// The field at other positions with each combination of the columns as targets, `[positions, combinations]` from
+    /// `[columns, combinations]`.
+    ///
+    /// # Panics
+    /// If a pixel is outside the grid.
+    pub fn at(&self, taps: &[Taps], combinations: MatRef<'_, f64>) -> Mat<f64> {
+        let other = Border::new(&self.factor, taps);
+        let pulls = self.pulls(combinations);
+        // By strips, whose covariances with the observations stay in the cache.
+        let strips = (0..taps.len().div_ceil(STRIP)).into_par_iter();
+        let found: Vec<_> = strips.gather(|strip| {
+            let across = self.border.across(&self.factor, &other, strip);
+            let size = pulls.nrows().next_multiple_of(PAD);
+            let across = MatRef::from_column_major_slice(&across, STRIP, size);
+            across.subcols(0, pulls.nrows()) * &pulls
+        });
+        let mut values = Mat::zeros(taps.len(), combinations.ncols());
+        for (i, &at) in other.order.iter().enumerate() {
+            values
+                .row_mut(at)
+                .copy_from(-found[i / STRIP].row(i % STRIP));
+        }
+        values
+    }
+
+    /// `C^-1 t` for each combination of the columns, in the order of the border.
+    fn pulls(&self, combinations: MatRef<'_, f64>) -> Mat<f64> {
+        let (n, count) = (self.weights.len(), self.columns.nrows());
+        let stride = count.next_multiple_of(PAD);
+        let white = MatRef::from_column_major_slice_with_stride(&self.white, count, n, stride);
+        let upper = self.triangle().transpose();
+        let mut found = Mat::<f64>::zeros(n, combinations.ncols());
+        let parts = column_chunks(found.as_mut()).into_par_iter().enumerate();
+        parts.each(|(k, mut part)| {
+            let own = combinations.subcols(k * TOGETHER, part.ncols());
+            let (accum, one) = (Accum::Replace, 1.0);
+            matmul(part.rb_mut(), accum, white.transpose(), own, one, Par::Seq);
+            solve_upper_triangular_in_place(upper, part, Par::Seq);
         });
         found
     }
 
-    /// The field and the functions that are part of it at other positions, given the targets: their variances, and
-    /// their values with each combination of the columns as targets, `[positions, combinations]` from
-    /// `[columns, combinations]`. `functions [positions, functions]` are the values of the functions, row by row.
-    ///
-    /// # Panics
-    /// If lengths do not match or a pixel is outside the grid.
-    pub fn at(
-        &self,
-        taps: &[Taps],
-        functions: &[f64],
-        combinations: MatRef<'_, f64>,
-    ) -> (Vec<f64>, Mat<f64>) {
-        let count = self.ridges.len();
-        assert_eq!(functions.len(), taps.len() * count, "functions");
-        let other = Border::new(&self.factor, taps);
-        let value = |i: usize, j: usize| functions[other.order[i] * count + j];
-        let more = strips_of(taps.len(), &scales(&self.ridges), value);
-        let squares = other.squares(&more);
-        let n = self.weights.len();
-        let mut targets = self.columns.transpose() * combinations;
-        let lower = self.triangle();
-        let parts = column_chunks(targets.as_mut()).into_par_iter();
-        parts.for_each(|part| solve_lower_triangular_in_place(lower, part, Par::Seq));
-        // By strips, whose covariances with the observations stay in the cache.
-        let strips = (0..taps.len().div_ceil(STRIP)).into_par_iter();
-        let found = strips.map(|strip| {
-            let (level, size) = (self.factor.level, n.next_multiple_of(PAD));
-            let theirs = (&other, &more[..]);
-            let mut across = self
-                .border
-                .across(&self.factor, &self.functions, theirs, strip);
-            solve_rows(level, &self.lower, size, &mut across, &mut []);
-            let across = MatRef::from_column_major_slice(&across, STRIP, size).subcols(0, n);
-            let squares: Vec<f64> = across.row_iter().map(|row| row.squared_norm_l2()).collect();
-            (squares, across * &targets)
-        });
-        let found: Vec<_> = found.collect();
-        let mut variances = vec![0.0; taps.len()];
-        let mut values = Mat::zeros(taps.len(), combinations.ncols());
-        for (i, &at) in other.order.iter().enumerate() {
-            let (known, products) = &found[i / STRIP];
-            // Rounding may leave less than nothing.
-            variances[at] = (squares[i] - known[i % STRIP]).max(0.0);
-            values.row_mut(at).copy_from(-products.row(i % STRIP));
-        }
-        (variances, values)
-    }
-
-    /// The field for targets `columns x`, less the functions that are part of it, and the weights of these.
-    pub fn extend(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    /// The field for targets `columns x`.
+    pub fn extend(&self, x: &[f64]) -> Vec<f64> {
         let pull = self.pull_of(x);
         let mut values = vec![0.0; self.factor.plan.len()];
         self.border.add_to(&self.factor, &pull, &mut values);
         self.factor.backward(values.as_chunks_mut::<1>().0);
-        (values, self.weights_of(&pull))
+        values
     }
 
-    /// The same with a further right-hand side at every pixel, which may depend on the weights that `extend` would
-    /// return. Returns what it adds to these apart from them.
-    pub fn extend_with(
+    /// The fields for several targets `columns x`, with further right-hand sides at every pixel.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn extend_all<const B: usize>(
         &self,
-        x: &[f64],
-        right: impl FnOnce(&[f64]) -> Vec<f64>,
-    ) -> (Vec<f64>, [Vec<f64>; 2]) {
-        let mut pull = self.pull_of(x);
-        let weights = self.weights_of(&pull);
-        let mut values = right(&weights);
-        let more = self.pull_at(&mut values);
-        let added = self.weights_of(&more);
-        pull.iter_mut()
-            .zip(more)
-            .for_each(|(sum, more)| *sum += more);
-        self.border.add_to(&self.factor, &pull, &mut values);
-        self.factor.backward(values.as_chunks_mut::<1>().0);
-        (values, [weights, added])
+        x: [&[f64]; B],
+        right: Vec<[f64; B]>,
+    ) -> Vec<[f64; B]> {
+        let mut values = right;
+        self.factor.forward(&mut values);
+        for (b, x) in x.into_iter().enumerate() {
+            let mut own: Vec<f64> = values.iter().map(|value| value[b]).collect();
+            let mut pull = self.pull_of(x);
+            let more = self.pull_against(&own);
+            pull.iter_mut()
+                .zip(more)
+                .for_each(|(sum, more)| *sum += more);
+            self.border.add_to(&self.factor, &pull, &mut own);
+            let pairs = values.iter_mut().zip(own);
+            pairs.for_each(|(value, own)| value[b] = own);
+        }
+        self.factor.backward(&mut values);
+        values
     }
 
     /// The solution of the equations for y, for a right-hand side at every pixel.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let mut values = right.to_vec();
-        let pull = self.pull_at(&mut values);
+        self.factor.forward(values.as_chunks_mut::<1>().0);
+        let pull = self.pull_against(&values);
         self.border.add_to(&self.factor, &pull, &mut values);
         self.factor.backward(values.as_chunks_mut::<1>().0);
         values
@@ -247,24 +252,12 @@ impl Kriged {
         pull.col_as_slice(0).to_vec()
     }
 
-    /// `C^-1 t` where t takes a right-hand side's own field away, `-S K^-1 right`; `right` becomes `L^-1 right`.
-    fn pull_at(&self, right: &mut [f64]) -> Vec<f64> {
-        self.factor.forward(right.as_chunks_mut::<1>().0);
+    /// `C^-1 t` where t takes a right-hand side's own field away, `-S K^-1 right`, from `L^-1 right`.
+    fn pull_against(&self, right: &[f64]) -> Vec<f64> {
         let products = self.border.products(&self.factor, right);
         let mut pull = Mat::from_fn(products.len(), 1, |i, _| -products[i]);
         self.pull(pull.as_mut());
         pull.col_as_slice(0).to_vec()
-    }
-
-    /// The weights of the functions that are part of the field, from `C^-1 t`.
-    fn weights_of(&self, pull: &[f64]) -> Vec<f64> {
-        let mut weights = vec![0.0; self.ridges.len()];
-        for strip in &self.functions {
-            strip.add_products(pull, &mut weights);
-        }
-        let pairs = weights.iter_mut().zip(&self.ridges);
-        pairs.for_each(|(weight, ridge)| *weight /= ridge.sqrt());
-        weights
     }
 }
 
@@ -272,7 +265,7 @@ impl Kriged {
 pub(super) fn covariance(factor: &Factor, taps: &[Taps]) -> Mat<f64> {
     let border = Border::new(factor, taps);
     let (n, size) = (taps.len(), taps.len().next_multiple_of(PAD));
-    let lower = border.covariance(factor, &[]);
+    let lower = border.covariance(factor);
     let mut positions = vec![0; n];
     for (position, &i) in border.order.iter().enumerate() {
         positions[i] = position;
@@ -281,28 +274,6 @@ pub(super) fn covariance(factor: &Factor, taps: &[Taps]) -> Mat<f64> {
         let (one, other) = (positions[i], positions[j]);
         lower[one.min(other) * size + one.max(other)]
     })
-}
-
-/// `R^-1/2`.
-fn scales(ridges: &[f64]) -> Vec<f64> {
-    ridges.iter().map(|ridge| ridge.sqrt().recip()).collect()
-}
-
-/// Scaled rows of functions, by strips of `n` observations.
-fn strips_of(n: usize, scales: &[f64], at: impl Fn(usize, usize) -> f64 + Sync) -> Vec<Strip> {
-    if scales.is_empty() {
-        return Vec::new();
-    }
-    let mut strips = Strip::all(&(0..n), scales.len());
-    strips.par_iter_mut().each(|strip| {
-        let (first, rows) = (strip.first, strip.rows);
-        for (j, (column, scale)) in strip.values.chunks_exact_mut(rows).zip(scales).enumerate() {
-            for (value, i) in column.iter_mut().zip(first..n) {
-                *value = scale * at(i, j);
-            }
-        }
-    });
-    strips
 }
 
 /// A matrix of `n` rows without what pads it.

@@ -105,6 +105,19 @@ impl Observed {
         values
     }
 
+    /// The same with further right-hand sides at every pixel.
+    ///
+    /// # Panics
+    /// If lengths do not match.
+    pub fn extend_all_with<const B: usize>(
+        &self,
+        targets: &[Row<B>],
+        mut right: Vec<Row<B>>,
+    ) -> Vec<Row<B>> {
+        self.add_extended(targets, &mut right);
+        right
+    }
+
     /// Turns right-hand sides into the fields for these and for targets.
     fn add_extended<const B: usize>(&self, targets: &[Row<B>], values: &mut [Row<B>]) {
         assert_eq!(targets.len(), self.taps.len(), "targets");

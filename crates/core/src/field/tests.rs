@@ -80,9 +80,9 @@ impl Example {
         Observed::new(&self.grid(self.level), &self.taps, &self.weights).unwrap()
     }
 
-    fn kriged(&self, ridges: &[f64]) -> Kriged {
+    fn kriged(&self) -> Kriged {
         let prior = FieldPrior::new(&self.grid(self.level)).unwrap();
-        Kriged::new(&prior, &self.observations(), ridges).unwrap()
+        Kriged::new(&prior, &self.observations()).unwrap()
     }
 
     /// The targets `columns x`.
@@ -269,16 +269,26 @@ fn difference(found: &[f64], expected: impl Iterator<Item = f64>) -> f64 {
 #[test]
 fn a_field_with_a_prior_is_that_of_the_dense_equations() {
     for example in large_examples() {
-        let field = example.kriged(&[]);
+        let field = example.kriged();
         let dense = example.dense().llt(Side::Lower).unwrap();
         let x = [0.5, -1.0, 2.0, 0.25];
         let expected = dense.solve(example.right_side(&x));
-        let (values, weights) = field.extend(&x);
-        assert!(weights.is_empty());
+        let values = field.extend(&x);
         assert!(difference(&values, expected.col(0).iter().copied()) < 1e-9);
         let right: Vec<f64> = (0..values.len()).map(|i| (i as f64).sin()).collect();
         let expected = dense.solve(Mat::from_fn(right.len(), 1, |i, _| right[i]));
         assert!(difference(&field.solve(&right), expected.col(0).iter().copied()) < 1e-9);
+        // Targets and right-hand sides add up.
+        let other = [0.0, 0.0, 0.0, 1.0];
+        let both = right.iter().map(|&value| [value, -2.0 * value]).collect();
+        let found = field.extend_all([&x, &other], both);
+        for (i, (x, factor)) in [(x, 1.0), (other, -2.0)].into_iter().enumerate() {
+            let mut right_side = example.right_side(&x);
+            (0..right.len()).for_each(|i| right_side[(i, 0)] += factor * right[i]);
+            let expected = dense.solve(right_side);
+            let found: Vec<f64> = found.iter().map(|value| value[i]).collect();
+            assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
+        }
     }
 }
 
@@ -290,7 +300,7 @@ fn both_forms_of_a_field_agree() {
         ..Example::new(131, 150, 300).between(6)
     };
     for example in large_examples().into_iter().chain([large]) {
-        let (one, other) = (example.kriged(&[]), example.observed());
+        let (one, other) = (example.kriged(), example.observed());
         let (own, moments) = (one.moments(), other.moments(&example.columns, COLUMNS));
         for (i, j) in (0..COLUMNS).flat_map(|i| (0..=i).map(move |j| (i, j))) {
             let (a, b) = (own[(i, j)], moments[(i, j)]);
@@ -301,66 +311,21 @@ fn both_forms_of_a_field_agree() {
         let read = |field: &[f64]| -> Vec<f64> {
             example.taps.iter().map(|taps| taps.read(field)).collect()
         };
-        let responses = one.responses(Mat::from_fn(COLUMNS, 1, |i, _| x[i]).as_ref());
-        assert!(difference(responses.col_as_slice(0), read(&expected).into_iter()) < 1e-8);
-        assert!(difference(&one.extend(&x).0, expected.into_iter()) < 1e-8);
-        assert!(difference(&one.variances(), other.variances().into_iter()) < 1e-8);
-    }
-}
-
-/// Field y and weights w of functions G at the observations minimise
-/// `y'Ky + w'Rw + (Sy + Gw - t)' A (Sy + Gw - t)` together.
-#[test]
-fn functions_that_are_part_of_a_field_have_the_weights_of_the_dense_equations() {
-    let ridges = [0.3, 20.0];
-    for example in large_examples() {
-        let field = example.kriged(&ridges);
-        let pixels = example.size[0] * example.size[1];
-        let mut all = Mat::<f64>::zeros(pixels + 2, pixels + 2);
-        all.submatrix_mut(0, 0, pixels, pixels)
-            .copy_from(example.dense());
-        let mut right = Mat::<f64>::zeros(pixels + 2, 1);
-        let x = [0.5, 2.0];
-        for (i, taps) in example.taps.iter().enumerate() {
-            let row = &example.columns[i * COLUMNS..][..COLUMNS];
-            let target = row[0] * x[0] + row[3] * x[1];
-            let functions = &row[1..3];
-            let weight = example.weights[i];
-            for (pixel, share) in taps.iter() {
-                let pixel = pixel as usize;
-                right[(pixel, 0)] += weight * share * target;
-                for (k, value) in functions.iter().enumerate() {
-                    all[(pixels + k, pixel)] += weight * share * value;
-                    all[(pixel, pixels + k)] += weight * share * value;
-                }
-            }
-            for (k, value) in functions.iter().enumerate() {
-                right[(pixels + k, 0)] += weight * value * target;
-                for (l, other) in functions.iter().enumerate() {
-                    all[(pixels + k, pixels + l)] += weight * value * other;
-                }
-            }
-        }
-        for (k, ridge) in ridges.iter().enumerate() {
-            all[(pixels + k, pixels + k)] += ridge;
-        }
-        let all = all.llt(Side::Lower).unwrap();
-        let expected = all.solve(&right);
-        let (values, weights) = field.extend(&x);
-        assert_eq!(weights.len(), 2);
-        let found = [values, weights.clone()].concat();
-        assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
-        // A further right-hand side changes these weights, too.
-        let more: Vec<f64> = (0..pixels).map(|i| (i as f64).sin()).collect();
-        (0..pixels).for_each(|i| right[(i, 0)] += more[i]);
-        let expected = all.solve(&right);
-        let (values, [before, added]) = field.extend_with(&x, |known| {
-            assert_eq!(known, weights);
-            more
-        });
-        let sums = before.iter().zip(&added).map(|(a, b)| a + b);
-        let found = [values, sums.collect()].concat();
-        assert!(difference(&found, expected.col(0).iter().copied()) < 1e-9);
+        let combination = Mat::from_fn(COLUMNS, 1, |i, _| x[i]);
+        let left = one.left(combination.as_ref());
+        let targets = example.targets(&x).into_iter();
+        let rests = targets
+            .zip(read(&expected))
+            .map(|(target, value)| target - value);
+        assert!(difference(left.col_as_slice(0), rests) < 1e-8);
+        let at = one.at(&example.taps, combination.as_ref());
+        assert!(difference(at.col_as_slice(0), read(&expected).into_iter()) < 1e-8);
+        assert!(difference(&one.extend(&x), expected.into_iter()) < 1e-8);
+        let variances = one.variances();
+        assert!(difference(&variances, other.variances().into_iter()) < 1e-8);
+        let which = [7, 0, 11].map(|i| i % variances.len());
+        let some = which.map(|i| variances[i]);
+        assert!(difference(&one.variances_of(&which), some.into_iter()) < 1e-12);
     }
 }
 

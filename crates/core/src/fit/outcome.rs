@@ -37,7 +37,7 @@ pub struct Fit {
     pub scale: Scale,
     /// The noise variance of a point of weight 1, in the squared unit of the space.
     pub(super) noise: f64,
-    /// Depths, and residuals, in the space of the fit.
+    /// Depths, and residuals of the joint fit, in the space of the fit.
     pub(super) values: Vec<f64>,
     pub(super) rests: Vec<f64>,
     solution: Solution,
@@ -53,9 +53,10 @@ impl Fit {
             lambda,
             field,
         } = estimate;
+        let map = field.as_ref().and_then(|field| field.rests());
         Self {
             weights: solution.weights.clone(),
-            residuals: metres(&rows.values, &rests, rows.scale),
+            residuals: metres(&rows.values, map.unwrap_or(&rests), rows.scale),
             point_weights,
             rank: solution.rank,
             lambda,
@@ -83,6 +84,12 @@ impl Fit {
     /// and were limited.
     pub fn limited(&self) -> usize {
         self.field.as_ref().map_or(0, |field| field.limited)
+    }
+
+    /// How far the map goes from basis functions and field, 0, to the median of these, of the field alone, and of the
+    /// surface that the points span, 1; `None` for other fits, and for points that span no surface.
+    pub fn median_share(&self) -> Option<f64> {
+        self.field.as_ref()?.median_share()
     }
 
     /// Height and width of that field.
@@ -119,7 +126,7 @@ impl Fit {
         let field = self.field.is_some();
         let mut rests = leave_one_out(&self.rests, leverages, field);
         if let Some(field) = &self.field {
-            field.left_out(&self.values, &mut rests);
+            field.left_out(&self.values, &self.point_weights, &mut rests);
         }
         let mut errors = metres(&self.values, &rests, self.scale);
         for (error, leverage) in errors.iter_mut().zip(leverages) {
@@ -181,7 +188,7 @@ impl Fit {
         self.field.as_ref().map(of).transpose()
     }
 
-    /// The same, but roughly, at blocks of pixels and without what cosines add: clues in a fraction of the time.
+    /// The same, but roughly, at blocks of pixels and of few points without what cosines add: clues in a fraction of the time.
     ///
     /// # Errors
     /// Equations that are not positive definite.

@@ -3,12 +3,13 @@
 use super::JointConfig;
 use super::fitted::{FieldFit, Form};
 use super::holes::Holes;
+use super::marginal::determined;
 use super::sites::{Sample, Sites};
 use super::smoothness::Smoothness;
+use super::stacking::{Stack, Stacked, rest_of, stack_few, stack_many};
 use super::surface::Surface;
 use crate::error::{FitError, Result};
-use crate::field::{self, Observed};
-use crate::fit::CosineBasis;
+use crate::field::{self, Kriged, Observed};
 use crate::fit::affinities::{Affinities, Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
@@ -36,8 +37,10 @@ struct Found {
     solution: Solution,
     noise: f64,
     lambda: Option<f64>,
-    /// The field at every pixel.
+    /// The field at every pixel, less what basis functions say there.
     values: Vec<f64>,
+    /// The fits that it was made from, if there are several.
+    stack: Option<Stack>,
     form: Form,
     smoothness: Smoothness,
     /// Whether the field follows the surface that the sites span.
@@ -47,6 +50,18 @@ struct Found {
     residuals: Option<Vec<f64>>,
     /// Pixels in holes at which basis functions contradicted the depths around.
     limited: usize,
+}
+
+/// The weights of basis functions and cosines.
+pub(super) struct Weighed {
+    pub(super) solution: Solution,
+    noise: f64,
+    lambda: f64,
+    /// What the sites determine of the weights, in directions.
+    pub(super) determined: f64,
+    /// The sites that they were estimated from, and the field of these.
+    pub(super) sample: Sample,
+    pub(super) field: Kriged,
 }
 
 /// Weights are estimated from at most so many sites.
@@ -89,19 +104,32 @@ impl FieldEstimator<'_> {
         let mut sites = Sites::new(rows, weights, self.scene, &self.joint)?;
         let found = match self.prior {
             None => self.alone(&mut sites, rows)?,
-            Some((prior, lambda)) if self.are_few(&sites) => {
-                self.few(&sites, rows, prior, lambda)?
-            }
-            Some((prior, lambda)) => self.many(&mut sites, rows, prior, lambda)?,
+            Some(prior) if self.are_few(&sites) => self.few(&sites, rows, prior)?,
+            Some(prior) => self.many(&mut sites, rows, prior)?,
         };
         let rests = found.residuals;
         let rests = rests.unwrap_or_else(|| rows.residuals(&found.solution.weights));
-        let places = rows.places.unwrap_or_default().par_iter();
-        let pairs = rests.par_iter().zip(places);
-        let rests = pairs.map(|(rest, &place)| rest - self.scene.taps(place).read(&found.values));
+        let places = rows.places.unwrap_or_default();
+        let less = |rests: &[f64], values: &[f64]| -> Vec<f64> {
+            let pairs = rests.par_iter().zip(places);
+            let rests = pairs.map(|(rest, &place)| rest - self.scene.taps(place).read(values));
+            rests.collect()
+        };
+        let rests_of = |stack: Option<Stack>| match stack {
+            None => (less(&rests, &found.values), None),
+            Some(stack) => {
+                let stacked = Stacked {
+                    map: less(&rests, &found.values),
+                    alone: less(&rows.values, &stack.alone),
+                    share: stack.share,
+                };
+                (less(&rests, &stack.joint), Some(stacked))
+            }
+        };
+        let (rests, stacked) = rests_of(found.stack);
         let size = found.smoothness.affinities.size();
         Ok(Estimate {
-            rests: rests.collect(),
+            rests,
             solution: found.solution,
             noise: found.noise,
             lambda: found.lambda,
@@ -109,6 +137,7 @@ impl FieldEstimator<'_> {
                 form: found.form,
                 smoothness: found.smoothness,
                 follows: found.follows,
+                stacked,
                 sites,
                 sample: found.sample,
                 smooth: Smooth::new(size, &found.values),
@@ -124,7 +153,7 @@ impl FieldEstimator<'_> {
     pub(in crate::fit) fn some_moments(self, rows: &Rows<'_>) -> Result<(Moments, usize)> {
         let sites = Sites::new(rows, &rows.weights, self.scene, &self.joint)?;
         let sample = sites.sample(SOME, rows)?;
-        let field = self.smoothness().untied().kriged(&sample, &[])?;
+        let field = self.smoothness().untied().kriged(&sample)?;
         let all = moments(field.moments(), sample.columns(), sample.len());
         Ok((all.without_last(self.ridges)?.0, sites.len()))
     }
@@ -162,8 +191,11 @@ impl FieldEstimator<'_> {
         let (field, smoothness) = self.observed(sites, surface.as_ref())?;
         let right = surface
             .as_ref()
-            .map(|surface| surface.pull(&smoothness.affinities.grid(smoothness.level), None));
-        let values = extended(&field, &sites.depths, right);
+            .map(|surface| surface.pull(&smoothness.affinities.grid(smoothness.level)));
+        let values = match right {
+            None => field.extend(&sites.depths),
+            Some(right) => field.extend_with(&sites.depths, right),
+        };
         let square = dot(&sites.depths, &field.pull_from(&sites.depths, &values));
         let columns = rows.columns();
         Ok(Found {
@@ -176,6 +208,7 @@ impl FieldEstimator<'_> {
             noise: square.max(0.0) / sites.len().saturating_sub(1).max(1) as f64,
             lambda: None,
             values,
+            stack: None,
             form: Form::Many {
                 field,
                 share: 0.0,
@@ -189,81 +222,71 @@ impl FieldEstimator<'_> {
         })
     }
 
-    /// From the moments of all columns, with the cosines as a part of the field.
-    fn few(self, sites: &Sites, rows: &Rows<'_>, prior: &Prior, lambda: Lambda) -> Result<Found> {
-        let weighed = || -> Result<_> {
-            let sample = sites.sample(sites.len(), rows)?;
-            let field = self.smoothness().kriged(&sample, self.ridges)?;
-            let columns = sample.columns() - self.ridges.len();
-            let moments = moments(field.moments(), columns, sites.len());
-            Ok((sample, field, moments.shrunk(prior, lambda)?))
-        };
-        let (weighed, surface) = join(weighed, || self.surface(sites, rows));
-        let (sample, field, found) = weighed?;
-        let mut solution = found.solution;
-        let mut rest: Vec<f64> = solution.weights.iter().map(|w| -w).collect();
-        rest.push(1.0);
-        let values = if let Some(surface) = &surface {
-            let grid = self.scene.affinities.grid(self.joint.level);
-            let (mut values, [_, more]) = field.extend_with(&rest, |cosines| {
-                solution.weights.extend(cosines);
-                let functions = rows.map(self.scene.affinities.size(), &solution.weights);
-                surface.pull(&grid, functions.as_deref())
-            });
-            // Kept with the field: the weights have another purpose.
-            self.add_cosines(&more, &mut values);
-            values
-        } else {
-            let (values, cosines) = field.extend(&rest);
-            solution.weights.extend(cosines);
-            values
+    /// The weights from at most so many of the sites, in a field of this smoothness.
+    fn weighed(
+        self,
+        (sites, most): (&Sites, usize),
+        rows: &Rows<'_>,
+        (prior, lambda): (&Prior, Lambda),
+        smoothness: &Smoothness,
+    ) -> Result<Weighed> {
+        let sample = sites.sample(most, rows)?;
+        let field = smoothness.kriged(&sample)?;
+        let all = moments(field.moments(), sample.columns(), sample.len());
+        // The cosines are a part of the field.
+        let (others, cosines) = all.without_last(self.ridges)?;
+        let found = others.shrunk(prior, lambda.at(sites.len()))?;
+        let solution = cosines.beside(&found.solution);
+        Ok(Weighed {
+            determined: determined(&others.normal, self.ridges, &solution),
+            noise: found.noise,
+            lambda: found.lambda,
+            solution,
+            sample,
+            field,
+        })
+    }
+
+    /// Few sites, from all of which the weights are estimated.
+    fn few(self, sites: &Sites, rows: &Rows<'_>, prior: (&Prior, Lambda)) -> Result<Found> {
+        let smoothness = self.smoothness();
+        let (found, surface) = join(
+            || self.weighed((sites, sites.len()), rows, prior, &smoothness),
+            || self.surface(sites, rows),
+        );
+        let found = found?;
+        let (values, stack) = match &surface {
+            None => (found.field.extend(&rest_of(&found.solution.weights)), None),
+            Some(surface) => {
+                let (values, stack) = stack_few(surface, (sites, rows), &found, &smoothness);
+                (values, Some(stack))
+            }
         };
         Ok(Found {
-            solution,
+            solution: found.solution,
             noise: found.noise,
             lambda: Some(found.lambda),
             values,
-            form: Form::Few(field),
-            smoothness: self.smoothness(),
+            stack,
+            form: Form::Few(found.field),
+            smoothness,
             follows: surface.is_some(),
-            sample,
+            sample: found.sample,
             residuals: None,
             limited: 0,
         })
     }
 
-    fn add_cosines(self, weights: &[f64], values: &mut [f64]) {
-        let mut added = vec![0.0; values.len()];
-        let cosines = CosineBasis::up_to(self.joint.cosines);
-        cosines.add_to(self.scene.affinities.size(), weights, &mut added);
-        let pairs = values.iter_mut().zip(added);
-        pairs.for_each(|(value, added)| *value += f64::from(added));
-    }
-
     /// The weights from some of the sites, and the field of all.
-    fn many(
-        self,
-        sites: &mut Sites,
-        rows: &Rows<'_>,
-        prior: &Prior,
-        lambda: Lambda,
-    ) -> Result<Found> {
-        let weighed = || -> Result<_> {
-            let sample = sites.sample(SOME, rows)?;
-            let field = self.smoothness().untied().kriged(&sample, &[])?;
-            let near = moments(field.moments(), sample.columns(), sample.len());
-            let (others, cosines) = near.clone().without_last(self.ridges)?;
-            let found = others.shrunk(prior, lambda.at(sites.len()))?;
-            Ok((sample, field, near, cosines.beside(&found.solution), found))
-        };
-        let (weighed, surface) = join(weighed, || self.surface(sites, rows));
-        let (sample, some, near, solution, found) = weighed?;
-        // The trace of the moments times the covariance of the weights.
-        let product = &near.normal * &solution.factor;
-        let pairs = product.col_iter().zip(solution.factor.col_iter());
-        let determined: f64 = pairs.map(|(a, b)| a.transpose() * b).sum();
-
-        let mut start = Some(some);
+    fn many(self, sites: &mut Sites, rows: &Rows<'_>, prior: (&Prior, Lambda)) -> Result<Found> {
+        let untied = self.smoothness().untied();
+        let (found, surface) = join(
+            || self.weighed((sites, SOME), rows, prior, &untied),
+            || self.surface(sites, rows),
+        );
+        let found = found?;
+        let solution = found.solution;
+        let mut start = Some(found.field);
         if self.scene.once && sites.len() > DENSE {
             // A field of so many sites is large, and standard deviations, for which the one of some is needed again, are
             // not always asked for.
@@ -272,26 +295,36 @@ impl FieldEstimator<'_> {
         }
         let (field, smoothness) = self.observed(sites, surface.as_ref())?;
         let residuals = rows.residuals(&solution.weights);
-        let right = surface.as_ref().map(|surface| {
-            let grid = smoothness.affinities.grid(smoothness.level);
-            let functions = rows.map(smoothness.affinities.size(), &solution.weights);
-            surface.pull(&grid, functions.as_deref())
-        });
-        let mut values = extended(&field, &sites.means(&residuals), right);
+        let targets = sites.means(&residuals);
+        let (mut values, stack) = match &surface {
+            None => (field.extend(&targets), None),
+            Some(surface) => {
+                let weights = &solution.weights;
+                let (values, stack) = stack_many(
+                    surface,
+                    (sites, rows),
+                    &targets,
+                    &field,
+                    (weights, &smoothness),
+                );
+                (values, Some(stack))
+            }
+        };
         let limited = self.limit_holes(sites, rows, &solution.weights, &field, &mut values);
         Ok(Found {
             solution,
             noise: found.noise,
             lambda: Some(found.lambda),
             values,
+            stack,
             form: Form::Many {
                 field,
-                share: determined / sites.len() as f64,
+                share: found.determined / sites.len() as f64,
                 start,
             },
             smoothness,
             follows: surface.is_some(),
-            sample,
+            sample: found.sample,
             residuals: Some(residuals),
             limited,
         })
@@ -333,14 +366,6 @@ impl FieldEstimator<'_> {
             tied: self.scene.upsampling.is_some(),
             lumped: true,
         }
-    }
-}
-
-/// The field for targets, with a further right-hand side at every pixel if there is one.
-fn extended(field: &Observed, targets: &[f64], right: Option<Vec<f64>>) -> Vec<f64> {
-    match right {
-        None => field.extend(targets),
-        Some(right) => field.extend_with(targets, right),
     }
 }
 

@@ -3,12 +3,14 @@
 use super::coarse::Coarse;
 use super::sites::{Sample, Sites};
 use super::smoothness::Smoothness;
-use super::surface::{LeftOut, left_out};
+use super::stacking::{self, Stacked};
+use super::surface::left_out;
 use crate::bilinear::Taps;
 use crate::error::FitError;
 use crate::field::{Kriged, Observed};
 use crate::fit::affinities::Smooth;
 use crate::fit::lstsq::Solution;
+use crate::fit::outcome::leave_one_out;
 use faer::{Mat, MatRef};
 
 /// A field that was fitted.
@@ -18,6 +20,8 @@ pub(in crate::fit) struct FieldFit {
     pub(super) smoothness: Smoothness,
     /// Whether it follows the surface that the sites span.
     pub(super) follows: bool,
+    /// Other fits that the map heeds, too.
+    pub(super) stacked: Option<Stacked>,
     pub(super) sites: Sites,
     /// The sites that the weights were estimated from.
     pub(super) sample: Sample,
@@ -33,7 +37,6 @@ pub(in crate::fit) struct FieldFit {
 /// The field of a few or many sites.
 #[derive(Debug)]
 pub(super) enum Form {
-    /// The cosines are part of it.
     Few(Kriged),
     Many {
         field: Observed,
@@ -48,7 +51,11 @@ pub(super) enum Form {
 impl FieldFit {
     /// The leverage of each point: its weight times the variance of the fitted depth there.
     pub(in crate::fit) fn leverages(&self, solution: &Solution, weights: &[f64]) -> Vec<f64> {
-        let variances = self.site_variances(solution);
+        self.leverages_of(&self.site_variances(solution), weights)
+    }
+
+    /// The same from the variance of the fitted depth at each site.
+    fn leverages_of(&self, variances: &[f64], weights: &[f64]) -> Vec<f64> {
         let pairs = self.sites.of_points().zip(weights);
         let leverage = |(site, weight): (Option<usize>, &f64)| {
             site.map_or(0.0, |site| {
@@ -59,19 +66,44 @@ impl FieldFit {
         pairs.map(leverage).collect()
     }
 
-    /// Corrects leave-one-out errors of points with these `values`, which are those for a given surface: without a site, the
-    /// surface is another, too.
-    pub(in crate::fit) fn left_out(&self, values: &[f64], errors: &mut [f64]) {
+    /// What the map leaves of the points, if that is not what the fit leaves of them.
+    pub(in crate::fit) fn rests(&self) -> Option<&[f64]> {
+        Some(&self.stacked.as_ref()?.map)
+    }
+
+    /// How far the map goes from the joint fit to the median of three, if it heeds others.
+    pub(in crate::fit) fn median_share(&self) -> Option<f64> {
+        Some(self.stacked.as_ref()?.share)
+    }
+
+    /// Corrects leave-one-out errors of points with these `values` and weights, which are those of the joint fit for a given
+    /// surface: without a site, the surface is another, too, and the map heeds other fits.
+    pub(in crate::fit) fn left_out(&self, values: &[f64], weights: &[f64], errors: &mut [f64]) {
         if !self.follows {
             return;
         }
         let sites = &self.sites;
         let others = left_out(&sites.places, &sites.depths, &sites.firmness());
-        let points = sites.of_points().zip(values).zip(errors);
-        for ((site, value), error) in points {
-            if let Some(LeftOut { depth, trust }) = site.and_then(|site| others[site]) {
-                *error += trust * (value - depth - *error);
-            }
+        let others = sites.of_points().map(|site| others[site?]);
+        let alone = self.stacked.as_ref().map(|stacked| {
+            let own = match &self.form {
+                Form::Few(field) => field.variances(),
+                Form::Many { field, .. } => field.variances(),
+            };
+            let leverages = self.leverages_of(&own, weights);
+            (
+                leave_one_out(&stacked.alone, &leverages, true),
+                stacked.share,
+            )
+        });
+        for (i, (others, error)) in others.zip(errors).enumerate() {
+            let Some(others) = others else { continue };
+            let (alone, share) = match &alone {
+                Some((errors, share)) => (errors[i], *share),
+                None => (*error, 0.0),
+            };
+            let [joint, median] = stacking::errors(values[i], [*error, alone], others);
+            *error = joint + share * (median - joint);
         }
     }
 
@@ -79,14 +111,8 @@ impl FieldFit {
     fn site_variances(&self, solution: &Solution) -> Vec<f64> {
         match &self.form {
             Form::Few(field) => {
-                let factor = &solution.factor;
-                let stride = self.sample.columns() + 1;
-                let rows = &self.sample.rows;
-                let rows = MatRef::from_row_major_slice(rows, self.sample.len(), stride);
-                // Those of the sites come before those of ties.
-                let responses = field.responses(with_depth(factor).as_ref());
-                let responses = responses.get(..self.sample.len(), ..);
-                let along = rows.subcols(0, factor.nrows()) * factor - responses;
+                // What the weights add: that of the rows of the sites, which come before those of ties.
+                let along = field.left(with_depth(solution.factor.as_ref()).as_ref());
                 let variances = field
                     .variances()
                     .into_iter()
@@ -137,17 +163,7 @@ impl FieldFit {
         };
         let own = field.pixel_variances();
         let coarse = Coarse::new(self.size, FINE);
-        let added = self.added(solution, &coarse, bases)?;
-        let own_at = coarse.pixels().map(|(x, y)| own[y * self.size.1 + x]);
-        let weights: Vec<f64> = match &self.form {
-            Form::Few(_) => {
-                let pairs = added.into_iter().zip(own_at);
-                pairs
-                    .map(|((all, squares), own)| (all - own).max(0.0) + squares)
-                    .collect()
-            }
-            Form::Many { .. } => added.into_iter().map(|(_, squares)| squares).collect(),
-        };
+        let weights = self.added(solution.factor.as_ref(), &coarse, bases)?;
         Ok(Variances {
             size: self.size,
             field: own,
@@ -155,7 +171,7 @@ impl FieldFit {
         })
     }
 
-    /// The same of the field of blocks of pixels, and without what cosines add, in a fraction of the time.
+    /// The same of the field of blocks of pixels, and of few sites without what cosines add, in a fraction of the time.
     ///
     /// # Errors
     /// Equations that are not positive definite.
@@ -170,8 +186,13 @@ impl FieldFit {
         let taps: Vec<Taps> = taps.collect();
         let field = smoothness.observed(&taps, &self.sites.weights)?;
         let coarse = Coarse::new(self.size, ROUGH);
-        let added = self.added(solution, &coarse, bases)?;
-        let weights: Vec<f64> = added.into_iter().map(|(_, squares)| squares).collect();
+        let factor = solution.factor.as_ref();
+        let factor = match self.form {
+            // The last columns are those of the cosines.
+            Form::Few(_) => factor.subcols(0, factor.ncols() - self.ridges.len()),
+            Form::Many { .. } => factor,
+        };
+        let weights = self.added(factor, &coarse, bases)?;
         Ok(Variances {
             size: blocks.counts(),
             field: field.pixel_variances(),
@@ -179,14 +200,13 @@ impl FieldFit {
         })
     }
 
-    /// At pixels of the coarse grid, the variance of field and cosines where there are few sites, and that of what the
-    /// weights multiply, less the field's response to it.
+    /// At pixels of the coarse grid, the variance of what the weights multiply, less the field's response to it.
     fn added(
         &self,
-        solution: &Solution,
+        factor: MatRef<'_, f64>,
         coarse: &Coarse,
         bases: impl FnOnce(&[[f64; 2]]) -> Vec<f32>,
-    ) -> Result<Vec<(f64, f64)>, FitError> {
+    ) -> Result<Vec<f64>, FitError> {
         let again;
         let field = match &self.form {
             Form::Few(field)
@@ -195,28 +215,24 @@ impl FieldFit {
             } => field,
             // The field alone.
             Form::Many { .. } if self.sample.len() == 0 => {
-                return Ok(vec![(0.0, 0.0); coarse.pixels().count()]);
+                return Ok(vec![0.0; coarse.pixels().count()]);
             }
             Form::Many { .. } => {
-                again = self.smoothness.untied().kriged(&self.sample, &[])?;
+                again = self.smoothness.untied().kriged(&self.sample)?;
                 &again
             }
         };
         let places: Vec<[f64; 2]> = coarse.pixels().map(|(x, y)| [x as f64, y as f64]).collect();
         let pixel = |(x, y): (usize, usize)| Taps::pixel((y * self.size.1 + x) as u32);
         let taps: Vec<Taps> = coarse.pixels().map(pixel).collect();
-        let (bases, factor) = (bases(&places), &solution.factor);
+        let bases = bases(&places);
         let columns = bases.len() / taps.len().max(1);
-        let rows = bases.chunks_exact(columns.max(1));
-        let functions = rows.flat_map(|row| &row[factor.nrows()..]);
-        let functions: Vec<f64> = functions.map(|&value| f64::from(value)).collect();
-        let (variances, responses) = field.at(&taps, &functions, with_depth(factor).as_ref());
+        let responses = field.at(&taps, with_depth(factor).as_ref());
         let rows = Mat::from_fn(taps.len(), factor.nrows(), |i, j| {
             f64::from(bases[i * columns + j])
         });
         let along = rows * factor - responses;
-        let squares = along.row_iter().map(|row| row.squared_norm_l2());
-        Ok(variances.into_iter().zip(squares).collect())
+        Ok(along.row_iter().map(|row| row.squared_norm_l2()).collect())
     }
 }
 
@@ -238,7 +254,7 @@ pub struct Variances {
 }
 
 /// The columns of a factor, with a last row for the depth, which does not vary.
-fn with_depth(factor: &Mat<f64>) -> Mat<f64> {
+fn with_depth(factor: MatRef<'_, f64>) -> Mat<f64> {
     Mat::from_fn(factor.nrows() + 1, factor.ncols(), |i, j| {
         if i < factor.nrows() {
             factor[(i, j)]

@@ -83,6 +83,19 @@ impl Rest {
     }
 }
 
+/// What points determine of all columns, in directions: the trace of their normal matrix times the covariance of their
+/// weights, from the normal matrix of the columns before the last ones, which have these ridges.
+pub(super) fn determined(others: &Mat<f64>, ridges: &[f64], all: &Solution) -> f64 {
+    let first = others.nrows();
+    let (own, last) = all.factor.split_at_row(first);
+    let product = others * own;
+    let pairs = product.col_iter().zip(own.col_iter());
+    let of_others: f64 = pairs.map(|(a, b)| a.transpose() * b).sum();
+    let pairs = last.row_iter().zip(ridges);
+    let of_last = pairs.map(|(row, ridge)| 1.0 - ridge * row.squared_norm_l2());
+    of_others + of_last.sum::<f64>()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -124,7 +137,11 @@ mod tests {
             assert!((found.weights[i] - expected[(i, 0)]).abs() < 1e-12);
         }
         let product = &found.factor * found.factor.transpose();
-        assert!((product - covariance).norm_max() < 1e-12);
+        assert!((&product - covariance).norm_max() < 1e-12);
+        let trace: f64 = (0..5)
+            .map(|i| (rows.transpose() * &rows * &product)[(i, i)])
+            .sum();
+        assert!((determined(&others.normal, &ridges, &found) - trace).abs() < 1e-12);
         // The least sum of squares is the same.
         let least = |square: f64, right: &[f64], x: &[f64]| {
             square - right.iter().zip(x).map(|(r, x)| r * x).sum::<f64>()

@@ -21,6 +21,7 @@ mod marginal;
 mod problem;
 mod sites;
 mod smoothness;
+mod stacking;
 mod surface;
 #[cfg(test)]
 mod tests;

@@ -42,7 +42,7 @@ enum Form {
 impl Form {
     fn new(grid: &Grid<'_>, prior: Option<&FieldPrior>, seen: &Observations<'_>) -> Option<Self> {
         if let Some(prior) = prior.filter(|_| seen.taps.len() <= field::MOST) {
-            return Kriged::new(prior, seen, &[]).map(Self::Few);
+            return Kriged::new(prior, seen).map(Self::Few);
         }
         Observed::new(grid, seen.taps, seen.weights).map(Self::Many)
     }
@@ -57,7 +57,7 @@ impl Form {
     /// The field for targets `columns x`.
     fn extend(&self, columns: &[f64], x: &[f64]) -> Vec<f64> {
         match self {
-            Self::Few(field) => field.extend(x).0,
+            Self::Few(field) => field.extend(x),
             Self::Many(field) => {
                 let rows = columns.chunks_exact(x.len());
                 field.extend(&rows.map(|row| dot(row, x)).collect::<Vec<_>>())

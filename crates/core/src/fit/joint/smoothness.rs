@@ -37,7 +37,7 @@ impl Smoothness {
     ///
     /// # Errors
     /// Equations that are not positive definite.
-    pub(super) fn kriged(&self, sample: &Sample, ridges: &[f64]) -> Result<Kriged, FitError> {
+    pub(super) fn kriged(&self, sample: &Sample) -> Result<Kriged, FitError> {
         let prior = self.affinities.prior(self.level).ok_or_else(unsolvable)?;
         let ties = self.ties(&sample.taps, &sample.weights, &Crowded::nowhere());
         let count = sample.columns() + 1;
@@ -48,7 +48,7 @@ impl Smoothness {
             count,
         };
         let field = if ties.is_empty() {
-            Kriged::new(&prior, &seen, ridges)
+            Kriged::new(&prior, &seen)
         } else {
             // Ties are further observations, of a step of 0 without basis functions.
             let steps = ties.iter().map(|tie| Taps::difference(tie.one, tie.other));
@@ -60,7 +60,7 @@ impl Smoothness {
                 columns: &[seen.columns, &nothing].concat(),
                 count,
             };
-            Kriged::new(&prior, &tied, ridges)
+            Kriged::new(&prior, &tied)
         };
         field.ok_or_else(unsolvable)
     }

@@ -97,43 +97,71 @@ impl Surface {
             .then_some(found)
     }
 
-    /// What the expected steps add to the right-hand side of the equations of the field, beside what basis functions say at
-    /// every pixel, if there are any.
-    pub(super) fn pull(&self, grid: &Grid<'_>, functions: Option<&[f32]>) -> Vec<f64> {
-        let step = |one: usize, other: usize| {
-            functions.map_or(0.0, |f| f64::from(f[other]) - f64::from(f[one]))
-        };
+    /// At every pixel.
+    pub(super) fn depths(&self) -> &[f64] {
+        &self.depths
+    }
+
+    /// What the expected steps add to the right-hand side of the equations of the field beside basis functions, of which
+    /// these are the values at every pixel, and of the field alone.
+    pub(super) fn pulls(&self, grid: &Grid<'_>, functions: &[f32]) -> Vec<[f64; 2]> {
+        self.divergence(grid, |one, other| {
+            let functions = f64::from(functions[other]) - f64::from(functions[one]);
+            let (expected, belief) = self.expected(one, other);
+            [expected + belief * functions - functions, expected]
+        })
+    }
+
+    /// The same of the field alone.
+    pub(super) fn pull(&self, grid: &Grid<'_>) -> Vec<f64> {
+        let pull = self.divergence(grid, |one, other| [self.expected(one, other).0]);
+        pull.into_flattened()
+    }
+
+    /// The step that the surface lets expect between two pixels, times the trust in it, and how far a step of basis
+    /// functions is believed.
+    fn expected(&self, one: usize, other: usize) -> (f64, f64) {
+        match self.trust(one, other) {
+            None => (0.0, self.beyond),
+            Some(trust) => {
+                let step = self.depths[other] - self.depths[one];
+                (trust * step, (1.0 - trust) * self.within)
+            }
+        }
+    }
+
+    /// What steps between neighbours, times their affinities, add up to at every pixel.
+    fn divergence<const B: usize>(
+        &self,
+        grid: &Grid<'_>,
+        step: impl Fn(usize, usize) -> [f64; B] + Sync,
+    ) -> Vec<[f64; B]> {
         let [right, down] = self.of_pairs(grid, |one, other, affinity| {
-            let functions = step(one, other);
-            let expected = match self.trust(one, other) {
-                None => self.beyond * functions,
-                Some(trust) => {
-                    trust * (self.depths[other] - self.depths[one])
-                        + (1.0 - trust) * self.within * functions
-                }
-            };
-            affinity * (expected - functions)
+            step(one, other).map(|step| affinity * step)
         });
         let width = grid.width;
         let at = |i: usize| {
-            let before = if i.is_multiple_of(width) {
-                0.0
-            } else {
-                right[i - 1]
-            };
-            let above = if i >= width { down[i - width] } else { 0.0 };
-            before + above - right[i] - down[i]
+            std::array::from_fn(|b| {
+                let before = if i.is_multiple_of(width) {
+                    0.0
+                } else {
+                    right[i - 1][b]
+                };
+                let above = if i >= width { down[i - width][b] } else { 0.0 };
+                before + above - right[i][b] - down[i][b]
+            })
         };
-        self.of_pixels(at)
+        self.of_pixels([0.0; B], at)
     }
 
     /// Affinities in perspective, with the right neighbour and with the one below.
     pub(super) fn affinities(&self, grid: &Grid<'_>) -> [Vec<f64>; 2] {
-        self.of_pairs(grid, |one, other, affinity| {
+        let pairs = self.of_pairs(grid, |one, other, affinity| {
             let trust = self.trust(one, other).unwrap_or(0.0);
             let farther = self.depths[one].max(self.depths[other]);
-            (affinity + FIRM * trust.powi(FALL)) * (self.mean / farther)
-        })
+            [(affinity + FIRM * trust.powi(FALL)) * (self.mean / farther)]
+        });
+        pairs.map(Vec::into_flattened)
     }
 
     /// The inverse of the variance of the error of a site at a depth, over that at the mean depth.
@@ -147,8 +175,8 @@ impl Surface {
         (!one.is_nan() && !other.is_nan()).then(|| one.min(other))
     }
 
-    fn of_pixels(&self, of: impl Fn(usize) -> f64 + Sync) -> Vec<f64> {
-        let mut values = vec![0.0; self.depths.len()];
+    fn of_pixels<T: Copy + Send>(&self, none: T, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+        let mut values = vec![none; self.depths.len()];
         let parts = values.par_chunks_mut(TOGETHER).enumerate();
         parts.each(|(i, part)| {
             let places = part.iter_mut().zip(i * TOGETHER..);
@@ -159,11 +187,12 @@ impl Surface {
 
     /// What `of` says of each pixel, its right neighbour and their affinity, and of each and the one below; 0 where there
     /// is none.
-    fn of_pairs(
+    fn of_pairs<const B: usize>(
         &self,
         grid: &Grid<'_>,
-        of: impl Fn(usize, usize, f64) -> f64 + Sync,
-    ) -> [Vec<f64>; 2] {
+        of: impl Fn(usize, usize, f64) -> [f64; B] + Sync,
+    ) -> [Vec<[f64; B]>; 2] {
+        let none = [0.0; B];
         let right = |one: usize| {
             let is_last = (one + 1).is_multiple_of(grid.width);
             (!is_last).then(|| of(one, one + 1, grid.right[one]))
@@ -173,8 +202,8 @@ impl Surface {
             (other < self.depths.len()).then(|| of(one, other, grid.down[one]))
         };
         [
-            self.of_pixels(|one| right(one).unwrap_or(0.0)),
-            self.of_pixels(|one| down(one).unwrap_or(0.0)),
+            self.of_pixels(none, |one| right(one).unwrap_or(none)),
+            self.of_pixels(none, |one| down(one).unwrap_or(none)),
         ]
     }
 }
@@ -660,6 +689,27 @@ mod tests {
 
         /// The minimum of the sum in the head of this file, for the weights of a fit.
         fn dense(&self, fit: &Fit, perspective: bool) -> Vec<f64> {
+            let with = |functions: bool| self.minimum(fit, perspective, functions);
+            let own = fit.field.as_ref().unwrap();
+            let Some(stacked) = &own.stacked else {
+                return with(self.config.method == FitMethod::Joint);
+            };
+            // The share of the way to the median of three maps.
+            let depths: Vec<f64> = self.depths.iter().copied().map(f64::from).collect();
+            let surface =
+                Surface::through(&self.places, &depths, &vec![1.0; depths.len()], self.size);
+            let others = with(false).into_iter().zip(surface.unwrap().depths);
+            let maps = with(true).into_iter().zip(others);
+            let mixed = maps.map(|(joint, (alone, surface))| {
+                let mut three = [joint, alone, surface];
+                three.sort_by(f64::total_cmp);
+                (1.0 - stacked.share) * joint + stacked.share * three[1]
+            });
+            mixed.collect()
+        }
+
+        /// The same of the joint fit, or of the field alone.
+        fn minimum(&self, fit: &Fit, perspective: bool, with_functions: bool) -> Vec<f64> {
             let depths: Vec<f64> = self.depths.iter().copied().map(f64::from).collect();
             let surface =
                 Surface::through(&self.places, &depths, &vec![1.0; depths.len()], self.size)
@@ -669,9 +719,10 @@ mod tests {
                 _ => 0.0,
             };
             let grid = self.affinities.grid(level);
-            let functions: Vec<f64> = match self.config.method {
-                FitMethod::Joint => Known.combine(&centres(self.size), &fit.weights),
-                _ => vec![0.0; self.size.0 * self.size.1],
+            let functions = if with_functions {
+                Known.combine(&centres(self.size), &fit.weights)
+            } else {
+                vec![0.0; self.size.0 * self.size.1]
             };
             let n = functions.len();
             let (mut matrix, mut right) = (Mat::<f64>::zeros(n, n), Mat::<f64>::zeros(n, 1));
@@ -725,6 +776,10 @@ mod tests {
         ] {
             let example = Example::new(size, count, method);
             let fit = example.fit(|_| true);
+            if method == FitMethod::Joint {
+                let stacked = fit.field.as_ref().unwrap().stacked.as_ref().unwrap();
+                assert!(stacked.share > 0.5, "{}", stacked.share);
+            }
             let pairs = example
                 .map(&fit)
                 .into_iter()
@@ -736,6 +791,18 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn what_basis_functions_know_is_left_to_them() {
+        let mut example = Example::new(SIZE, 60, FitMethod::Joint);
+        let share = |example: &Example| example.fit(|_| true).median_share().unwrap();
+        assert!(share(&example) > 0.5);
+        let known = |place: &[f64; 2]| Known.combine(&[*place], &[4.0, 0.8, 0.9])[0] as f32;
+        example.depths = example.places.iter().map(known).collect();
+        assert!(share(&example) < 0.05, "{}", share(&example));
+        example.config.joint.surface = false;
+        assert_eq!(example.fit(|_| true).median_share(), None);
     }
 
     #[test]

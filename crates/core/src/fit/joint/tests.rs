@@ -948,7 +948,7 @@ fn points_of_a_larger_image_tie_their_pixels() {
         tied: true,
         lumped: false,
     };
-    let few = smoothness.kriged(&sample, &[]).unwrap();
+    let few = smoothness.kriged(&sample).unwrap();
     let many = smoothness.observed(&sites.taps, &sites.weights).unwrap();
     for moments in [few.moments().clone(), many.moments(&sample.rows, columns)] {
         for j in 0..columns {
