@@ -55,7 +55,7 @@ fn field(criterion: &mut Criterion) {
         });
         if points <= MOST {
             group.bench_function("add points to that without", |bencher| {
-                bencher.iter(|| Kriged::new(black_box(&prior), &seen, &[]));
+                bencher.iter(|| Kriged::new(black_box(&prior), &seen));
             });
         }
         let Some(field) = Observed::new(&grid, &taps, &weights) else {
