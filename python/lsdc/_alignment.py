@@ -54,8 +54,6 @@ class Alignment(Unpicklable):
         return None if found is None else Shift(*found)
 
     def __add__(self, other: Alignment) -> Alignment:
-        if not isinstance(other, Alignment):
-            return NotImplemented
         if self._native is None or other._native is None:
             return Alignment(other._native if self._native is None else self._native)
         return Alignment(self._native.with_(other._native))
