@@ -97,9 +97,10 @@ impl Surface {
             .then_some(found)
     }
 
-    /// At every pixel.
-    pub(super) fn depths(&self) -> &[f64] {
-        &self.depths
+    /// The depth at every pixel; none outside of the triangulation.
+    pub(super) fn inside(&self) -> impl Iterator<Item = Option<f64>> {
+        let pixels = self.depths.iter().zip(&self.trust);
+        pixels.map(|(depth, trust)| (!trust.is_nan()).then_some(*depth))
     }
 
     /// What the expected steps add to the right-hand side of the equations of the field beside basis functions, of which
@@ -698,9 +699,11 @@ mod tests {
             let depths: Vec<f64> = self.depths.iter().copied().map(f64::from).collect();
             let surface =
                 Surface::through(&self.places, &depths, &vec![1.0; depths.len()], self.size);
-            let others = with(false).into_iter().zip(surface.unwrap().depths);
+            let surface: Vec<_> = surface.unwrap().inside().collect();
+            let others = with(false).into_iter().zip(surface);
             let maps = with(true).into_iter().zip(others);
             let mixed = maps.map(|(joint, (alone, surface))| {
+                let Some(surface) = surface else { return joint };
                 let mut three = [joint, alone, surface];
                 three.sort_by(f64::total_cmp);
                 (1.0 - stacked.share) * joint + stacked.share * three[1]
