@@ -219,7 +219,7 @@ def test_the_report_tells_how_far_the_map_is_from_the_joint_fit(completion, scen
 
 
 def test_alignment_pools_evidence_of_a_shift(completer):
-    """Points on two sides of an edge that lie 10 pixels beside it."""
+    """Points of three flat surfaces, where they are and 8 pixels beside."""
     random = np.random.default_rng(3)
     image = np.full((228, 304, 3), 60, np.uint8)
     image[:, 152:] = 180

@@ -71,7 +71,7 @@ pub struct Report {
     pub guide_trust: Option<f64>,
     /// How far the map goes from the joint fit of basis functions and field, 0, to the median of this fit, of the field
     /// alone, and of the surface that the observations span, 1. With up to 1000 observations, their leave-one-out errors
-    /// decide, so that it is 0 where the network knows the place. `None` for other fits, and for observations that span no
+    /// decide: it is 0 if the joint fit predicts them best. `None` for other fits, and for observations that span no
     /// surface.
     pub median_share: Option<f64>,
     /// Run time of the network.

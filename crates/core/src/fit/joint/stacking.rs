@@ -40,8 +40,8 @@ pub(super) struct Stacked {
     pub(super) share: f64,
 }
 
-/// The share of more sites than are judged one by one. From 0 to 1, the errors with 2,000 and 5,000 points change by
-/// less than 0.3 % indoors, and fall outdoors.
+/// The share of more sites than are judged one by one. From 0 to 1, the errors with 2,000 and 5,000 points at random
+/// change by less than 0.3 % indoors, and fall outdoors; with 16 rows of points they rise by 1.5 % indoors.
 const OF_MANY: f64 = 1.0;
 
 /// The share that is assumed, with the weight of so many sites.
