@@ -1,12 +1,10 @@
 //! Whether points lie where the image shows them: their leave-one-out errors where they are and at other places.
 
+use crate::comparison::{Alternative, Comparison, some};
 use crate::error::Result;
-use crate::fit::{Changes, FitMethod};
 use crate::observations::{Observation, Observations};
 use crate::scene::Scene;
 use crate::usable::Usable;
-use lsdc_rng::Rng;
-use rayon::prelude::*;
 use std::fmt::{Display, Formatter};
 
 /// Lengths of the shifts that are tried, in pixels of an image of `AREA` pixels.
@@ -27,55 +25,17 @@ const DIRECTIONS: [[f64; 2]; 8] = {
     ]
 };
 
-/// Fewer points do not tell a shift from chance, and more are not needed.
-const FEWEST: usize = 100;
-const MOST: usize = 2000;
-
-/// Columns and rows of tiles of the image. Points within a tile depend on each other, tiles do not.
-const TILES: [usize; 2] = [8, 6];
-
-/// Errors below this share of the depth are alike.
-const EXACT: f64 = 1e-4;
-
-/// A shift is clear if its gain is so many standard errors, and the mean error falls below `MATERIAL` of what it was.
-/// `STANDARD_ERRORS` is for `FRAMES` or more. One image may show a single object over many tiles, which then depend on
-/// each other: without a shift, single frames reached 8.1 and five frames 4.1 (`docs/evaluation.md`).
-const STANDARD_ERRORS: f64 = 6.0;
-const STANDARD_ERRORS_OF_FEW: f64 = 9.0;
-const FRAMES: usize = 5;
-const MATERIAL: f64 = 0.95;
-
 /// The evidence of one or more frames for a shift between points and image, as wrong extrinsics or time stamps cause.
 ///
 /// The points are predicted from each other (leave-one-out, basis functions alone) where they are and moved by 32 shifts of
-/// up to a twentieth of the width of the image. The gain of a shift is the logarithm of the ratio of the likelihoods of
-/// these errors, relative to the depths, under a Cauchy distribution. Its standard error is estimated from the sums over
-/// tiles of the image, because neighbouring points are not independent.
+/// up to a twentieth of the width of the image ([`Comparison`]).
 ///
 /// Frames are pooled by [`Self::add`]: a shift of a whole sequence is found before it is clear in any one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Alignment {
-    /// Frames with evidence.
-    frames: usize,
-    /// Points that were compared, the tiles they lie in, and the sum over tiles of the squared number of points.
-    points: usize,
-    tiles: usize,
-    squares: f64,
-    /// The sum of relative errors without a shift.
-    error: f64,
+    comparison: Comparison,
     /// The unit of the shifts, in pixels of the image.
     pixel: f64,
-    tried: Vec<Tried>,
-}
-
-/// Sums over points or tiles for one shift.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Tried {
-    error: f64,
-    gain: f64,
-    /// Over tiles: the squared gain, and gain x points.
-    squares: f64,
-    products: f64,
 }
 
 /// The shift of the points at which they fit the image best.
@@ -100,12 +60,21 @@ impl Shift {
     /// Whether the moved points fit so much better that chance does not explain it: by 6 standard errors in five frames or
     /// more, by 9 in fewer, and by 5 % of the error.
     pub fn is_clear(&self) -> bool {
-        let least = if self.frames < FRAMES {
-            STANDARD_ERRORS_OF_FEW
-        } else {
-            STANDARD_ERRORS
+        let Self {
+            error,
+            error_moved: error_there,
+            standard_errors,
+            frames,
+            ..
+        } = *self;
+        let alternative = Alternative {
+            index: 0,
+            error,
+            error_there,
+            standard_errors,
+            frames,
         };
-        self.standard_errors >= least && self.error_moved <= MATERIAL * self.error
+        alternative.is_clear()
     }
 }
 
@@ -156,137 +125,43 @@ impl Scene {
         let size = [self.width() as f64, self.height() as f64];
         let pixel = (size[0] * size[1] / AREA).sqrt();
         let points = chosen(observations, self.size(), FARTHEST * pixel)?;
-        if points.len() < FEWEST {
-            return Ok(Alignment::none(pixel));
-        }
-        let alone = self.completer().fit_config().changed(&Changes {
-            method: Some(FitMethod::Lse),
-            robust: Some(None),
-            ..Changes::default()
-        });
-        let scene = self.with_fit(alone)?;
-        let errors = |[u, v]: [f64; 2]| -> Result<Vec<f64>> {
+        let all: Vec<[f64; 2]> = shifts().collect();
+        let moved = |i: usize| {
+            let [u, v] = all[i];
             let moved = points.iter().map(|point| Observation {
                 u: point.u + u * pixel,
                 v: point.v + v * pixel,
                 ..*point
             });
-            let errors = scene.complete(&moved.collect())?.leave_one_out();
-            let pairs = errors.iter().zip(&points);
-            Ok(pairs
-                .map(|(error, point)| (error / f64::from(point.depth)).abs())
-                .collect())
+            moved.collect()
         };
-        let still = errors([0.0; 2])?;
-        let all: Vec<_> = shifts().collect();
-        let fits = || all.into_par_iter().map(errors).collect::<Result<Vec<_>>>();
-        let moved = self.completer().run(fits)?;
-        let tile = |point: &Observation| {
-            let place = [point.u / size[0], point.v / size[1]];
-            let [x, y] = [0, 1].map(|axis| (place[axis] * TILES[axis] as f64) as usize);
-            y * TILES[0] + x
-        };
-        let tiles: Vec<usize> = points.iter().map(tile).collect();
-        Ok(Alignment::new(pixel, &tiles, &still, &moved))
+        let comparison = self.compared(&points, all.len(), moved)?;
+        Ok(Alignment { comparison, pixel })
     }
 }
 
 impl Alignment {
-    /// No evidence.
-    fn none(pixel: f64) -> Self {
-        Self {
-            frames: 0,
-            points: 0,
-            tiles: 0,
-            squares: 0.0,
-            error: 0.0,
-            pixel,
-            tried: vec![Tried::default(); shifts().count()],
-        }
-    }
-
-    /// The evidence of one frame: the tile of every point, its error, and its errors at all shifts.
-    fn new(pixel: f64, tiles: &[usize], still: &[f64], moved: &[Vec<f64>]) -> Self {
-        let known =
-            |i: &usize| still[*i].is_finite() && moved.iter().all(|all| all[*i].is_finite());
-        let known: Vec<usize> = (0..still.len()).filter(known).collect();
-        let mut sorted: Vec<f64> = known.iter().map(|&i| still[i]).collect();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let Some(median) = sorted.get(sorted.len() / 2) else {
-            return Self::none(pixel);
-        };
-        let scale = median.max(EXACT);
-        let cost = |error: f64| (error / scale).powi(2).ln_1p();
-        let mut counts = [0.0; TILES[0] * TILES[1]];
-        for &i in &known {
-            counts[tiles[i]] += 1.0;
-        }
-        let tried = |errors: &Vec<f64>| {
-            let mut gains = [0.0; TILES[0] * TILES[1]];
-            for &i in &known {
-                gains[tiles[i]] += cost(still[i]) - cost(errors[i]);
-            }
-            Tried {
-                error: known.iter().map(|&i| errors[i]).sum(),
-                gain: gains.iter().sum(),
-                squares: gains.iter().map(|gain| gain * gain).sum(),
-                products: gains.iter().zip(&counts).map(|(gain, n)| gain * n).sum(),
-            }
-        };
-        Self {
-            frames: 1,
-            points: known.len(),
-            tiles: counts.iter().filter(|&&count| count > 0.0).count(),
-            squares: counts.iter().map(|count| count * count).sum(),
-            error: sorted.iter().sum(),
-            pixel,
-            tried: moved.iter().map(tried).collect(),
-        }
-    }
-
     /// Adds the evidence of another frame of the same camera and scanner.
     pub fn add(&mut self, other: &Self) {
-        self.frames += other.frames;
-        self.points += other.points;
-        self.tiles += other.tiles;
-        self.squares += other.squares;
-        self.error += other.error;
-        for (sum, other) in self.tried.iter_mut().zip(&other.tried) {
-            sum.error += other.error;
-            sum.gain += other.gain;
-            sum.squares += other.squares;
-            sum.products += other.products;
-        }
+        self.comparison.add(&other.comparison);
     }
 
     /// The number of points that were compared, over all frames.
     pub fn points(&self) -> usize {
-        self.points
+        self.comparison.points()
     }
 
     /// The best of the shifts, clear or not; `None` without evidence.
     pub fn shift(&self) -> Option<Shift> {
-        if self.tiles < 2 {
-            return None;
-        }
-        let gain = |tried: &Tried| tried.gain;
-        let pairs = shifts().zip(&self.tried);
-        let (shift, best) = pairs.max_by(|(_, a), (_, b)| gain(a).total_cmp(&gain(b)))?;
-        let (points, tiles) = (self.points as f64, self.tiles as f64);
-        let mean = best.gain / points;
-        // Of the gains of tiles about those that the mean gain of a point would give them.
-        let deviations = best.squares - 2.0 * mean * best.products + mean * mean * self.squares;
-        let error = (deviations * tiles / (tiles - 1.0))
-            .max(f64::MIN_POSITIVE)
-            .sqrt();
-        let [u, v] = shift.map(|length| length * self.pixel);
+        let best = self.comparison.best()?;
+        let [u, v] = shifts().nth(best.index)?.map(|length| length * self.pixel);
         Some(Shift {
             u,
             v,
-            error: self.error / points,
-            error_moved: best.error / points,
-            standard_errors: best.gain / error,
-            frames: self.frames,
+            error: best.error,
+            error_moved: best.error_there,
+            standard_errors: best.standard_errors,
+            frames: best.frames,
         })
     }
 }
@@ -312,37 +187,17 @@ fn chosen(
     };
     let points = usable.which.iter().map(|&i| observations.as_slice()[i]);
     let points = points.filter(|point| inside(point.u, size.1) && inside(point.v, size.0));
-    let mut points: Vec<Observation> = points.collect();
-    let most = points.len().min(MOST);
-    Rng::stream(0, &["alignment"]).choose(&mut points, most);
-    points.truncate(most);
-    Ok(points)
+    Ok(some(points.collect()))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
-    #[test]
-    fn the_gain_of_a_shift_is_that_of_cauchy_likelihoods_over_its_standard_error_by_tiles() {
-        // Two points of one tile lose their errors, which are those of the scale: 2 ln 2. The mean gain of a point
-        // is ln 2 / 2, from which the sums of the tiles deviate by ln 2.
-        let mut moved = vec![vec![0.1; 4]; shifts().count()];
-        moved[3] = vec![0.0, 0.0, 0.1, 0.1];
-        let found = Alignment::new(2.0, &[0, 0, 7, 7], &[0.1; 4], &moved);
-        let shift = found.shift().unwrap();
-        let diagonal = 2.0 * 2.0 / 2_f64.sqrt();
-        assert!((shift.u + diagonal).abs() < 1e-12 && (shift.v - diagonal).abs() < 1e-12);
-        assert!((shift.standard_errors - 1.0).abs() < 1e-12);
-        assert!((shift.error - 0.1).abs() < 1e-12 && (shift.error_moved - 0.05).abs() < 1e-12);
-        assert!(!shift.is_clear());
-        assert_eq!(found.points(), 4);
-    }
-
     #[cfg(feature = "weights")]
     mod of_a_scene {
-        use super::*;
+        use super::super::*;
+        use crate::comparison::FEWEST;
         use crate::{Channels, Completer, Image, Weights};
+        use lsdc_rng::Rng;
 
         const SIZE: (usize, usize) = (320, 240);
 

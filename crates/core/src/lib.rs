@@ -58,6 +58,7 @@ pub mod bilinear;
 mod camera;
 #[doc(hidden)]
 pub mod cloud;
+mod comparison;
 mod completer;
 mod completion;
 mod depth_guide;
@@ -89,6 +90,7 @@ pub use alignment::{Alignment, Shift};
 pub use camera::{Camera, Lens};
 #[doc(inline)]
 pub use cloud::Cloud;
+pub use comparison::{Alternative, Comparison};
 pub use completer::{Completer, CompleterBuilder};
 pub use completion::{Completion, Outlier, Report};
 pub use depth_guide::{DepthGuide, GuideKind};

@@ -1,6 +1,6 @@
 //! A recording whose depths go into another recording.
 
-use super::calibration::{Calibration, warning};
+use super::calibration::Calibration;
 use super::failures::Failures;
 use super::flow::{self, finished};
 use super::frame::{Completed, Engine};
@@ -92,8 +92,8 @@ pub(super) fn run(args: &Complete, output: &Path) -> Result<Exit> {
                 }
                 lost += beyond;
                 tally.add(name, &Summary::new(name, loaded, completed, &forms));
-                if let Some(shift) = calibration.add(loaded, completed) {
-                    tally.warn(&warning(&shift));
+                for warning in calibration.add(loaded, completed, Some((&recorded, frame))) {
+                    tally.warn(&warning);
                 }
                 Ok(())
             },

@@ -2,53 +2,124 @@
 
 use super::frame::Completed;
 use super::inputs::Loaded;
+use super::recorded::Recorded;
 use crate::cli::args::Complete;
-use lsdc_core::{Alignment, Shift};
+use lsdc_core::{Alignment, Comparison, Observations, Scene};
+use lsdc_recordings::Frame;
 
 /// Frames that are checked, each in the time of some fits.
 const FRAMES: usize = 5;
 
+/// Differences of clocks that are tried, in milliseconds.
+const LATER: [i64; 8] = [-200, -100, -50, -20, 20, 50, 100, 200];
+
+const SKIPPED: &str = "(--no-alignment skips this check)";
+
 /// Pools the evidence for wrong extrinsics or time stamps until it is clear.
 pub(super) struct Calibration {
     frames_left: usize,
-    pooled: Option<Alignment>,
+    shifts: Check<Alignment>,
+    stamps: Check<Comparison>,
+}
+
+/// The evidence so far, and whether it was clear.
+struct Check<T> {
+    pooled: Option<T>,
+    clear: bool,
 }
 
 impl Calibration {
     pub(super) fn new(args: &Complete) -> Self {
         Self {
             frames_left: if args.no_alignment { 0 } else { FRAMES },
-            pooled: None,
+            shifts: Check::new(),
+            stamps: Check::new(),
         }
     }
 
-    /// Takes in the next frame, and returns the shift when it becomes clear. A check that fails is no failure of the frame.
-    pub(super) fn add(&mut self, frame: &Loaded, found: &Completed) -> Option<Shift> {
-        let fit = found
-            .diagnostics
-            .as_ref()
-            .filter(|_| self.frames_left > 0)?;
-        let alignment = fit
-            .completion
-            .scene()
-            .alignment(&frame.points.points)
-            .ok()?;
-        if alignment.points() == 0 {
+    /// Takes in the next frame, of a recording or not, and returns what becomes clear. A check that fails is no failure of the
+    /// frame.
+    pub(super) fn add(
+        &mut self,
+        frame: &Loaded,
+        found: &Completed,
+        recorded: Option<(&Recorded, &Frame)>,
+    ) -> Vec<String> {
+        let fits = found.diagnostics.as_ref().filter(|_| self.frames_left > 0);
+        let Some(scene) = fits.map(|fit| fit.completion.scene()) else {
+            return Vec::new();
+        };
+        let Some(shift) = self.shift(scene, &frame.points.points) else {
+            return Vec::new();
+        };
+        self.frames_left -= 1;
+        let stamp = recorded.and_then(|recorded| self.stamp(scene, frame, recorded));
+        shift.into_iter().chain(stamp).collect()
+    }
+
+    /// A clear shift in pixels; `None` if the frame is no evidence.
+    fn shift(&mut self, scene: &Scene, points: &Observations) -> Option<Option<String>> {
+        if self.shifts.clear {
+            return Some(None);
+        }
+        let found = scene.alignment(points).ok()?;
+        if found.points() == 0 {
             return None;
         }
-        self.frames_left -= 1;
-        match &mut self.pooled {
-            Some(pooled) => pooled.add(&alignment),
-            none => *none = Some(alignment),
+        let pooled = self.shifts.pool(found, Alignment::add);
+        let shift = pooled.shift().filter(lsdc_core::Shift::is_clear);
+        self.shifts.clear = shift.is_some();
+        Some(shift.map(|shift| format!("{shift}; check extrinsics and time stamps {SKIPPED}")))
+    }
+
+    /// A stamp at which the points of a recording fit the image clearly better.
+    fn stamp(
+        &mut self,
+        scene: &Scene,
+        loaded: &Loaded,
+        (recorded, frame): (&Recorded, &Frame),
+    ) -> Option<String> {
+        if self.stamps.clear {
+            return None;
         }
-        let shift = self.pooled.as_ref()?.shift()?;
-        let clear = shift.is_clear().then_some(shift)?;
-        self.frames_left = 0;
-        Some(clear)
+        let seen = (&loaded.points.points, loaded.camera.as_ref()?);
+        let later = LATER.map(|later| recorded.seen_after(frame, seen, later * 1_000_000));
+        let others: Vec<Observations> = later.into_iter().collect::<Option<_>>()?;
+        let found = scene.compare(seen.0, &others).ok()?;
+        let pooled = self.stamps.pool(found, Comparison::add);
+        let best = pooled.best().filter(lsdc_core::Alternative::is_clear)?;
+        self.stamps.clear = true;
+        Some(format!(
+            "the points fit the image better if it was taken {} ms {} than its stamp: their leave-one-out error falls from {:.1} to \
+             {:.1} % of the depth; check time stamps {SKIPPED}",
+            LATER[best.index].abs(),
+            if LATER[best.index] > 0 {
+                "later"
+            } else {
+                "earlier"
+            },
+            100.0 * best.error,
+            100.0 * best.error_there,
+        ))
     }
 }
 
-/// What to do about a clear shift.
-pub(super) fn warning(shift: &Shift) -> String {
-    format!("{shift}; check extrinsics and time stamps (--no-alignment skips this check)")
+impl<T> Check<T> {
+    fn new() -> Self {
+        Self {
+            pooled: None,
+            clear: false,
+        }
+    }
+
+    /// The evidence of another frame with that of those before.
+    fn pool(&mut self, found: T, add: impl FnOnce(&mut T, &T)) -> &T {
+        match &mut self.pooled {
+            Some(pooled) => {
+                add(pooled, &found);
+                pooled
+            }
+            none => none.insert(found),
+        }
+    }
 }

@@ -139,6 +139,14 @@ impl Job {
         image.into_iter().chain([points]).chain(guide).collect()
     }
 
+    /// The frame of a recording, if it is one.
+    pub(super) fn recorded(&self) -> Option<(&Recorded, &Frame)> {
+        match &self.points {
+            Points::Recorded(recorded, frame) => Some((recorded, frame)),
+            Points::File(_) | Points::View(_) => None,
+        }
+    }
+
     pub(super) fn load(&self, args: &Complete) -> Result<Loaded> {
         let started = Instant::now();
         let mut loaded = match &self.points {

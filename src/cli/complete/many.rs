@@ -1,6 +1,6 @@
 //! Many images, whose results go into a folder.
 
-use super::calibration::{Calibration, warning};
+use super::calibration::Calibration;
 use super::failures::Failures;
 use super::flow;
 use super::frame::Engine;
@@ -89,8 +89,8 @@ pub(super) fn run(args: &Complete) -> Result<Exit> {
             outputs.write(loaded, completed, &forms, &summary)?;
             records.write(job, inputs, &summary)?;
             tally.add(&job.name, &summary);
-            if let Some(shift) = calibration.add(loaded, completed) {
-                tally.warn(&warning(&shift));
+            for warning in calibration.add(loaded, completed, job.recorded()) {
+                tally.warn(&warning);
             }
             Ok(())
         },

@@ -3,9 +3,10 @@
 use super::inputs::Loaded;
 use crate::cli::args::{self, Complete};
 use crate::cli::ui;
-use crate::data::check_foreign;
+use crate::data::{Camera, check_foreign};
 use crate::error::{Error, Result};
 use crate::provenance;
+use lsdc_core::Observations;
 use lsdc_recordings::{Deskewed, Dropped, Frame, Frames, Header, Recording, Stored, Wanted};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -149,6 +150,16 @@ impl Recorded {
             reading: started.elapsed(),
         };
         Ok((found.header, loaded))
+    }
+
+    /// The points of a frame where its camera would see them so many nanoseconds later, if that is known.
+    pub(super) fn seen_after(
+        &self,
+        frame: &Frame,
+        seen: (&Observations, &Camera),
+        nanoseconds: i64,
+    ) -> Option<Observations> {
+        self.frames.seen_after(frame, seen, nanoseconds)
     }
 
     /// What a frame is made from, by its contents.

@@ -3,6 +3,7 @@
 mod cameras;
 mod choice;
 mod loaded;
+mod stamps;
 mod sweep;
 
 pub use loaded::{Loaded, Stored};

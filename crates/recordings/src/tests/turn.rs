@@ -3,6 +3,7 @@
 use super::{expected, golden, numbers};
 use crate::message::Kind;
 use crate::{Frames, Loaded, Recording, Times, Wanted, Writer};
+use lsdc_core::Observations;
 
 /// Points of a cloud.
 const COUNT: usize = 480;
@@ -212,4 +213,35 @@ fn zeros_are_no_place() {
     let found = stored.decode(&frames).unwrap();
     assert_eq!((found.points.ignored, found.unplaced), (COUNT / 4, 0));
     assert!(off_the_wall(&found, 0) < 1e-4);
+}
+
+/// At the stamp of the second image, the camera sees the wall where it is in that image.
+#[test]
+fn the_points_of_a_frame_are_seen_from_where_the_camera_is_later() {
+    let (mut recording, frames) = frames("ouster", true);
+    let [first, second] = [0, 1].map(|i| &frames.found[i]);
+    let mut found = loaded(&mut recording, &frames, 0);
+    let camera = found.camera.clone().unwrap();
+    let seen = |points: &Observations, later| frames.seen_after(first, (points, &camera), later);
+    let given = found.points.points.clone();
+    let later = seen(&given, second.stamp - first.stamp).unwrap();
+    assert_eq!(later.len(), given.len());
+    found.points.points = later
+        .iter()
+        .copied()
+        .filter(|point| point.depth.is_finite())
+        .collect();
+    assert!(found.points.points.len() > 200 && found.points.points != given);
+    found.header.stamp = second.stamp;
+    assert!(off_the_wall(&found, 1) < 1e-4);
+    // At its own stamp nothing moves.
+    let same = seen(&given, 0).unwrap();
+    let pairs = same.iter().zip(given.iter());
+    assert!(
+        pairs
+            .into_iter()
+            .all(|(a, b)| (a.u - b.u).abs() < 1e-6 && (a.depth - b.depth).abs() < 1e-5)
+    );
+    // Beyond the transforms.
+    assert_eq!(seen(&given, 60_000_000_000), None);
 }

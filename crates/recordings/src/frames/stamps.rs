@@ -1,0 +1,48 @@
+//! The points of a frame as its camera would see them at another stamp, to find clocks that differ.
+
+use super::{Frame, Frames};
+use lsdc_core::{Observation, Observations};
+use lsdc_files::Camera;
+
+impl Frames {
+    /// The points of a frame, in their order, where its camera would see them so many nanoseconds after the stamp of the image.
+    /// Points behind the camera have no depth (NaN). `None` if nothing moves, or transforms do not reach that stamp.
+    ///
+    /// `points` and `camera` are those of the [loaded](super::Loaded) frame.
+    pub fn seen_after(
+        &self,
+        frame: &Frame,
+        (points, camera): (&Observations, &Camera),
+        nanoseconds: i64,
+    ) -> Option<Observations> {
+        let route = self.route.as_ref()?;
+        if !self.transforms.move_on(route) {
+            return None;
+        }
+        let at = |stamp| {
+            let moved = self.transforms.between(route, [frame.points_stamp, stamp]);
+            moved.ok()
+        };
+        let later = frame.stamp.checked_add(nanoseconds)?;
+        let motion = at(later)?.after(at(frame.stamp)?.inverse());
+        let see = |point: &Observation| {
+            let place = camera.unproject([point.u, point.v], f64::from(point.depth))?;
+            let ([u, v], depth) = camera.project(motion.apply(place))?;
+            let depth = depth as f32;
+            Some(Observation {
+                u,
+                v,
+                depth,
+                ..*point
+            })
+        };
+        let hidden = |point: &Observation| Observation {
+            depth: f32::NAN,
+            ..*point
+        };
+        let seen = points
+            .iter()
+            .map(|point| see(point).unwrap_or(hidden(point)));
+        Some(seen.collect())
+    }
+}
