@@ -147,7 +147,7 @@ fn drive(at: &Path, late: i64) {
             image,
         );
         // Of another draw for each frame.
-        let pixels = (0..width * height).filter(|i| (i + 37 * frame as usize) % 31 == 0);
+        let pixels = (0..width * height).filter(|i| (i + 37 * frame as usize).is_multiple_of(31));
         let points = pixels.map(|i| {
             let depth = f64::from(truth.values()[i]);
             let away = [i % width, i / width].map(|v| v as f64);

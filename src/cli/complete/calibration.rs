@@ -49,27 +49,27 @@ impl Calibration {
         let Some(scene) = fits.map(|fit| fit.completion.scene()) else {
             return Vec::new();
         };
-        let Some(shift) = self.shift(scene, &frame.points.points) else {
+        let alignment = scene.alignment(&frame.points.points).ok();
+        let Some(alignment) = alignment.filter(|found| found.points() > 0) else {
             return Vec::new();
         };
         self.frames_left -= 1;
+        let shift = self.shift(alignment);
         let stamp = recorded.and_then(|recorded| self.stamp(scene, frame, recorded));
         shift.into_iter().chain(stamp).collect()
     }
 
-    /// A clear shift in pixels; `None` if the frame is no evidence.
-    fn shift(&mut self, scene: &Scene, points: &Observations) -> Option<Option<String>> {
+    /// A shift in pixels with which the points fit the image clearly better.
+    fn shift(&mut self, found: Alignment) -> Option<String> {
         if self.shifts.clear {
-            return Some(None);
-        }
-        let found = scene.alignment(points).ok()?;
-        if found.points() == 0 {
             return None;
         }
-        let pooled = self.shifts.pool(found, Alignment::add);
-        let shift = pooled.shift().filter(lsdc_core::Shift::is_clear);
-        self.shifts.clear = shift.is_some();
-        Some(shift.map(|shift| format!("{shift}; check extrinsics and time stamps {SKIPPED}")))
+        let shift = self.shifts.pool(found, Alignment::add).shift();
+        let shift = shift.filter(lsdc_core::Shift::is_clear)?;
+        self.shifts.clear = true;
+        Some(format!(
+            "{shift}; check extrinsics and time stamps {SKIPPED}"
+        ))
     }
 
     /// A stamp at which the points of a recording fit the image clearly better.
