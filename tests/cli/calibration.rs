@@ -95,8 +95,8 @@ impl Cdr {
     }
 }
 
-/// Five frames of a camera that moves to the right at 4 m/s, each of which shows the room. The stamps of the images are so much
-/// too late.
+/// Three frames of a camera that stands, and six as it moves to the right at 4 m/s, each of which shows the room. The stamps of
+/// the images are so much too late.
 fn drive(at: &Path, late: i64) {
     const FOCAL: f64 = 260.0;
     let truth = read_npy(&asset("depth.npy"), 1.0).unwrap();
@@ -117,14 +117,14 @@ fn drive(at: &Path, late: i64) {
         writer.write(topic, kind, times, &message.0).unwrap();
     };
     let start = 1_000_000_000_000;
-    for tenth in 0..40 {
+    for tenth in 0..60_i64 {
         let stamp = start + tenth * 100_000_000;
-        let place = [0.4 * tenth as f64, 0.0, 0.0];
+        let place = [0.4 * (tenth - 25).max(0) as f64, 0.0, 0.0];
         let message = Cdr::new().u32(1).stamped(stamp, "odom").text("camera");
         let message = message.f64s(&place).f64s(&[0.0, 0.0, 0.0, 1.0]);
         write("/tf", Kind::Transforms, stamp, message);
     }
-    for frame in 0..5 {
+    for frame in 0..9 {
         let taken = start + 1_000_000_000 + frame * 500_000_000;
         let stamp = taken + late;
         let info = Cdr::new()

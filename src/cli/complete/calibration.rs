@@ -15,25 +15,27 @@ const LATER: [i64; 8] = [-200, -100, -50, -20, 20, 50, 100, 200];
 
 const SKIPPED: &str = "(--no-alignment skips this check)";
 
+/// Points that move by less, in pixels, are no evidence for a stamp: a robot that stands still has none.
+const MOVED: f64 = 2.0;
+
 /// Pools the evidence for wrong extrinsics or time stamps until it is clear.
 pub(super) struct Calibration {
-    frames_left: usize,
     shifts: Check<Alignment>,
     stamps: Check<Comparison>,
 }
 
-/// The evidence so far, and whether it was clear.
+/// The evidence so far, and of how many more frames it is taken: none once it is clear.
 struct Check<T> {
     pooled: Option<T>,
-    clear: bool,
+    frames_left: usize,
 }
 
 impl Calibration {
     pub(super) fn new(args: &Complete) -> Self {
+        let frames = if args.no_alignment { 0 } else { FRAMES };
         Self {
-            frames_left: if args.no_alignment { 0 } else { FRAMES },
-            shifts: Check::new(),
-            stamps: Check::new(),
+            shifts: Check::new(frames),
+            stamps: Check::new(frames),
         }
     }
 
@@ -45,28 +47,27 @@ impl Calibration {
         found: &Completed,
         recorded: Option<(&Recorded, &Frame)>,
     ) -> Vec<String> {
-        let fits = found.diagnostics.as_ref().filter(|_| self.frames_left > 0);
-        let Some(scene) = fits.map(|fit| fit.completion.scene()) else {
+        let Some(fit) = &found.diagnostics else {
             return Vec::new();
         };
-        let alignment = scene.alignment(&frame.points.points).ok();
-        let Some(alignment) = alignment.filter(|found| found.points() > 0) else {
-            return Vec::new();
-        };
-        self.frames_left -= 1;
-        let shift = self.shift(alignment);
+        let scene = fit.completion.scene();
+        let shift = self.shift(scene, &frame.points.points);
         let stamp = recorded.and_then(|recorded| self.stamp(scene, frame, recorded));
         shift.into_iter().chain(stamp).collect()
     }
 
     /// A shift in pixels with which the points fit the image clearly better.
-    fn shift(&mut self, found: Alignment) -> Option<String> {
-        if self.shifts.clear {
+    fn shift(&mut self, scene: &Scene, points: &Observations) -> Option<String> {
+        if self.shifts.frames_left == 0 {
+            return None;
+        }
+        let found = scene.alignment(points).ok()?;
+        if found.points() == 0 {
             return None;
         }
         let shift = self.shifts.pool(found, Alignment::add).shift();
         let shift = shift.filter(lsdc_core::Shift::is_clear)?;
-        self.shifts.clear = true;
+        self.shifts.frames_left = 0;
         Some(format!(
             "{shift}; check extrinsics and time stamps {SKIPPED}"
         ))
@@ -79,16 +80,22 @@ impl Calibration {
         loaded: &Loaded,
         (recorded, frame): (&Recorded, &Frame),
     ) -> Option<String> {
-        if self.stamps.clear {
+        if self.stamps.frames_left == 0 {
             return None;
         }
         let seen = (&loaded.points.points, loaded.camera.as_ref()?);
         let later = LATER.map(|later| recorded.seen_after(frame, seen, later * 1_000_000));
         let others: Vec<Observations> = later.into_iter().collect::<Option<_>>()?;
+        if !others.iter().any(|other| moves(seen.0, other)) {
+            return None;
+        }
         let found = scene.compare(seen.0, &others).ok()?;
+        if found.points() == 0 {
+            return None;
+        }
         let pooled = self.stamps.pool(found, Comparison::add);
         let best = pooled.best().filter(lsdc_core::Alternative::is_clear)?;
-        self.stamps.clear = true;
+        self.stamps.frames_left = 0;
         Some(format!(
             "the points fit the image better if it was taken {} ms {} than its stamp: their leave-one-out error falls from {:.1} to \
              {:.1} % of the depth; check time stamps {SKIPPED}",
@@ -104,16 +111,24 @@ impl Calibration {
     }
 }
 
+/// Whether half of the points move, or leave the view.
+fn moves(points: &Observations, other: &Observations) -> bool {
+    let pairs = points.iter().zip(other.iter());
+    let stays = pairs.filter(|(a, b)| b.depth.is_finite() && (a.u - b.u).hypot(a.v - b.v) < MOVED);
+    2 * stays.count() < points.len()
+}
+
 impl<T> Check<T> {
-    fn new() -> Self {
+    fn new(frames_left: usize) -> Self {
         Self {
             pooled: None,
-            clear: false,
+            frames_left,
         }
     }
 
     /// The evidence of another frame with that of those before.
     fn pool(&mut self, found: T, add: impl FnOnce(&mut T, &T)) -> &T {
+        self.frames_left -= 1;
         match &mut self.pooled {
             Some(pooled) => {
                 add(pooled, &found);
