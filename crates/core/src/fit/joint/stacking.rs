@@ -8,8 +8,9 @@
 //!
 //! > sum over sites |d - z' - s (m' - z')|
 //!
-//! whose minimum is a weighted median of the ratios of `d - z'` to `m' - z'`. With many sites, the map is the median. Outside
-//! of what the sites span it is the joint fit: no site judges there, and the surface only continues the outermost ones.
+//! whose minimum is a weighted median of the ratios of `d - z'` to `m' - z'`. Sites judge gaps as wide as those around
+//! themselves: in wider ones s is smaller, and outside of what the sites span the map is the joint fit. With many sites,
+//! none of which judge, the map is the median inside.
 
 use super::estimate::Weighed;
 use super::sites::Sites;
@@ -49,17 +50,22 @@ const ASSUMED: f64 = 0.0;
 const WEIGHT: f64 = 10.0;
 
 impl Stack {
-    /// The map, less what basis functions say, which is given at every pixel. Outside of the surface it is the joint fit.
-    fn map(&self, functions: &[f32], surface: impl Iterator<Item = Option<f64>>) -> Vec<f64> {
+    /// The map, less what basis functions say, which is given at every pixel beside the depth of the surface and how far
+    /// the share holds there. Outside of the surface it is the joint fit.
+    fn map(
+        &self,
+        functions: &[f32],
+        surface: impl Iterator<Item = Option<(f64, f64)>>,
+    ) -> Vec<f64> {
         let fits = self.joint.iter().zip(&self.alone);
         let pixels = fits.zip(functions).zip(surface);
         pixels
             .map(|(((joint, alone), functions), surface)| {
-                let Some(surface) = surface else {
+                let Some((surface, holds)) = surface else {
                     return *joint;
                 };
                 let others = [*alone, surface].map(|depth| depth - f64::from(*functions));
-                joint + self.share * (median(*joint, others) - joint)
+                joint + self.share * holds * (median(*joint, others) - joint)
             })
             .collect()
     }
@@ -120,7 +126,9 @@ pub(super) fn stack_many(
         alone,
         share: OF_MANY,
     };
-    (stack.map(&functions, surface.inside()), stack)
+    let inside = surface.inside();
+    let everywhere = inside.map(|found| found.map(|(depth, _)| (depth, 1.0)));
+    (stack.map(&functions, everywhere), stack)
 }
 
 fn apart(fits: &[[f64; 2]]) -> [Vec<f64>; 2] {
@@ -277,10 +285,10 @@ mod tests {
             share: 0.5,
         };
         // With functions of 1, the joint fit has the depths 2, 4, 2.5 and 6.
-        let surface = [3.0, 3.0, 3.0, 9.0].map(Some);
+        let surface = [(3.0, 1.0), (3.0, 1.0), (3.0, 0.5), (9.0, 1.0)].map(Some);
         let found = stack.map(&[1.0; 4], surface.into_iter());
         // The medians are 2.5, 3, 3 and 6.
-        assert_eq!(found, [1.25, 2.5, 1.75, 5.0]);
+        assert_eq!(found, [1.25, 2.5, 1.625, 5.0]);
         // Where the points span nothing, nothing judges.
         let found = stack.map(&[1.0; 4], [None; 4].into_iter());
         assert_eq!(found, stack.joint);
