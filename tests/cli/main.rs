@@ -9,6 +9,9 @@ mod eval;
 mod experiment;
 mod forms;
 mod guide;
+// Other features have other commands.
+#[cfg(all(feature = "download", feature = "serve"))]
+mod help;
 mod inputs;
 mod looking;
 #[cfg(feature = "download")]
@@ -37,6 +40,8 @@ fn lsdc(folder: &Path) -> Command {
         .current_dir(folder)
         .env_remove("LSDC_DATA")
         .env_remove("LSDC_DEVICE")
+        // Help texts are as wide as a terminal.
+        .env_remove("COLUMNS")
         // Not the user's, and nothing is installed.
         .env("LSDC_WEIGHTS", folder.join("nowhere"));
     command
