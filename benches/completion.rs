@@ -3,14 +3,16 @@
 //!
 //!     cargo bench --bench completion
 
-use burn::tensor::Device;
 use criterion::{Criterion, criterion_group, criterion_main};
-use lsdc::data::{Dataset as _, Rooms, RoomsConfig, Split};
-use lsdc::model::{InitNetwork as _, NetworkConfig, Normalisation, weights_of};
-use lsdc::predict::scene;
-use lsdc::sample::Pattern;
+use lsdc_core::network::NetworkConfig;
 use lsdc_core::settings::FitConfig;
+use lsdc_core::weights::Normalisation;
 use lsdc_core::{Completer, Observations};
+use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
+use lsdc_eval::predict::scene;
+use lsdc_eval::sampling::Pattern;
+use lsdc_train::device::Device;
+use lsdc_train::model::{InitNetwork as _, weights_of};
 use std::hint::black_box;
 
 /// A network with random weights: as fast as a trained one.
@@ -51,7 +53,7 @@ fn completion(criterion: &mut Criterion) {
         group.bench_function("everything", |bencher| {
             bencher.iter(|| {
                 let seen = scene(&completer, black_box(&frame.rgb))?;
-                lsdc::error::Result::Ok(seen.complete(&points)?.depth()?)
+                lsdc_files::error::Result::Ok(seen.complete(&points)?.depth()?)
             });
         });
     }

@@ -4,10 +4,11 @@
 //!     cargo bench --bench loading
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use lsdc::data::{
+use lsdc_eval::data::{
     DataConfig, Dataset as _, DatasetKind, FolderConfig, Rooms, RoomsConfig, Split, write_depth_png,
 };
-use lsdc::sample::{AugmentConfig, Protocol, Sampler, SamplerConfig, SupervisionConfig};
+use lsdc_eval::sampling::Protocol;
+use lsdc_train::sample::{AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
 use rayon::prelude::*;
 use std::path::Path;
 

@@ -8,10 +8,10 @@
 
 #![allow(clippy::print_stdout)]
 
-use lsdc::data::{Dataset as _, Rooms, RoomsConfig, Split};
-use lsdc::predict::scene;
-use lsdc::sample::Pattern;
 use lsdc_core::{Completer, Observations, Weights};
+use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
+use lsdc_eval::predict::scene;
+use lsdc_eval::sampling::Pattern;
 use lsdc_kernels::schedule::{Part, Task, record};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::cmp::Reverse;

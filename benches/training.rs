@@ -2,14 +2,17 @@
 //!
 //!     cargo bench --bench training
 
-use burn::tensor::Device;
 use criterion::{Criterion, criterion_group, criterion_main};
-use lsdc::data::{Rooms, RoomsConfig, Split};
-use lsdc::model::{InitNetwork as _, NetworkConfig, Normalisation};
 use lsdc::process::keep_pages;
-use lsdc::sample::{AugmentConfig, Batch, Protocol, Sampler, SamplerConfig, SupervisionConfig};
-use lsdc::train::{Learner, TrainConfig};
 use lsdc_core::fit::FitConfig;
+use lsdc_core::network::NetworkConfig;
+use lsdc_core::weights::Normalisation;
+use lsdc_eval::data::{Rooms, RoomsConfig, Split};
+use lsdc_eval::sampling::Protocol;
+use lsdc_train::device::Device;
+use lsdc_train::model::InitNetwork as _;
+use lsdc_train::sample::{AugmentConfig, Batch, Sampler, SamplerConfig, SupervisionConfig};
+use lsdc_train::training::{Learner, TrainConfig};
 use std::sync::Arc;
 
 fn batch(device: &Device) -> Batch {

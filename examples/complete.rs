@@ -2,10 +2,10 @@
 //!
 //!     cargo run --release --example complete -- assets/room/rgb.png assets/room/sparse.npy depth.npy
 
-use lsdc::data::{Sparse, read_rgb, write_npy};
-use lsdc::error::{Error, Result};
-use lsdc::predict::scene;
 use lsdc_core::{Completer, Weights};
+use lsdc_eval::data::{Sparse, read_rgb, write_npy};
+use lsdc_eval::predict::scene;
+use lsdc_files::error::{Error, Result};
 use std::path::Path;
 
 fn main() -> Result<()> {

@@ -5,12 +5,12 @@
 
 #![allow(clippy::print_stdout)]
 
-use lsdc::data::{DepthMap, Frame, read_depth, read_rgb};
-use lsdc::error::{Error, Result};
-use lsdc::metrics::{Metric, Rules, Scores};
-use lsdc::predict::guided_scene;
-use lsdc::sample::Pattern;
 use lsdc_core::{Completer, DepthGuide, GuideKind, Observations, Weights};
+use lsdc_eval::data::{DepthMap, Frame, read_depth, read_rgb};
+use lsdc_eval::metrics::{Metric, Rules, Scores};
+use lsdc_eval::predict::guided_scene;
+use lsdc_eval::sampling::Pattern;
+use lsdc_files::error::{Error, Result};
 use lsdc_rng::Rng;
 use std::path::Path;
 

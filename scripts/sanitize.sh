@@ -11,4 +11,4 @@ export CARGO_PROFILE_RELEASE_STRIP=false
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-target}/sanitize"
 target=x86_64-unknown-linux-gnu
 cargo test --release --target $target -p lsdc-kernels -p lsdc-core --lib
-cargo test --release --target $target -p lsdc --lib -- ops model::prepared_tests
+cargo test --release --target $target -p lsdc-train --lib -- ops model::prepared_tests

@@ -1,16 +1,37 @@
 //! All settings of a run: built-in defaults, then a file, then `--set`, then flags.
 
-use crate::data::DataConfig;
-use crate::error::{Error, Result};
-use crate::eval::EvalConfig;
-use crate::fit_settings::{FitSettings, merge};
-use crate::model::{AdapterConfig, NetworkConfig};
-use crate::renamed::renamed;
-use crate::systems::SystemConfig;
-use crate::train::TrainConfig;
 use lsdc_core::fit::FitConfig;
+use lsdc_core::network::{AdapterConfig, NetworkConfig};
+use lsdc_eval::data::DataConfig;
+use lsdc_eval::evaluation::EvalConfig;
+use lsdc_eval::fit_settings::{FitSettings, merge};
+use lsdc_eval::renamed::renamed;
+use lsdc_files::error::{Error, Result};
+#[cfg(feature = "train")]
+use lsdc_paper::systems::SystemConfig;
+#[cfg(feature = "train")]
+use lsdc_train::training::TrainConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+/// What configuration files say of training, in a build that cannot train.
+#[cfg(not(feature = "train"))]
+mod unused {
+    use super::{Deserialize, Result, Serialize};
+
+    /// Settings that are read and ignored.
+    #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+    #[serde(transparent)]
+    pub struct Unused(toml::Table);
+
+    impl Unused {
+        pub(super) fn check(&self) -> Result<()> {
+            Ok(())
+        }
+    }
+}
+#[cfg(not(feature = "train"))]
+use unused::{Unused as SystemConfig, Unused as TrainConfig};
 
 /// The named networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,43 +1,16 @@
-//! Depth completion by least squares: an RGB image and a few sparse depths in, dense depth out.
+//! The `lsdc` program: arguments, settings, and all terminal output.
 //!
-//! A network turns the image alone into basis functions; a least-squares fit finds the weights that
-//! match the sparse depths; dense depth = bases x weights (Fang et al., "Depth-Independent Depth
-//! Completion via Least Square Estimation"). Depths are metres along the optical axis.
+//! What it does is in the libraries below it: `lsdc-core` completes depth, `lsdc-files` and `lsdc-recordings` read and
+//! write files, `lsdc-eval` measures, `lsdc-train` trains, `lsdc-paper` repeats the experiments of the paper (Fang et al.,
+//! "Depth-Independent Depth Completion via Least Square Estimation"), `lsdc-serve` answers over HTTP.
 //!
-//! ```no_run
-//! # fn main() -> lsdc::error::Result<()> {
-//! use lsdc::{data, predict};
-//! use lsdc_core::{Completer, Weights};
-//! let image = data::read_rgb("rgb.png".as_ref())?;
-//! let points = data::read_npy("sparse.npy".as_ref(), 1.0)?;
-//! let completer = Completer::new(&Weights::builtin())?;
-//! let depth = predict::complete(&completer, &image, &points)?.depth()?;
-//! # Ok(())
-//! # }
 //! ```
-
-// burn's authors deprecate ndarray in favour of flex; it stays available on request.
-#![cfg_attr(feature = "ndarray", allow(deprecated))]
+//! let config = lsdc::config::Config::load(None, &["train.steps=10".to_owned()])?;
+//! assert_eq!(config.train.steps, 10);
+//! # Ok::<(), lsdc_files::error::Error>(())
+//! ```
 
 pub mod cli;
 pub mod config;
-pub mod data;
-pub mod device;
-pub mod eval;
-pub mod experiment;
-pub mod fit_settings;
-pub mod history;
-pub mod metrics;
-pub mod model;
-pub mod ops;
-pub mod predict;
 #[allow(unsafe_code)]
 pub mod process;
-pub mod provenance;
-mod renamed;
-pub mod report;
-pub mod sample;
-pub mod systems;
-pub mod train;
-
-pub use lsdc_files::error;

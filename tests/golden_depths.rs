@@ -10,19 +10,21 @@
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
-use burn::tensor::Device;
 use lsdc::config::Config;
-use lsdc::data::{Dataset, DepthMap, Frame, Rooms, RoomsConfig, Split};
-use lsdc::metrics::{Metric, Rules, Scores};
-use lsdc::predict::{complete_classic, completer, guided_scene, open_weights, scene};
-use lsdc::provenance;
-use lsdc::sample::{Pattern, Protocol, Size};
-use lsdc::train::{Event, Trainer};
 use lsdc_classic::Classic;
 use lsdc_core::fit::{Changes, FitConfig, FitMethod, Loss, PriorKind, Robust, Space};
 use lsdc_core::{Completer, Completion, DepthGuide, GuideKind, Observation, Observations};
+use lsdc_eval::data::{Dataset, DepthMap, Frame, Rooms, RoomsConfig, Split};
+use lsdc_eval::metrics::{Metric, Rules, Scores};
+use lsdc_eval::predict::{complete_classic, guided_scene, scene};
+use lsdc_eval::sampling::{Pattern, Protocol, Size};
 use lsdc_kernels::simd::Level;
 use lsdc_rng::Rng;
+use lsdc_train::device::Device;
+use lsdc_train::predict::completer;
+use lsdc_train::training::{Event, Trainer};
+use lsdc_weights::open_weights;
+use lsdc_weights::provenance;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -8,20 +8,20 @@
 
 mod scans;
 
-use burn::tensor::Device;
 use hdf5_pure::FileBuilder;
 use image::{Rgb, RgbImage};
-use lsdc::data::{
+use lsdc_eval::data::{
     Camera, Colmap, Colored, DataConfig, DatasetKind, DepthMap, Sparse, Split, read_depth,
     read_mask, read_rgb, write_depth_png, write_exr, write_npy, write_npz, write_pfm, write_ply,
     write_rgb, write_tiff,
 };
-use lsdc::model::Precision;
-use lsdc::report::Report;
-use lsdc::systems::{Predictor, SystemConfig, Trained};
+use lsdc_eval::report::Report;
+use lsdc_paper::systems::{Predictor, SystemConfig, Trained};
 use lsdc_recordings::fuzzing::message;
 use lsdc_recordings::{Flaws, Frames, Kind, Recording, Survey, Wanted};
 use lsdc_rng::Rng;
+use lsdc_train::device::Device;
+use lsdc_weights::Precision;
 use lsdc_weights::read_encoder;
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, ValueKind, WriterInit};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -546,7 +546,7 @@ fn lists() {
     survive(&path, || readable(DatasetKind::Tum, root));
 
     let path = root.join("report.json");
-    let report = Report::new(lsdc::report::Heading::default());
+    let report = Report::new(lsdc_eval::report::Heading::default());
     report.write_json(&path).unwrap();
     survive(&path, || Report::read_json(&path).is_ok());
 }
@@ -630,7 +630,7 @@ fn recordings() {
                 for frame in &frames.found {
                     frames.read(&mut recording, frame)?.decode(&frames)?;
                 }
-                Ok::<bool, lsdc::error::Error>(
+                Ok::<bool, lsdc_files::error::Error>(
                     frames.found.len() == count && frames.remarks.is_empty(),
                 )
             };

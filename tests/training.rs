@@ -696,14 +696,14 @@ fn weights_tell_what_they_were_made_from() {
     // Frames to calibrate on, of a slope.
     std::fs::create_dir_all(at.join("frames/train")).unwrap();
     let depths = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32 / 32.0).collect();
-    let depths = lsdc::data::DepthMap::new(64, 48, depths).unwrap();
+    let depths = lsdc_eval::data::DepthMap::new(64, 48, depths).unwrap();
     for i in 0..4_u8 {
         let image = image::RgbImage::from_fn(64, 48, |x, y| {
             image::Rgb([(x * 4) as u8, (y * 5) as u8, 60 * i])
         });
         let file = |ending: &str| at.join(format!("frames/train/{i}{ending}"));
         image.save(file(".jpg")).unwrap();
-        lsdc::data::write_depth_png(&file("_depth.png"), &depths, 0.001).unwrap();
+        lsdc_eval::data::write_depth_png(&file("_depth.png"), &depths, 0.001).unwrap();
     }
     let run = |args: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_lsdc"));

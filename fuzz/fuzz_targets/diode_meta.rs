@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lsdc::data::DatasetKind;
+use lsdc_eval::data::DatasetKind;
 use lsdc_fuzz::with_dataset;
 
 fuzz_target!(|data: &[u8]| {

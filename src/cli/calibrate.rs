@@ -2,16 +2,17 @@
 
 use super::args::Calibrate;
 use super::{Exit, settings, ui};
-use crate::data::{DataConfig, Split, check_output, write_atomically};
-use crate::device::device;
-use crate::error::{Error, Result};
-use crate::history::{self, Made};
-use crate::model::{Precision, to_bytes};
-use crate::predict::open_weights;
-use crate::provenance;
-use crate::train::{self, Division, Scenes, TRAINING_NOTE, TrainConfig};
 use lsdc_core::Weights;
 use lsdc_core::fit::Lambda;
+use lsdc_eval::data::{DataConfig, Split, check_output, write_atomically};
+use lsdc_files::error::{Error, Result};
+use lsdc_train::device::device;
+use lsdc_train::training::{self, Division, Scenes, TrainConfig};
+use lsdc_weights::TRAINING_NOTE;
+use lsdc_weights::history::{self, Made};
+use lsdc_weights::open_weights;
+
+use lsdc_weights::{Precision, to_bytes};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -44,7 +45,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     let held = if args.only_errors {
         let all: Vec<usize> = (0..frames.len()).collect();
         let frames = frames.as_ref();
-        train::learn_errors(
+        training::learn_errors(
             &mut weights,
             frames,
             &all,
@@ -55,7 +56,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         )?
         .held
     } else {
-        train::calibrate(&mut weights, frames.as_ref(), &config, &device, progress)?
+        training::calibrate(&mut weights, frames.as_ref(), &config, &device, progress)?
     };
     bar.finish_and_clear();
     let by = if args.only_errors {
@@ -64,7 +65,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
         "calibrate"
     };
     let mut made = Made {
-        data: provenance::frames(frames.as_ref()),
+        data: lsdc_eval::data::frames_record(frames.as_ref()),
         seconds: started.elapsed().as_secs_f64(),
         ..history::changed(by, args.model.weights.as_deref(), &weights)?
     };
@@ -77,7 +78,7 @@ pub(super) fn run(args: &Calibrate) -> Result<Exit> {
     let bytes = to_bytes(&weights, Precision::Half)?;
     write_atomically(&args.output, |out| out.write_all(&bytes))?;
     if let Some(held) = held {
-        for (number, (one, two)) in train::NUMBERS.iter().zip(held) {
+        for (number, (one, two)) in training::NUMBERS.iter().zip(held) {
             ui::print(&format!(
                 "{number:>5} points: intervals of 68.3 % hold {:.1} % of errors in {} left out, those of \
                  95.4 % {:.1} %",

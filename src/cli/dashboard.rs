@@ -2,9 +2,9 @@
 //! frames.
 
 use super::ui;
-use crate::metrics::Metric;
-use crate::train::Event;
 use indicatif::ProgressBar;
+use lsdc_eval::metrics::Metric;
+use lsdc_train::training::Event;
 
 /// Characters of a curve.
 const WIDTH: usize = 50;

@@ -1,20 +1,19 @@
 //! `lsdc eval`: methods side by side on a dataset.
 
-use super::args::Eval;
+use super::args::{Eval, Model};
 use super::names::Names;
-use super::systems::{open_system, systems};
+use super::network::{open_completer, open_system, system_candidates};
 use super::{Exit, settings, ui};
-use crate::data::{DataConfig, GuideSource, check_output, write_atomically, write_npy};
-use crate::device::device;
-use crate::error::{Error, Result};
-use crate::eval::{Candidate, Evaluation, Journal};
-use crate::fit_settings::FitSettings;
-use crate::predict::{Method, open_completer, weights_hash, weights_name};
-use crate::report::{Exhibit, Heading, Report};
-use crate::sample::Preset;
-use burn::tensor::Device;
 use lsdc_core::Completer;
 use lsdc_core::fit::FitMethod;
+use lsdc_eval::data::{DataConfig, GuideSource, check_output, write_atomically, write_npy};
+use lsdc_eval::evaluation::{Candidate, Evaluation, Journal};
+use lsdc_eval::fit_settings::FitSettings;
+use lsdc_eval::predict::Method;
+use lsdc_eval::report::{Exhibit, Heading, Report};
+use lsdc_eval::sampling::Preset;
+use lsdc_files::error::{Error, Result};
+use lsdc_weights::{weights_hash, weights_name};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -36,12 +35,11 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
     if let Some(depth_resize) = args.depth_resize {
         protocol.depth_resize = depth_resize;
     }
-    let device = device(&args.model.device)?;
-    let candidates = candidates(args, &eval.methods, &device)?;
+    let candidates = candidates(args, &eval.methods)?;
     let network = candidates
         .iter()
-        .any(|(_, c)| *c == Candidate::Method(Method::Lsdc))
-        .then(|| network(args, &config.fit, &device))
+        .any(|(_, c)| matches!(c, Candidate::Method(Method::Lsdc)))
+        .then(|| network(args, &config.fit))
         .transpose()?;
     let evaluation = Evaluation {
         frames: &*frames,
@@ -140,9 +138,9 @@ pub(super) fn run(args: &Eval) -> Result<Exit> {
 }
 
 /// The network with its fit, and what names both in reports.
-fn network(args: &Eval, settings: &FitSettings, device: &Device) -> Result<(Completer, String)> {
+fn network(args: &Eval, settings: &FitSettings) -> Result<(Completer, String)> {
     let weights = args.model.weights.as_deref();
-    let completer = open_completer(weights, device)?;
+    let completer = open_completer(weights, &args.model.device)?;
     let mut fit = settings.over(completer.fit_config())?;
     args.fit.apply(&mut fit);
     let completer = completer.with_fit(fit);
@@ -183,11 +181,7 @@ fn journal(folder: &Path, heading: &Heading, place: &Value, anew: bool) -> Resul
 
 /// The methods that are asked for, the systems, and the predictions of others; with systems or predictions alone, only
 /// those.
-fn candidates(
-    args: &Eval,
-    methods: &[Method],
-    device: &Device,
-) -> Result<Vec<(String, Candidate)>> {
+fn candidates(args: &Eval, methods: &[Method]) -> Result<Vec<(String, Candidate)>> {
     let others = args.predictions.iter().map(|(name, folder)| {
         if folder.is_dir() {
             Ok((name.clone(), Candidate::Files(folder.clone())))
@@ -204,19 +198,16 @@ fn candidates(
         .filter(|_| alone || !args.method.is_empty())
         .map(|method| {
             let candidate = match method {
-                Method::System(kind) => Candidate::System {
-                    predictor: open_system(*kind, args.model.weights.as_deref(), device)?,
-                    from: None,
-                },
+                Method::System(kind) => {
+                    let Model { weights, device } = &args.model;
+                    open_system(*kind, weights.as_deref(), device)?.candidate(None)
+                }
                 method => Candidate::Method(*method),
             };
             Ok((method.name().to_owned(), candidate))
         });
-    let systems = systems(&args.system, device)?.into_iter();
-    let systems = systems.map(|(name, predictor)| {
-        let from = None;
-        Ok((name, Candidate::System { predictor, from }))
-    });
+    let systems = system_candidates(&args.system, &args.model.device)?;
+    let systems = systems.into_iter().map(Ok);
     let all: Vec<(String, Candidate)> = ours.chain(systems).chain(others).collect::<Result<_>>()?;
     let mut names: Vec<&str> = all.iter().map(|(name, _)| name.as_str()).collect();
     names.sort_unstable();

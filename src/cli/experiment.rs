@@ -1,18 +1,19 @@
 //! `lsdc experiment`: the paper's experiments, a bar, and going on where they stopped.
 
 use super::args::{Chosen, Experiments};
-use super::systems::systems;
+use super::network::systems;
 use super::{Exit, settings, ui};
 use crate::config::Config;
-use crate::data::{DataConfig, DatasetKind, Split};
-use crate::device::device;
-use crate::error::Result;
-use crate::experiment::{self, Event, Experiment, Lab, Recipe, SystemRecipe};
-use crate::predict::{completer, open_weights, weights_name};
-use crate::report::write_page;
-use crate::sample::Preset;
-use crate::train::TrainConfig;
 use lsdc_core::fit::{FitConfig, FitMethod};
+use lsdc_eval::data::{DataConfig, DatasetKind, Split};
+use lsdc_eval::report::write_page;
+use lsdc_eval::sampling::Preset;
+use lsdc_files::error::Result;
+use lsdc_paper::experiment::{self, Event, Experiment, Lab, Recipe, SystemRecipe};
+use lsdc_train::device::device;
+use lsdc_train::predict::completer;
+use lsdc_train::training::TrainConfig;
+use lsdc_weights::{open_weights, weights_name};
 use serde_json::json;
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -3,12 +3,12 @@
 use super::args::Export;
 use super::names::Names;
 use super::{Exit, settings, ui};
-use crate::data::{would_replace, write_npy, write_rgb};
-use crate::error::{Error, Result};
-use crate::eval::Evaluation;
-use crate::metrics::Rules;
-use crate::sample::{Preset, Task};
 use image::RgbImage;
+use lsdc_eval::data::{would_replace, write_npy, write_rgb};
+use lsdc_eval::evaluation::Evaluation;
+use lsdc_eval::metrics::Rules;
+use lsdc_eval::sampling::{Preset, Task};
+use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
 pub(super) fn run(args: &Export) -> Result<Exit> {

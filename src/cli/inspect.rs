@@ -1,13 +1,12 @@
 //! `lsdc inspect`: what is in files, folders and datasets.
 
 use super::args::Inspect;
+use super::network::open_completer;
 use super::{Exit, recordings, settings, ui, weights};
-use crate::data::{Contents, DepthMap, Split, View, check_output, read_rgb, write_atomically};
-use crate::device::device;
-use crate::error::{Error, Result};
-use crate::experiment::contact_sheet;
-use crate::predict::open_completer;
-use crate::report::{coloured, usual_range};
+use lsdc_eval::data::{Contents, DepthMap, Split, View, check_output, read_rgb, write_atomically};
+use lsdc_eval::report::contact_sheet;
+use lsdc_eval::report::{coloured, usual_range};
+use lsdc_files::error::{Error, Result};
 use lsdc_recordings::Recording;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -70,7 +69,7 @@ fn bases(args: &Inspect, sheet: &Path) -> Result<Exit> {
         }
     };
     check_output(sheet, args.force)?;
-    let completer = open_completer(args.weights.as_deref(), &device("cpu")?)?;
+    let completer = open_completer(args.weights.as_deref(), "cpu")?;
     let drawing = contact_sheet(&completer, &read_rgb(image)?)?;
     let bytes = if vector {
         drawing.document().into_bytes()

@@ -5,8 +5,8 @@ use super::args::Add;
 use super::args::Get;
 use super::ui;
 #[cfg(feature = "download")]
-use crate::error::Error;
-use crate::error::Result;
+use lsdc_files::error::Error;
+use lsdc_files::error::Result;
 use lsdc_weights::{Added, KNOWN, Known, Store};
 #[cfg(feature = "download")]
 use lsdc_weights::{Event, Limits, get as download};

@@ -2,10 +2,10 @@
 
 use super::args::{Args, Completions, Manual};
 use super::{Exit, ui};
-use crate::data::write_atomically;
-use crate::error::{Error, Result};
 use clap::CommandFactory as _;
 use clap_mangen::Man;
+use lsdc_eval::data::write_atomically;
+use lsdc_files::error::{Error, Result};
 
 pub(super) fn completions(args: &Completions) -> Exit {
     let mut script = Vec::new();

@@ -2,33 +2,37 @@
 
 mod args;
 mod bench;
+#[cfg(feature = "train")]
 mod calibrate;
 mod complete;
+#[cfg(feature = "train")]
 mod dashboard;
 mod eval;
+#[cfg(feature = "train")]
 mod experiment;
 mod export;
 mod inspect;
 mod install;
 mod manual;
 mod names;
+mod network;
 mod recordings;
 mod report;
 #[cfg(feature = "serve")]
 mod serve;
 mod settings;
 mod signals;
-mod systems;
+#[cfg(feature = "train")]
 mod train;
 mod ui;
 #[cfg(feature = "serve")]
 mod view;
 mod weights;
 
-use crate::data::hide_caught_panics;
-use crate::error::{Cause, Error, Result};
 use args::{Args, Command, ReportCommand};
 use clap::Parser as _;
+use lsdc_eval::data::hide_caught_panics;
+use lsdc_files::error::{Cause, Error, Result};
 use std::process::ExitCode;
 
 /// How the program ends.
@@ -86,12 +90,15 @@ fn run(args: Args) -> Result<Exit> {
         Command::Completions(args) => Ok(manual::completions(&args)),
         Command::Man(args) => manual::man(&args),
         Command::Eval(args) => eval::run(&args),
+        #[cfg(feature = "train")]
         Command::Experiment(args) => experiment::run(&args),
         Command::Report(ReportCommand::Merge(args)) => report::merge(&args),
         Command::Report(ReportCommand::Curve(args)) => report::curve(&args),
         Command::Report(ReportCommand::Training(args)) => report::training(&args),
+        #[cfg(feature = "train")]
         Command::Train(args) => train::run(&args),
         Command::Weights(command) => weights::run(&command),
+        #[cfg(feature = "train")]
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Bench(args) => bench::run(&args),

@@ -1,6 +1,6 @@
 //! Names of frames as names of files.
 
-use crate::error::{Error, Result};
+use lsdc_files::error::{Error, Result};
 use std::collections::HashSet;
 use std::path::{Component, Path};
 

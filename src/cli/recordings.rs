@@ -1,7 +1,7 @@
 //! `lsdc inspect` of recordings.
 
 use super::ui;
-use crate::error::Result;
+use lsdc_files::error::Result;
 use lsdc_recordings::{Counted, Recording, Survey};
 use serde_json::{Value, json};
 use std::path::Path;

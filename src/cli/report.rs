@@ -3,9 +3,9 @@
 use super::args::{Curves, Merge, Runs};
 use super::eval::Outputs;
 use super::{Exit, ui};
-use crate::data::check_output;
-use crate::error::{Error, Result};
-use crate::report::{Curve, Report, Training};
+use lsdc_eval::data::check_output;
+use lsdc_eval::report::{Curve, Report, Training};
+use lsdc_files::error::{Error, Result};
 
 pub(super) fn merge(args: &Merge) -> Result<Exit> {
     let mut whole: Option<Report> = None;

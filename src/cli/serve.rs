@@ -1,11 +1,11 @@
 //! `lsdc serve`: completion over HTTP.
 
 use super::args::{Model, Serve};
+use super::network::open_completer;
 use super::{Exit, ui};
-use crate::device::device;
-use crate::error::{Cause, Error, Result};
-use crate::predict::{open_completer, weights_name};
+use lsdc_files::error::{Cause, Error, Result};
 use lsdc_serve::{Access, Config, Entry, Server, Tls};
+use lsdc_weights::weights_name;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
@@ -43,7 +43,7 @@ pub(super) fn run(args: &Serve) -> Result<Exit> {
 /// A service with the weights and the device of the command line.
 pub(super) fn bind(model: &Model, address: SocketAddr, config: Config) -> Result<Server> {
     let weights = model.weights.as_deref();
-    let completer = open_completer(weights, &device(&model.device)?)?;
+    let completer = open_completer(weights, &model.device)?;
     let config = Config {
         weights: weights_name(weights)?,
         ..config

@@ -3,8 +3,8 @@
 use super::args::{Settings, Source};
 use super::ui;
 use crate::config::Config;
-use crate::data::{DataConfig, Dataset, Mixture, Split};
-use crate::error::Result;
+use lsdc_eval::data::{DataConfig, Dataset, Mixture, Split};
+use lsdc_files::error::Result;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -50,6 +50,7 @@ pub(super) fn open(data: &DataConfig, split: Split) -> Result<Arc<dyn Dataset>> 
 }
 
 /// Opens the dataset and all further ones that are learned from, in the same way.
+#[cfg(feature = "train")]
 pub(super) fn open_all(data: &DataConfig) -> Result<Mixture> {
     data.open_all(Split::Train, fallback().as_deref())
 }

@@ -4,15 +4,15 @@ use super::args::{Settings, Train};
 use super::dashboard::Dashboard;
 use super::{Exit, settings, ui};
 use crate::config::Config;
-use crate::data::{Shard, write_atomically};
-use crate::device::devices;
-use crate::error::{Error, Result};
-use crate::fit_settings::FitSettings;
-use crate::predict::Method;
-use crate::provenance::{self, differences};
-use crate::systems::SystemConfig;
-use crate::train::{Division, Outcome, Trainer};
 use lsdc_core::fit::FitConfig;
+use lsdc_eval::data::{Shard, write_atomically};
+use lsdc_eval::fit_settings::FitSettings;
+use lsdc_eval::predict::Method;
+use lsdc_files::error::{Error, Result};
+use lsdc_paper::systems::{SystemConfig, trainer};
+use lsdc_train::device::devices;
+use lsdc_train::training::{Division, Outcome, Subject, Trainer};
+use lsdc_weights::provenance::differences;
 use serde_json::{Value, json};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -27,56 +27,83 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
         None => start(args)?,
     };
     let frames = settings::open_all(&config.data)?;
-    let mut data = provenance::frames(&frames);
+    let mut data = lsdc_eval::data::frames_record(&frames);
     if let Some(teacher) = &config.train.teacher {
         data["teacher"] = teacher.identity()?;
     }
     if args.resume.is_some() {
         check_data(&folder.join(DATA), &data)?;
     }
-    let train = config.train.clone();
-    let trainer = match config.system.clone() {
-        Some(system) => Trainer::of_system(&folder, system, train, frames, &devices)?,
-        None => Trainer::new(
-            &folder,
-            config.network(),
-            config.fit.over(&FitConfig::default())?,
-            train,
-            frames,
-            &devices,
-        )?,
+    let run = Run {
+        args,
+        folder,
+        config: &config,
+        data,
     };
-    if let (Some(system), None) = (&config.system, &args.resume) {
-        ui::say(&begins(system));
-    }
-    if args.prepare {
-        return prepare(&trainer, args.shard.unwrap_or(Shard::WHOLE));
-    }
-    if args.resume.is_none() {
-        // A run that cannot begin leaves no folder.
-        trainer.check_start()?;
-        create(&folder, &config, &args.device)?;
-        write_json(&folder.join(DATA), &data)?;
-    }
-    ui::say(&format!("run folder {}", folder.display()));
-    let mut dashboard = Dashboard::new(config.train.steps);
-    let outcome = trainer.run(&ui::stop_flag(), |event| dashboard.show(event))?;
-    dashboard.finish();
-    match outcome {
-        Outcome::Finished => {
-            ui::print(&format!(
-                "written   {}",
-                folder.join("weights.safetensors").display()
-            ));
-            Ok(Exit::Done)
+    let train = config.train.clone();
+    match config.system.clone() {
+        Some(system) => {
+            let trainer = trainer(&run.folder, system, train, frames, &devices)?;
+            if args.resume.is_none() {
+                config
+                    .system
+                    .iter()
+                    .for_each(|system| ui::say(&begins(system)));
+            }
+            run.go(&trainer)
         }
-        Outcome::Stopped(step) => {
-            ui::say(&format!("stopped after step {step}"));
-            ui::say(&format!(
-                "hint: go on with `lsdc train --resume {}`",
-                folder.display()
-            ));
-            Ok(Exit::Interrupted)
+        None => {
+            let fit = config.fit.over(&FitConfig::default())?;
+            let network = config.network();
+            run.go(&Trainer::new(
+                &run.folder,
+                network,
+                fit,
+                train,
+                frames,
+                &devices,
+            )?)
+        }
+    }
+}
+
+/// A run folder with its settings, and what is known of its frames.
+struct Run<'a> {
+    args: &'a Train,
+    folder: PathBuf,
+    config: &'a Config,
+    data: Value,
+}
+
+impl Run<'_> {
+    fn go<S: Subject>(&self, trainer: &Trainer<S>) -> Result<Exit> {
+        let (args, folder) = (self.args, &self.folder);
+        if args.prepare {
+            return prepare(trainer, args.shard.unwrap_or(Shard::WHOLE));
+        }
+        if args.resume.is_none() {
+            // A run that cannot begin leaves no folder.
+            trainer.check_start()?;
+            create(folder, self.config, &args.device)?;
+            write_json(&folder.join(DATA), &self.data)?;
+        }
+        ui::say(&format!("run folder {}", folder.display()));
+        let mut dashboard = Dashboard::new(self.config.train.steps);
+        let outcome = trainer.run(&ui::stop_flag(), |event| dashboard.show(event))?;
+        dashboard.finish();
+        match outcome {
+            Outcome::Finished => {
+                ui::print(&format!("written   {}", trainer.weights_path().display()));
+                Ok(Exit::Done)
+            }
+            Outcome::Stopped(step) => {
+                ui::say(&format!("stopped after step {step}"));
+                ui::say(&format!(
+                    "hint: go on with `lsdc train --resume {}`",
+                    folder.display()
+                ));
+                Ok(Exit::Interrupted)
+            }
         }
     }
 }
@@ -93,7 +120,7 @@ fn resumed(path: &Path) -> Result<Config> {
 }
 
 /// Computes what the run keeps in files.
-fn prepare(trainer: &Trainer, shard: Shard) -> Result<Exit> {
+fn prepare<S: Subject>(trainer: &Trainer<S>, shard: Shard) -> Result<Exit> {
     let bar = ui::bar(0, "frames");
     let done = trainer.prepare(shard, &ui::stop_flag(), |done, total| {
         bar.set_length(total as u64);

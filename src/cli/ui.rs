@@ -1,8 +1,8 @@
 //! Everything that the program prints: results on stdout, diagnostics on stderr.
 
 use super::signals;
-use crate::error::{Cause, Error, Result};
 use indicatif::{ProgressBar, ProgressStyle};
+use lsdc_files::error::{Cause, Error, Result};
 use std::error::Error as _;
 use std::fs::File;
 use std::io::{ErrorKind, Write as _};

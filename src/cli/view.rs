@@ -3,10 +3,10 @@
 use super::args::View;
 use super::serve::{bind, failed, serve};
 use super::{Exit, ui};
-use crate::data::DepthMap;
-use crate::error::{Error, Result};
-use crate::report::{coloured, usual_range};
 use image::RgbImage;
+use lsdc_eval::data::DepthMap;
+use lsdc_eval::report::{coloured, usual_range};
+use lsdc_files::error::{Error, Result};
 use lsdc_serve::{Access, Asset, Config, Demo, Page, Start};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;

@@ -1,7 +1,7 @@
 //! Whether `lsdc complete` notices that points do not lie where the image shows them.
 
 use super::*;
-use lsdc::data::Colored;
+use lsdc_eval::data::Colored;
 use lsdc_recordings::{Header, Kind, Times, Writer, write_cloud};
 
 const WARNING: &str = "the points fit the image better moved by";

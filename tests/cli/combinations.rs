@@ -2,7 +2,7 @@
 //! what it refuses and leaves nothing behind; the same command again changes nothing.
 
 use super::*;
-use lsdc::data::{Camera, Contents, Shard, Unit, read_rgb, stored_unit};
+use lsdc_eval::data::{Camera, Contents, Shard, Unit, read_rgb, stored_unit};
 use lsdc_rng::Rng;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -309,13 +309,13 @@ fn write_points(form: &str, path: &Path, factor: f32) -> usize {
     match form {
         "npy" => write_npy(path, &depth).unwrap(),
         "png" => {
-            let unit = lsdc::data::png_unit(&depth).unwrap();
-            lsdc::data::write_depth_png(path, &depth, unit.metres()).unwrap();
+            let unit = lsdc_eval::data::png_unit(&depth).unwrap();
+            lsdc_eval::data::write_depth_png(path, &depth, unit.metres()).unwrap();
         }
-        "npz" => lsdc::data::write_npz(path, &[("depth", &depth)]).unwrap(),
-        "tiff" => lsdc::data::write_tiff(path, &depth).unwrap(),
-        "exr" => lsdc::data::write_exr(path, &depth, None).unwrap(),
-        "pfm" => lsdc::data::write_pfm(path, &depth).unwrap(),
+        "npz" => lsdc_eval::data::write_npz(path, &[("depth", &depth)]).unwrap(),
+        "tiff" => lsdc_eval::data::write_tiff(path, &depth).unwrap(),
+        "exr" => lsdc_eval::data::write_exr(path, &depth, None).unwrap(),
+        "pfm" => lsdc_eval::data::write_pfm(path, &depth).unwrap(),
         "csv" | "sigma" => {
             let mut text = String::from(if form == "csv" {
                 "u,v,depth\n"

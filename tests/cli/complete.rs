@@ -39,7 +39,7 @@ fn complete_writes_depth_as_npy_and_two_pictures() {
         (truth.width(), truth.height())
     );
     assert_eq!(depth.count(), depth.values().len());
-    let png = lsdc::data::read_depth_png(&folder.path().join("rgb_depth.png"), 0.001).unwrap();
+    let png = lsdc_eval::data::read_depth_png(&folder.path().join("rgb_depth.png"), 0.001).unwrap();
     for (a, b) in png.values().iter().zip(depth.values()) {
         assert!((a - b).abs() <= 0.00051, "{a} {b}");
     }

@@ -1,7 +1,7 @@
 //! What `lsdc complete` reads and writes.
 
 use super::*;
-use lsdc::data::{Camera, Sparse, read_rgb, write_rgb};
+use lsdc_eval::data::{Camera, Sparse, read_rgb, write_rgb};
 
 /// At (1, 2, 3), looking along the world's x, whose z is up.
 const CAMERA: &str = "fx = 200\nfy = 200\ncx = 99.5\ncy = 79.5\n\
@@ -378,7 +378,7 @@ fn colours_of_a_video_have_one_range() {
     complete(folder.path(), &[&args[..], &["--range", "0,20"]].concat());
     let depth = read_npy(&at("out/rgb_depth.npy"), 1.0).unwrap();
     let found = read_rgb(&at("out/rgb_depth_color.png")).unwrap();
-    let expected = lsdc::report::colour_map(&depth, 0.0, 20.0, "m").unwrap();
+    let expected = lsdc_eval::report::colour_map(&depth, 0.0, 20.0, "m").unwrap();
     assert_eq!(found, expected);
     let wrong = [&["complete"], &args[..], &["--range", "4,2"]].concat();
     let run = lsdc(folder.path()).args(wrong).assert().code(2);

@@ -1,7 +1,7 @@
 //! Every command of the user guide, on files of the names that it uses.
 
 use super::*;
-use lsdc::data::{Camera, read_rgb, write_depth_png, write_npy};
+use lsdc_eval::data::{Camera, read_rgb, write_depth_png, write_npy};
 use std::fmt::Write as _;
 
 /// Lines of the shell in the guide.

@@ -3,7 +3,7 @@
 use super::*;
 use image::codecs::png::PngEncoder;
 use image::{ImageEncoder as _, Rgb, RgbImage};
-use lsdc::data::write_npy;
+use lsdc_eval::data::write_npy;
 
 /// `complete` by the nearest point, which is quick and shows where points lie.
 fn nearest(folder: &Path, args: &[&str]) -> assert_cmd::assert::Assert {

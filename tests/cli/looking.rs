@@ -41,7 +41,7 @@ fn cameras_clouds_and_floats_are_described() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let depth = DepthMap::new(4, 3, vec![1.5; 12]).unwrap();
-    lsdc::data::write_tiff(&at("depth.tiff"), &depth).unwrap();
+    lsdc_eval::data::write_tiff(&at("depth.tiff"), &depth).unwrap();
     std::fs::write(at("scan.xyz"), "1 2 3\n-4 5 6\n").unwrap();
     std::fs::write(at("camera.toml"), "fx = 5\nfy = 6\ncx = 2\ncy = 1\n").unwrap();
     std::fs::write(at("points.csv"), "1,2,3000\n2,2,3100\n").unwrap();
@@ -70,7 +70,7 @@ fn a_dataset_with_one_split_is_described() {
     let image = image::RgbImage::new(4, 3);
     image.save(val.join("a.jpg")).unwrap();
     let depth = DepthMap::new(4, 3, vec![1.5; 12]).unwrap();
-    lsdc::data::write_depth_png(&val.join("a_depth.png"), &depth, 0.001).unwrap();
+    lsdc_eval::data::write_depth_png(&val.join("a_depth.png"), &depth, 0.001).unwrap();
     let inspect = ["inspect", "--dataset", "folder", "--root", "."];
     let run = lsdc(folder.path()).args(inspect).assert().success();
     let told = text(&run);

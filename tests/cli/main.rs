@@ -31,7 +31,7 @@ mod summary;
 mod weights;
 
 use assert_cmd::Command;
-use lsdc::data::{DepthMap, read_npy, write_npy};
+use lsdc_eval::data::{DepthMap, read_npy, write_npy};
 use std::path::{Path, PathBuf};
 
 fn lsdc(folder: &Path) -> Command {

@@ -122,7 +122,7 @@ fn pixels_above_the_largest_deviation_are_left_empty() {
     let report = report(folder.path(), &cut);
     let depth = read_npy(&at("out/rgb_depth.npy"), 1.0).unwrap();
     let sigma = read_npy(&at("out/rgb_sigma.npy"), 1.0).unwrap();
-    let png = lsdc::data::read_depth_png(&at("out/rgb_depth.png"), 0.001).unwrap();
+    let png = lsdc_eval::data::read_depth_png(&at("out/rgb_depth.png"), 0.001).unwrap();
     let mut empty = 0;
     for (i, sigma) in sigma.values().iter().enumerate() {
         let is_empty = *sigma > 0.15;

@@ -1,7 +1,7 @@
 //! No result is lost, spoilt or put where nobody asked for it.
 
 use super::*;
-use lsdc::data::{Unit, read_depth_png, stored_unit};
+use lsdc_eval::data::{Unit, read_depth_png, stored_unit};
 
 /// The points of the room, each so many times as far.
 fn scaled(folder: &Path, factor: f32) -> DepthMap {
@@ -107,7 +107,7 @@ fn a_pipe_takes_one_file_of_one_image() {
         .success();
     std::fs::write(at("both.npz"), &run.get_output().stdout).unwrap();
     let size = (304, 228);
-    let found = lsdc::data::Sparse::read(&at("both.npz"), None, None, size).unwrap();
+    let found = lsdc_eval::data::Sparse::read(&at("both.npz"), None, None, size).unwrap();
     assert_eq!(found.points.len(), 304 * 228);
     assert!(found.points.iter().all(|point| point.sigma.is_some()));
 }

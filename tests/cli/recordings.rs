@@ -1,7 +1,7 @@
 //! Recordings: `lsdc inspect` and `lsdc complete`.
 
 use super::*;
-use lsdc::data::write_rgb;
+use lsdc_eval::data::write_rgb;
 use lsdc_recordings::{Frames, Header, Recording, Wanted};
 use std::fmt::Write as _;
 

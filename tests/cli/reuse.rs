@@ -235,7 +235,7 @@ fn results_of_other_points_or_images_are_not_gone_on_with() {
     let image = std::fs::read(at("images/a.png")).unwrap();
     std::fs::write(at("images/a.png"), &image).unwrap();
     lsdc(folder.path()).args(COMPLETE).assert().success();
-    let mut rgb = lsdc::data::read_rgb(&at("images/a.png")).unwrap();
+    let mut rgb = lsdc_eval::data::read_rgb(&at("images/a.png")).unwrap();
     rgb.put_pixel(3, 4, image::Rgb([1, 2, 3]));
     rgb.save(at("images/a.png")).unwrap();
     refused(folder.path(), &COMPLETE, &["a.png` has changed"]);

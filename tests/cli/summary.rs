@@ -142,10 +142,10 @@ fn colours_span_the_middle_of_the_depths_and_say_so() {
         file.windows(chunk.len())
             .any(|part| part == chunk.as_bytes())
     );
-    let found = lsdc::data::read_rgb(&at("out/rgb_depth_color.png")).unwrap();
+    let found = lsdc_eval::data::read_rgb(&at("out/rgb_depth_color.png")).unwrap();
     assert_eq!(
         found,
-        lsdc::report::colour_map(&depth, low, high, "m").unwrap()
+        lsdc_eval::report::colour_map(&depth, low, high, "m").unwrap()
     );
     let report: Value = serde_json::from_str(&told(
         folder.path(),

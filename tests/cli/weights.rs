@@ -1,7 +1,7 @@
 //! `lsdc weights`.
 
 use super::*;
-use lsdc::metrics::{Metric, Rules, Scores};
+use lsdc_eval::metrics::{Metric, Rules, Scores};
 
 #[test]
 fn weights_are_listed_described_and_converted() {

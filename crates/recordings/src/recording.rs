@@ -1,6 +1,8 @@
 //! A recording: one file, or the folder of a bag with several.
 
-use crate::container::{Container, Each, Flaws, Mcap, Message, Place, Rosbag, SQLITE, Topic};
+#[cfg(feature = "rosbag2")]
+use crate::container::Rosbag;
+use crate::container::{Container, Each, Flaws, Mcap, Message, Place, Topic};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::has_ending;
 use std::collections::BTreeMap;
@@ -11,6 +13,8 @@ use std::sync::Arc;
 
 /// The endings of recordings.
 const ENDINGS: [&str; 2] = ["mcap", "db3"];
+/// How files of SQLite begin.
+const SQLITE: &[u8] = b"SQLite format 3\0";
 /// How bags of ROS 1 begin.
 const ROS_1: &[u8] = b"#ROSBAG V";
 /// The ending of files that rosbag2 packed as a whole.
@@ -142,11 +146,24 @@ fn open(path: &Path) -> Result<Box<dyn Container>> {
         return Err(Error::format(path, "is a bag of ROS 1, which is not read")
             .hint("convert it to ROS 2, as by rosbags-convert"));
     }
-    Ok(if start == SQLITE {
-        Box::new(Rosbag::open(path)?)
-    } else {
-        Box::new(Mcap::open(path)?)
-    })
+    if start == SQLITE {
+        return bag(path);
+    }
+    Ok(Box::new(Mcap::open(path)?))
+}
+
+#[cfg(feature = "rosbag2")]
+fn bag(path: &Path) -> Result<Box<dyn Container>> {
+    Ok(Box::new(Rosbag::open(path)?))
+}
+
+#[cfg(not(feature = "rosbag2"))]
+fn bag(path: &Path) -> Result<Box<dyn Container>> {
+    Err(Error::format(
+        path,
+        "is an SQLite file of rosbag2, which this build does not read",
+    )
+    .hint("build it with the feature `rosbag2`, or convert the bag to MCAP"))
 }
 
 /// Whether a name is that of a file of a recording, packed or not.

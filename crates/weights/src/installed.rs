@@ -3,6 +3,7 @@
 use crate::{KNOWN, Store};
 use lsdc_core::network::{Encoder, EncoderConfig, NetworkConfig};
 use lsdc_core::weights::Tensor;
+use lsdc_core::{Completer, Weights};
 use lsdc_files::error::Result;
 use lsdc_kernels::simd::Level;
 use std::collections::BTreeMap;
@@ -34,4 +35,17 @@ pub fn encoder_of(network: &NetworkConfig) -> Result<Option<Arc<Encoder>>> {
     // Without a lock: a thread of a pool that waits here for parts of its work could take up another call of this function.
     let encoder = Encoder::new(EncoderConfig::small(), &installed()?, Level::here())?;
     Ok(Some(PREPARED.get_or_init(|| Arc::new(encoder)).clone()))
+}
+
+/// Prepares weights with the fit that they were trained for, and the encoder that they need, for the CPU.
+///
+/// # Errors
+/// Weights that do not belong to their network, or as [`installed`].
+pub fn completer(weights: &Weights) -> Result<Completer> {
+    let builder = Completer::builder(weights);
+    Ok(match encoder_of(&weights.network)? {
+        None => builder,
+        Some(encoder) => builder.encoder(encoder),
+    }
+    .build()?)
 }

@@ -18,26 +18,41 @@
 //! # }
 //! ```
 
+mod by_name;
 #[cfg(feature = "download")]
 mod download;
 mod embedded;
 mod golden;
+pub mod history;
 mod installed;
 mod known;
 mod names;
 mod pickle;
+pub mod provenance;
 mod pytorch;
 mod store;
 mod stored;
+mod write;
 
+pub use by_name::{
+    SYSTEM_NOTE, are_none, is_system, open_completer, open_weights, weights_fit, weights_hash,
+    weights_name,
+};
 #[cfg(feature = "download")]
 pub use download::{Event, Limits, get};
 pub use embedded::{Embedded, embedded, named};
 pub use golden::golden;
-pub use installed::{encoder_of, installed};
+pub use installed::{completer, encoder_of, installed};
 pub use known::{ANYTHING, KNOWN, Known, identity, recognise};
 pub use lsdc_files::error;
 pub use store::{Added, FOLDER, Store, how_to_install};
+pub use write::{Precision, stored_bytes, to_bytes};
+
+/// The note of a weights file that holds the settings it was trained with.
+pub const TRAINING_NOTE: &str = "training";
+
+/// The note of a weights file that holds its scores on frames kept out of training, at 500 points.
+pub const SCORES_NOTE: &str = "held_out";
 
 use error::{Error, Result};
 use lsdc_core::weights::Tensor;

@@ -1,12 +1,12 @@
 //! Arguments of `complete` and `bench`.
 
-use super::values::{Format, deviation, edge, noise, range, size, typed};
+use super::values::{Format, deviation, edge, noise, preserve, range, size, typed};
 use super::{FitFlags, Model, Recorded, Settings};
-use crate::data::{Camera, DepthKind, GuideSource, Shard, Unit};
-use crate::predict::{Method, Preserve};
-use crate::sample::Size;
 use clap::Args as ClapArgs;
 use lsdc_core::DepthNoise;
+use lsdc_eval::data::{Camera, DepthKind, GuideSource, Shard, Unit};
+use lsdc_eval::predict::{Method, Preserve};
+use lsdc_eval::sampling::Size;
 use lsdc_files::CloudOptions;
 use std::path::PathBuf;
 
@@ -110,7 +110,7 @@ pub(in crate::cli) struct Complete {
     /// their pixels), blend (also adjust the neighbourhood to join smoothly).
     #[arg(
         long,
-        value_enum,
+        value_parser = preserve(),
         default_value = "none",
         value_name = "HOW",
         help_heading = "Fit",

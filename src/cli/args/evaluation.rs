@@ -1,12 +1,12 @@
 //! Arguments of `eval` and `export`.
 
-use super::values::{named_file, named_folder, typed};
+use super::values::{interpolation, named_file, named_folder, split, typed};
 use super::{Draws, FitFlags, Model, Settings, Source};
-use crate::data::{GuideSource, Shard, Split};
-use crate::eval::EvalConfig;
-use crate::predict::Method;
-use crate::sample::{HoldOut, Interpolation, Noise, Pattern};
 use clap::Args as ClapArgs;
+use lsdc_eval::data::{GuideSource, Shard, Split};
+use lsdc_eval::evaluation::EvalConfig;
+use lsdc_eval::predict::Method;
+use lsdc_eval::sampling::{HoldOut, Interpolation, Noise, Pattern};
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -35,7 +35,7 @@ pub(in crate::cli) struct Eval {
     #[arg(long, value_parser = typed::<Noise>, value_name = "NOISE", help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) noise: Option<Noise>,
     /// How ground-truth depths are resized [default: as in the protocol].
-    #[arg(long, value_enum, help_heading = "Protocol", hide_short_help = true)]
+    #[arg(long, value_parser = interpolation(), help_heading = "Protocol", hide_short_help = true)]
     pub(in crate::cli) depth_resize: Option<Interpolation>,
     /// Methods to compare, on the same points [default: lsdc,linear]: lsdc (Fang et al., Depth-Independent Depth Completion
     /// via Least Square Estimation, with a field), nearest, linear (Delaunay), linear-inverse (the same of inverse depth), idw
@@ -148,7 +148,7 @@ pub(in crate::cli) struct Export {
     #[command(flatten)]
     pub(in crate::cli) source: Source,
     /// Split of the dataset.
-    #[arg(long, value_enum, default_value = "val")]
+    #[arg(long, value_parser = split(), default_value = "val")]
     pub(in crate::cli) split: Split,
     /// Published protocol, as for `eval` [default: that of the dataset].
     #[arg(long, value_name = "NAME")]

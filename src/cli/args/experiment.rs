@@ -1,9 +1,11 @@
 //! Arguments of `experiment`.
 
-use super::values::{Chosen, named_file, named_folder, typed};
+use super::values::{named_file, named_folder, typed};
 use super::{Draws, Model, Settings, Source};
-use crate::data::GuideSource;
-use clap::Args as ClapArgs;
+use clap::builder::PossibleValue;
+use clap::{Args as ClapArgs, ValueEnum};
+use lsdc_eval::data::GuideSource;
+use lsdc_paper::experiment::Experiment;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -61,4 +63,54 @@ pub(in crate::cli) struct Experiments {
     pub(in crate::cli) steps: usize,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
+}
+
+/// An experiment, or all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::cli) struct Chosen(Option<Experiment>);
+
+impl Chosen {
+    /// The selected experiments, each once, in the order of the page.
+    pub(in crate::cli) fn experiments(chosen: &[Self]) -> Vec<Experiment> {
+        let meant = |e: &Experiment| chosen.iter().any(|c| c.0.is_none_or(|c| c == *e));
+        Experiment::ALL.into_iter().filter(meant).collect()
+    }
+}
+
+impl ValueEnum for Chosen {
+    fn value_variants<'a>() -> &'a [Self] {
+        /// The experiments, then all of them.
+        const ALL: [Chosen; Experiment::ALL.len() + 1] = {
+            let mut all = [Chosen(None); Experiment::ALL.len() + 1];
+            let mut i = 0;
+            while i < Experiment::ALL.len() {
+                all[i] = Chosen(Some(Experiment::ALL[i]));
+                i += 1;
+            }
+            all
+        };
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let name = self.0.map_or("all", Experiment::name);
+        Some(PossibleValue::new(name))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn experiments_are_named_one_by_one_or_all_at_once() {
+        let chosen = |name: &str| {
+            let chosen = <Chosen as ValueEnum>::from_str(name, false).unwrap();
+            Chosen::experiments(&[chosen])
+        };
+        assert_eq!(chosen("all"), Experiment::ALL);
+        for experiment in Experiment::ALL {
+            assert_eq!(chosen(experiment.name()), [experiment]);
+        }
+    }
 }

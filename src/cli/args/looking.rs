@@ -2,9 +2,9 @@
 
 use super::values::typed;
 use super::{Settings, Source};
-use crate::data::Unit;
 use clap::Args as ClapArgs;
 use clap_complete::Shell;
+use lsdc_eval::data::Unit;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]

@@ -2,6 +2,7 @@
 
 mod completion;
 mod evaluation;
+#[cfg(feature = "train")]
 mod experiment;
 mod fit;
 mod looking;
@@ -9,26 +10,32 @@ mod recorded;
 mod reports;
 #[cfg(feature = "serve")]
 mod serve;
+#[cfg(feature = "train")]
 mod training;
 mod values;
+mod weights;
 
 pub(super) use completion::{Bench, Complete};
 pub(super) use evaluation::{Eval, Export};
-pub(super) use experiment::Experiments;
+#[cfg(feature = "train")]
+pub(super) use experiment::{Chosen, Experiments};
 use fit::FitFlags;
 pub(super) use looking::{Completions, Inspect, Manual};
 pub(super) use recorded::Recorded;
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 #[cfg(feature = "serve")]
 pub(super) use serve::{Serve, View};
+#[cfg(feature = "train")]
+pub(super) use training::{Calibrate, Train};
+pub(super) use values::Format;
+use values::{dataset, split};
 #[cfg(feature = "download")]
-pub(super) use training::Get;
-pub(super) use training::{Add, Calibrate, Convert, Train, WeightsCommand};
-pub(super) use values::{Chosen, Format};
+pub(super) use weights::Get;
+pub(super) use weights::{Add, Convert, WeightsCommand};
 
-use crate::data::{DatasetKind, Split};
-use crate::eval::EvalConfig;
 use clap::{Args as ClapArgs, Parser, Subcommand};
+use lsdc_eval::data::{DatasetKind, Split};
+use lsdc_eval::evaluation::EvalConfig;
 use std::path::PathBuf;
 
 /// Depth completion: an RGB image and a few sparse depths in, dense depth in metres out.
@@ -67,17 +74,20 @@ pub(super) enum Command {
     /// Evaluate methods on a dataset.
     Eval(Box<Eval>),
     /// Repeat the paper's experiments: tables, figures, and one page with all results.
+    #[cfg(feature = "train")]
     Experiment(Box<Experiments>),
     /// Merge and show reports.
     #[command(subcommand)]
     Report(ReportCommand),
     /// Train a network.
+    #[cfg(feature = "train")]
     Train(Train),
     /// List, install, describe and convert weights.
     #[command(subcommand)]
     Weights(WeightsCommand),
     /// Learn the prior over the weights of the basis functions and calibrate the standard deviations, as
     /// training does after its last step, for an existing weights file.
+    #[cfg(feature = "train")]
     Calibrate(Calibrate),
     /// Write frames of a dataset to files, at the protocol's size and with the points of `eval`.
     Export(Export),
@@ -98,6 +108,7 @@ impl Command {
             Self::Complete(args) => args.fit.remark(),
             Self::Eval(args) => args.fit.remark(),
             Self::Bench(args) => args.fit.remark(),
+            #[cfg(feature = "train")]
             Self::Calibrate(args) => args.fit_method?.remark(),
             _ => None,
         }
@@ -147,7 +158,7 @@ pub(super) struct Settings {
 #[derive(Debug, ClapArgs)]
 pub(super) struct Source {
     /// Dataset format.
-    #[arg(long, value_enum, help_heading = "Input")]
+    #[arg(long, value_parser = dataset(), help_heading = "Input")]
     pub(super) dataset: Option<DatasetKind>,
     /// Folder (or file) of the dataset [default: `data.root` of the configuration, or LSDC_DATA].
     #[arg(long, value_name = "DIR", help_heading = "Input")]
@@ -160,7 +171,7 @@ pub(super) struct Draws {
     /// Split of the dataset.
     #[arg(
         long,
-        value_enum,
+        value_parser = split(),
         default_value = "val",
         help_heading = "Input",
         hide_short_help = true

@@ -2,12 +2,9 @@
 
 use super::values::{NamedFit, trainable, typed};
 use super::{Model, Settings, Source};
-use crate::data::Shard;
-use crate::model::Precision;
-use crate::predict::Method;
-use clap::{Args as ClapArgs, Subcommand};
-#[cfg(feature = "download")]
-use lsdc_weights::KNOWN;
+use clap::Args as ClapArgs;
+use lsdc_eval::data::Shard;
+use lsdc_eval::predict::Method;
 use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
@@ -93,76 +90,4 @@ pub(in crate::cli) struct Calibrate {
     pub(in crate::cli) force: bool,
     #[command(flatten)]
     pub(in crate::cli) model: Model,
-}
-
-#[derive(Debug, Subcommand)]
-pub(in crate::cli) enum WeightsCommand {
-    /// List the weights of the program: built in, and to be installed.
-    List {
-        /// Print only the folder of installed weights; the environment variable `LSDC_WEIGHTS` names another.
-        #[arg(long)]
-        print_folder: bool,
-    },
-    /// Download what weights of the program are built on.
-    #[cfg(feature = "download")]
-    Get(Get),
-    /// Install what weights of the program are built on from its published file.
-    Add(Add),
-    /// Describe weights: network, input, fit, training settings, accuracy, and what they were made from.
-    Info {
-        /// Weights file, or a name shown by `list` [default: the weights named `default`].
-        file: Option<PathBuf>,
-        /// Print one JSON object.
-        #[arg(long)]
-        json: bool,
-    },
-    /// Write weights in another precision.
-    Convert(Convert),
-}
-
-#[cfg(feature = "download")]
-#[derive(Debug, ClapArgs)]
-#[command(
-    after_help = "An interrupted download goes on where it was. What arrives is checked, wherever it \
-                        comes from, and kept in half precision in the folder that \
-                        `lsdc weights list --print-folder` prints."
-)]
-pub(in crate::cli) struct Get {
-    /// Weights that `list` shows as not installed.
-    #[arg(value_parser = KNOWN.map(|known| known.weights))]
-    pub(in crate::cli) name: String,
-    /// Where to download from, http or https [default: where the file was published].
-    #[arg(long, value_name = "URL")]
-    pub(in crate::cli) url: Option<String>,
-    /// Download again what is installed.
-    #[arg(long)]
-    pub(in crate::cli) force: bool,
-}
-
-#[derive(Debug, ClapArgs)]
-#[command(
-    after_help = "For `anything`: `depth_anything_v2_vits.pth`, or `model.safetensors` of \
-                        Depth-Anything-V2-Small-hf. It is recognised by its values and kept in half precision \
-                        in the folder that `lsdc weights list --print-folder` prints."
-)]
-pub(in crate::cli) struct Add {
-    /// The published file, of whatever name.
-    pub(in crate::cli) file: PathBuf,
-    /// Replace what is installed.
-    #[arg(long)]
-    pub(in crate::cli) force: bool,
-}
-
-#[derive(Debug, ClapArgs)]
-pub(in crate::cli) struct Convert {
-    /// Weights file, or a name shown by `list`.
-    pub(in crate::cli) input: PathBuf,
-    /// Weights file to write.
-    pub(in crate::cli) output: PathBuf,
-    /// Precision of the network's parameters: f16 or f32.
-    #[arg(long, value_enum, default_value = "f16", value_name = "TYPE")]
-    pub(in crate::cli) precision: Precision,
-    /// Replace the file if it exists.
-    #[arg(long)]
-    pub(in crate::cli) force: bool,
 }

@@ -1,15 +1,16 @@
 //! Parsing of argument values.
 
-use crate::data::{DatasetKind, Split};
-use crate::error::{Error, Result};
-use crate::experiment::Experiment;
-use crate::model::Precision;
-use crate::predict::{Method, Preserve};
-use crate::sample::{Interpolation, Size};
 use clap::ValueEnum;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use lsdc_core::DepthNoise;
 use lsdc_core::fit::{FitMethod, Loss, PriorKind, Robust, Space};
+use lsdc_eval::data::{DatasetKind, Split};
+#[cfg(feature = "train")]
+use lsdc_eval::predict::Method;
+use lsdc_eval::predict::Preserve;
+use lsdc_eval::sampling::{Interpolation, Size};
+use lsdc_files::error::{Error, Result};
+use lsdc_weights::Precision;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -26,6 +27,7 @@ fn with_hint(error: Error) -> String {
 }
 
 /// A method that can be trained.
+#[cfg(feature = "train")]
 pub(super) fn trainable(text: &str) -> std::result::Result<Method, String> {
     match typed::<Method>(text)? {
         Method::Classic(_) => Err(format!(
@@ -127,39 +129,6 @@ pub(super) fn edge(text: &str) -> std::result::Result<f64, String> {
     found.ok_or_else(|| {
         format!("`{text}` is not the edge length of a voxel; metres above 0, as in 0.01")
     })
-}
-
-/// An experiment, or all of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::cli) struct Chosen(Option<Experiment>);
-
-impl Chosen {
-    /// The selected experiments, each once, in the order of the page.
-    pub(in crate::cli) fn experiments(chosen: &[Self]) -> Vec<Experiment> {
-        let meant = |e: &Experiment| chosen.iter().any(|c| c.0.is_none_or(|c| c == *e));
-        Experiment::ALL.into_iter().filter(meant).collect()
-    }
-}
-
-impl ValueEnum for Chosen {
-    fn value_variants<'a>() -> &'a [Self] {
-        /// The experiments, then all of them.
-        const ALL: [Chosen; Experiment::ALL.len() + 1] = {
-            let mut all = [Chosen(None); Experiment::ALL.len() + 1];
-            let mut i = 0;
-            while i < Experiment::ALL.len() {
-                all[i] = Chosen(Some(Experiment::ALL[i]));
-                i += 1;
-            }
-            all
-        };
-        &ALL
-    }
-
-    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
-        let name = self.0.map_or("all", Experiment::name);
-        Some(clap::builder::PossibleValue::new(name))
-    }
 }
 
 macro_rules! by_name {
@@ -280,10 +249,6 @@ by_name!(
         Self(Some(Loss::Auto)),
     ]
 );
-by_name!(Precision, [Self::Half, Self::Single]);
-by_name!(Preserve, Self::ALL);
-by_name!(Split, [Self::Train, Self::Val]);
-by_name!(DatasetKind, Self::ALL);
 
 /// A parser for one of several named values.
 fn one_of<T: Copy + Send + Sync + 'static>(
@@ -293,6 +258,43 @@ fn one_of<T: Copy + Send + Sync + 'static>(
     PossibleValuesParser::new(values.iter().map(|&value| name(value))).try_map(move |text| {
         let found = values.iter().find(|&&value| name(value) == text);
         found.copied().ok_or("no such value")
+    })
+}
+
+/// The precision of weights, by its name.
+pub(super) fn precision() -> impl TypedValueParser<Value = Precision> {
+    one_of(&[Precision::Half, Precision::Single], Precision::name)
+}
+
+/// What happens to the points in the result, by its name.
+pub(super) fn preserve() -> impl TypedValueParser<Value = Preserve> {
+    one_of(&Preserve::ALL, Preserve::name)
+}
+
+/// A split, by its name.
+pub(super) fn split() -> impl TypedValueParser<Value = Split> {
+    one_of(&[Split::Train, Split::Val], Split::name)
+}
+
+/// A dataset, by its name.
+pub(super) fn dataset() -> impl TypedValueParser<Value = DatasetKind> {
+    one_of(&DatasetKind::ALL, DatasetKind::name)
+}
+
+/// An interpolation, by one of its names.
+pub(super) fn interpolation() -> impl TypedValueParser<Value = Interpolation> {
+    let values = Interpolation::ALL.map(|kind| {
+        let value = PossibleValue::new(kind.name());
+        match kind {
+            Interpolation::PilBilinear => value.alias("bilinear"),
+            Interpolation::CvNearest => value.alias("nearest"),
+            Interpolation::PilNearest | Interpolation::CvBilinear => value,
+        }
+    });
+    PossibleValuesParser::new(values.clone()).try_map(move |text| {
+        let mut pairs = Interpolation::ALL.into_iter().zip(&values);
+        let found = pairs.find(|(_, value)| value.matches(&text, false));
+        found.map(|(kind, _)| kind).ok_or("no such value")
     })
 }
 
@@ -338,37 +340,5 @@ impl NamedFit {
     pub(in crate::cli) fn remark(self) -> Option<&'static str> {
         self.by_old_name
             .then_some("`--fit wls` is called `--fit field` now")
-    }
-}
-
-impl ValueEnum for Interpolation {
-    fn value_variants<'a>() -> &'a [Self] {
-        &Self::ALL
-    }
-
-    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
-        let value = clap::builder::PossibleValue::new(self.name());
-        Some(match self {
-            Self::PilBilinear => value.alias("bilinear"),
-            Self::CvNearest => value.alias("nearest"),
-            Self::PilNearest | Self::CvBilinear => value,
-        })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn experiments_are_named_one_by_one_or_all_at_once() {
-        let chosen = |name: &str| {
-            let chosen = <Chosen as ValueEnum>::from_str(name, false).unwrap();
-            Chosen::experiments(&[chosen])
-        };
-        assert_eq!(chosen("all"), Experiment::ALL);
-        for experiment in Experiment::ALL {
-            assert_eq!(chosen(experiment.name()), [experiment]);
-        }
     }
 }

@@ -11,8 +11,8 @@ use super::summary::Summary;
 use super::tally::Tally;
 use crate::cli::args::Complete;
 use crate::cli::{Exit, ui};
-use crate::data::{self, Cloud, Shard};
-use crate::error::{Cause, Error, Result};
+use lsdc_eval::data::{self, Cloud, Shard};
+use lsdc_files::error::{Cause, Error, Result};
 use lsdc_recordings::{
     Frame, Header, Kind, Place, Recording, Times, Writer, write_cloud, write_depth,
 };

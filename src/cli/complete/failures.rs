@@ -1,8 +1,8 @@
 //! Frames that could not be completed.
 
 use crate::cli::ui;
-use crate::error::Error;
 use indicatif::ProgressBar;
+use lsdc_files::error::Error;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Mutex;

@@ -3,7 +3,7 @@
 use super::failures::Failures;
 use super::frame::{Completed, Engine, Fitted, Prepared};
 use super::inputs::Loaded;
-use crate::error::{Cause, Error, Result};
+use lsdc_files::error::{Cause, Error, Result};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::sync_channel;

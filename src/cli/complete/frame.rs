@@ -1,18 +1,17 @@
 //! One frame: an image and its points to depth, and what belongs to it.
 
 use super::inputs::Loaded as Frame;
-use crate::cli::args::{Complete, Format};
-use crate::cli::systems::open_system;
-use crate::data::{self, DepthMap, Sparse, Unit};
-use crate::device::device;
-use crate::error::{Error, Result};
-use crate::predict::{self, Classic, Method, complete_classic, open_completer};
-use crate::systems::Predictor;
+use crate::cli::args::{Complete, Format, Model};
+use crate::cli::network::{open_completer, open_system};
 use image::RgbImage;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::{Completer, Completion, Outlier, Scene};
+use lsdc_eval::data::{self, DepthMap, Sparse, Unit};
+use lsdc_eval::predict::{Classic, Completes, Method, complete_classic, guided_scene};
+use lsdc_files::error::{Error, Result};
 use serde::Serialize;
 use std::fmt::Write as _;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What completes one frame after the other.
@@ -35,14 +34,14 @@ pub(super) enum Whole {
     /// A method without training.
     Untrained(Classic),
     /// A system that the paper compares itself with.
-    System(Predictor),
+    System(Arc<dyn Completes>),
 }
 
 impl Whole {
     fn complete(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         match self {
             Self::Untrained(method) => complete_classic(*method, rgb, sparse),
-            Self::System(predictor) => predictor.complete(rgb, sparse),
+            Self::System(system) => system.depth(rgb, sparse),
         }
     }
 }
@@ -114,13 +113,13 @@ impl<'a> Engine<'a> {
             }
             Method::Classic(method) => Loaded::Whole(Whole::Untrained(method)),
             Method::System(kind) => {
-                let device = device(&args.model.device)?;
-                let predictor = open_system(kind, args.model.weights.as_deref(), &device)?;
-                Loaded::Whole(Whole::System(predictor))
+                let Model { weights, device } = &args.model;
+                let system = open_system(kind, weights.as_deref(), device)?;
+                Loaded::Whole(Whole::System(Arc::new(system)))
             }
             Method::Lsdc => {
-                let device = device(&args.model.device)?;
-                let completer = open_completer(args.model.weights.as_deref(), &device)?;
+                let Model { weights, device } = &args.model;
+                let completer = open_completer(weights.as_deref(), device)?;
                 let mut settings = *completer.fit_config();
                 args.fit.apply(&mut settings);
                 if args.temporal {
@@ -168,9 +167,9 @@ impl<'a> Engine<'a> {
         let scene = if self.args.full {
             let (width, height) = (rgb.width() as usize, rgb.height() as usize);
             let completer = completer.with_working_size(height, width)?;
-            predict::guided_scene(&completer, rgb, frame.guide.as_ref())
+            guided_scene(&completer, rgb, frame.guide.as_ref())
         } else {
-            predict::guided_scene(completer, rgb, frame.guide.as_ref())
+            guided_scene(completer, rgb, frame.guide.as_ref())
         };
         scene.map(Prepared::Trained)
     }

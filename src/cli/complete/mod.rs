@@ -18,10 +18,10 @@ mod video;
 
 use super::args::Complete;
 use super::{Exit, ui};
-use crate::error::{Error, Result};
 use crate::process;
 use frame::Engine;
 use inputs::Job;
+use lsdc_files::error::{Error, Result};
 use lsdc_files::has_ending;
 use outputs::Outputs;
 use pipes::Pipes;

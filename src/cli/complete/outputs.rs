@@ -5,9 +5,9 @@ use super::inputs::{Job, Loaded};
 use super::record;
 use super::summary::Summary;
 use crate::cli::args::{Complete, Format};
-use crate::data::{self, Cloud, DepthMap, Unit};
-use crate::error::{Error, Result};
-use crate::report::{colour_map, usual_range};
+use lsdc_eval::data::{self, Cloud, DepthMap, Unit};
+use lsdc_eval::report::{colour_map, usual_range};
+use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// What is written without `--formats`.

@@ -2,7 +2,7 @@
 
 use super::inputs;
 use crate::cli::args::{Complete, Format};
-use crate::error::{Error, Result};
+use lsdc_files::error::{Error, Result};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;

@@ -3,11 +3,11 @@
 use super::inputs::Loaded;
 use crate::cli::args::{self, Complete};
 use crate::cli::ui;
-use crate::data::{Camera, check_foreign};
-use crate::error::{Error, Result};
-use crate::provenance;
 use lsdc_core::Observations;
+use lsdc_eval::data::{Camera, check_foreign};
+use lsdc_files::error::{Error, Result};
 use lsdc_recordings::{Deskewed, Dropped, Frame, Frames, Header, Recording, Stored, Wanted};
+use lsdc_weights::provenance;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};

@@ -4,7 +4,7 @@ use super::frame::{Completed, LeftEmpty};
 use super::inputs::{Loaded, Noise};
 use super::outputs::Forms;
 use crate::cli::ui::counted;
-use crate::data::Unit;
+use lsdc_eval::data::Unit;
 use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};
 use serde::Serialize;
 use serde_json::Value;

@@ -2,9 +2,9 @@
 
 use super::frame::Fitted;
 use super::outputs::read_weights;
-use crate::data;
-use crate::error::Result;
 use image::{RgbImage, imageops};
+use lsdc_eval::data;
+use lsdc_files::error::Result;
 use std::path::{Path, PathBuf};
 
 /// Where the weights of a frame are, and its image.

@@ -2,10 +2,12 @@
 
 mod mcap;
 mod record;
+#[cfg(feature = "rosbag2")]
 mod rosbag;
 
 pub(crate) use mcap::Mcap;
-pub(crate) use rosbag::{MAGIC as SQLITE, Rosbag};
+#[cfg(feature = "rosbag2")]
+pub(crate) use rosbag::Rosbag;
 
 use lsdc_files::error::Result;
 use std::borrow::Cow;

@@ -10,9 +10,6 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// How SQLite files begin.
-pub(crate) const MAGIC: &[u8] = b"SQLite format 3\0";
-
 /// An SQLite file.
 pub(crate) struct Rosbag {
     path: PathBuf,

@@ -1,0 +1,297 @@
+//! What is measured: our own methods, or the depth maps of any other program.
+
+use super::Evaluation;
+use crate::data::{DepthMap, Frame, GuideSource, Unit, read_depth, stored_unit};
+use crate::metrics::Foretold;
+use crate::predict::{Completes, Method, complete_classic, guided_scene, scene};
+use crate::sampling::{Interpolation, Size, move_points, resize_depth, resize_rgb};
+use lsdc_core::{Completer, DepthGuide, Observations, Scene};
+use lsdc_files::error::{Cause, Error, Result};
+use lsdc_weights::provenance;
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A source of predictions.
+#[derive(Clone, Debug)]
+pub enum Candidate {
+    /// A method of this program.
+    Method(Method),
+    /// A method that is given image and points at a smaller size, and its result enlarged.
+    Enlarged {
+        /// The method.
+        method: Method,
+        /// The smaller size.
+        from: Size,
+        /// By what.
+        by: Enlargement,
+    },
+    /// A system that is given image and points at a smaller size if that is named, and its result enlarged bilinearly.
+    System {
+        /// The system with its weights.
+        system: Arc<dyn Completes>,
+        /// What its predictions depend on.
+        made_from: Map<String, Value>,
+        /// The smaller size.
+        from: Option<Size>,
+    },
+    /// `FRAME.npy` (metres) or `FRAME.png` (millimetres, or the unit that the file says) in this
+    /// folder, or in its `seedN`, which there must be for each of several draws.
+    Files(PathBuf),
+}
+
+impl Candidate {
+    /// Checks that there are predictions of each draw of points: one that counted for several would
+    /// have no spread over them.
+    pub(super) fn check_draws(&self, name: &str, seeds: &[u64]) -> Result<()> {
+        let Self::Files(folder) = self else {
+            return Ok(());
+        };
+        let missing = seeds.iter().find(|seed| !of_seed(folder, **seed).is_dir());
+        match missing.filter(|_| seeds.len() > 1) {
+            None => Ok(()),
+            Some(seed) => Err(Error::config(format!(
+                "`{name}` has no folder `{}`: one prediction would count for {} draws of points",
+                of_seed(folder, *seed).display(),
+                seeds.len()
+            ))
+            .hint("give the predictions of each draw a folder seedN, or measure one: --seeds 1")),
+        }
+    }
+
+    /// What its predictions depend on, beside the network and its fit: files by their contents.
+    ///
+    /// # Errors
+    /// A folder that cannot be read.
+    pub(super) fn made_from(&self) -> Result<Value> {
+        Ok(match self {
+            Self::Method(method) => json!({ "method": method }),
+            Self::Enlarged { method, from, by } => {
+                json!({ "method": method, "from": from, "by": format!("{by:?}") })
+            }
+            Self::System {
+                made_from, from, ..
+            } => {
+                let mut made_from = made_from.clone();
+                made_from.insert("from".to_owned(), json!(from));
+                made_from.into()
+            }
+            Self::Files(folder) => json!({ "files": provenance::folder(folder, &["npy", "png"])? }),
+        })
+    }
+}
+
+/// How a result comes to a larger size than what it was computed from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Enlargement {
+    /// Bilinear interpolation between depths.
+    Bilinear,
+    /// Basis functions read at the larger size (Fang et al., section 4.5); `lsdc` alone has any.
+    Bases,
+}
+
+/// What the predictions of a frame have in common: its basis functions, and those of its guide.
+pub(super) struct Prepared<'a> {
+    network: Option<(&'a Completer, Scene)>,
+    uncertainty: bool,
+}
+
+impl<'a> Prepared<'a> {
+    pub(super) fn new(
+        evaluation: &Evaluation<'a>,
+        frame: &Frame,
+        uncertainty: bool,
+    ) -> Result<Self> {
+        let network = match evaluation.completer {
+            None => None,
+            Some(completer) => {
+                let guide = evaluation.guides.map(|source| guide(source, frame));
+                let scene = guided_scene(completer, &frame.rgb, guide.transpose()?.as_ref())?;
+                Some((completer, scene))
+            }
+        };
+        Ok(Self {
+            network,
+            uncertainty,
+        })
+    }
+
+    /// The depth map of a candidate for a frame and its points, and the predicted distribution of its errors
+    /// if that is asked for and the candidate has one.
+    pub(super) fn predict(
+        &self,
+        candidate: &Candidate,
+        frame: &Frame,
+        sparse: &DepthMap,
+        seed: u64,
+    ) -> Result<(DepthMap, Option<Foretold>)> {
+        match (candidate, &self.network) {
+            (Candidate::Method(Method::Classic(method)), _) => {
+                Ok((complete_classic(*method, &frame.rgb, sparse)?, None))
+            }
+            (Candidate::Method(Method::Lsdc), Some((_, scene))) => {
+                let completion = scene.complete(&Observations::from_map(sparse))?;
+                let foretold = self.uncertainty.then(|| {
+                    Ok::<_, Error>(Foretold {
+                        deviations: completion.standard_deviation()?,
+                        freedom: completion.freedom(),
+                    })
+                });
+                Ok((completion.depth()?, foretold.transpose()?))
+            }
+            (Candidate::Method(Method::Lsdc), None) => {
+                Err(Error::weights("method `lsdc` needs a network"))
+            }
+            (Candidate::Enlarged { method, from, by }, network) => {
+                let network = network.as_ref().map(|(completer, _)| *completer);
+                let depth = enlarged(network, *method, *from, *by, frame, sparse)?;
+                Ok((depth, None))
+            }
+            (Candidate::Method(Method::System(system)), _) => Err(without_weights(system.name())),
+            (Candidate::System { system, from, .. }, _) => {
+                let depth = match from {
+                    None => system.depth(&frame.rgb, sparse)?,
+                    Some(from) => {
+                        let rgb = resize_rgb(&frame.rgb, *from, Interpolation::PilBilinear)?;
+                        let small = system.depth(&rgb, &move_points(sparse, *from)?)?;
+                        resize_depth(&small, size(frame), Interpolation::CvBilinear)?
+                    }
+                };
+                Ok((depth, None))
+            }
+            (Candidate::Files(folder), _) => {
+                let prediction = read(folder, &frame.id, seed)?;
+                check(&prediction, frame, folder)?;
+                Ok((prediction, None))
+            }
+        }
+    }
+}
+
+fn size(frame: &Frame) -> Size {
+    Size {
+        height: frame.depth.height(),
+        width: frame.depth.width(),
+    }
+}
+
+/// Systems have no weights of the program.
+fn without_weights(name: &str) -> Error {
+    Error::weights(format!("method `{name}` needs weights of its own"))
+        .hint(format!("train them: `lsdc train --method {name}`"))
+}
+
+fn enlarged(
+    completer: Option<&Completer>,
+    method: Method,
+    from: Size,
+    by: Enlargement,
+    frame: &Frame,
+    sparse: &DepthMap,
+) -> Result<DepthMap> {
+    let size = size(frame);
+    let rgb = resize_rgb(&frame.rgb, from, Interpolation::PilBilinear)?;
+    let sparse = move_points(sparse, from)?;
+    let small = match (method, completer) {
+        (Method::Classic(method), _) => complete_classic(method, &rgb, &sparse)?,
+        (Method::System(system), _) => return Err(without_weights(system.name())),
+        (Method::Lsdc, None) => return Err(Error::weights("method `lsdc` needs a network")),
+        (Method::Lsdc, Some(completer)) => {
+            let completion = scene(completer, &rgb)?.complete(&Observations::from_map(&sparse))?;
+            match by {
+                Enlargement::Bases => completion.depth_at(size.width, size.height)?,
+                Enlargement::Bilinear => completion.depth()?,
+            }
+        }
+    };
+    match by {
+        Enlargement::Bases if method == Method::Lsdc => Ok(small),
+        _ => resize_depth(&small, size, Interpolation::CvBilinear),
+    }
+}
+
+/// Where the predictions of a draw lie, if each draw has its own.
+fn of_seed(folder: &Path, seed: u64) -> PathBuf {
+    folder.join(format!("seed{seed}"))
+}
+
+fn read(folder: &Path, frame: &str, seed: u64) -> Result<DepthMap> {
+    let of_seed = of_seed(folder, seed);
+    let folder = if of_seed.is_dir() {
+        of_seed
+    } else {
+        folder.to_owned()
+    };
+    // Frames in folders, or all in one with their names joined.
+    for name in [frame.to_owned(), frame.replace('/', "_")] {
+        for (ending, scale) in [("npy", 1.0), ("png", 0.001)] {
+            let path = folder.join(format!("{name}.{ending}"));
+            if path.is_file() {
+                let scale = stored_unit(&path).map_or(scale, Unit::metres);
+                return read_depth(&path, scale);
+            }
+        }
+    }
+    Err(Error::new(
+        Cause::Read,
+        format!(
+            "there is no prediction for frame `{frame}` in `{}`",
+            folder.display()
+        ),
+    )
+    .hint("expected FRAME.npy in metres or FRAME.png in millimetres"))
+}
+
+/// The guide of a frame, which must show the same part of the image.
+fn guide(source: &GuideSource, frame: &Frame) -> Result<DepthGuide> {
+    let (guide, _) = source.read_for(&frame.id)?;
+    let [of_guide, of_frame] = [
+        (guide.width(), guide.height()),
+        (frame.depth.width(), frame.depth.height()),
+    ];
+    let aspect = |(width, height): (usize, usize)| width as f64 / height as f64;
+    if (aspect(of_guide) / aspect(of_frame)).ln().abs() > ASPECTS {
+        return Err(Error::shape(format!(
+            "the guide for `{}` in `{}` is {}x{} but the frame is {}x{}",
+            frame.id,
+            source.path.display(),
+            of_guide.0,
+            of_guide.1,
+            of_frame.0,
+            of_frame.1
+        ))
+        .hint(
+            "guides belong to the frame after resizing and cropping: `lsdc export` writes the images",
+        ));
+    }
+    Ok(guide)
+}
+
+/// How far the logarithms of two aspects may differ that are the same but for rounding.
+const ASPECTS: f64 = 0.02;
+
+fn check(prediction: &DepthMap, frame: &Frame, folder: &Path) -> Result<()> {
+    let size = |map: &DepthMap| (map.width(), map.height());
+    if size(prediction) == size(&frame.depth) {
+        let pairs = prediction.values().iter().zip(frame.depth.values());
+        if pairs.into_iter().any(|(&p, &truth)| p > 0.0 && truth > 0.0) {
+            return Ok(());
+        }
+        return Err(Error::shape(format!(
+            "the prediction for `{}` in `{}` has no depth where there is a true one",
+            frame.id,
+            folder.display()
+        ))
+        .hint("0, NaN, infinite and negative values are no depths"));
+    }
+    Err(Error::shape(format!(
+        "the prediction for `{}` in `{}` is {}x{} but the frame is {}x{}",
+        frame.id,
+        folder.display(),
+        prediction.width(),
+        prediction.height(),
+        frame.depth.width(),
+        frame.depth.height()
+    ))
+    .hint("predictions belong to the frame after resizing and cropping: `lsdc export` writes it"))
+}

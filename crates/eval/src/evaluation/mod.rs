@@ -1,0 +1,332 @@
+//! Measuring methods on a dataset: the same frames and the same points for each.
+
+mod candidate;
+mod config;
+mod journal;
+mod timing;
+
+pub use candidate::{Candidate, Enlargement};
+pub use config::EvalConfig;
+pub use journal::Journal;
+pub use timing::{Times, median_ms, time, time_deviations};
+
+use crate::data::{Dataset, Frame, GUIDE_ENDINGS, GuideSource, Shard};
+use crate::metrics::{Certainty, Metric, Profile, Ranges, Rules, Scores};
+use crate::report::{Exhibit, Failure, Heading, Outcome, Record, Report};
+use crate::sampling::{HoldOut, Noise, Pattern, Protocol, Task};
+use candidate::Prepared;
+use lsdc_classic::distances;
+use lsdc_core::{Completer, RANGE};
+use lsdc_files::error::{Error, Result};
+use lsdc_weights::provenance::{self, Stamp};
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use std::ops::ControlFlow;
+
+/// Everything that decides the outcome.
+pub struct Evaluation<'a> {
+    /// The frames.
+    pub frames: &'a dyn Dataset,
+    /// What is compared, by name.
+    pub candidates: Vec<(String, Candidate)>,
+    /// The network, if a candidate needs one.
+    pub completer: Option<&'a Completer>,
+    /// A folder of guides for `lsdc`, by the names of frames, each of the frame after the protocol.
+    pub guides: Option<&'a GuideSource>,
+    /// Sizes and valid depths.
+    pub protocol: Protocol,
+    /// Which points.
+    pub points: Pattern,
+    /// What is held out of each frame.
+    pub hold_out: Option<HoldOut>,
+    /// What is done to the points.
+    pub noise: Option<Noise>,
+    /// Names the draws: one for each repetition.
+    pub seeds: Vec<u64>,
+    /// What the measures leave open.
+    pub rules: Rules,
+    /// Whether the standard deviations of `lsdc` are measured.
+    pub uncertainty: bool,
+    /// The share of the predicted depth up to which a standard deviation counts as certain; `None`: not counted.
+    pub sigma_cut: Option<f64>,
+    /// Only the first frames.
+    pub limit: Option<usize>,
+}
+
+impl Evaluation<'_> {
+    /// The heading of the report. `dataset`, `described` (the protocol) and `weights` are words for people. What the
+    /// numbers depend on goes into [`Heading::made_from`]: the numerics, protocol, points, frames,
+    /// methods with the complete settings of the fit, predictions by their contents, and `inputs`,
+    /// which has what only the caller knows: the settings of the dataset and the weights by their
+    /// contents.
+    ///
+    /// # Errors
+    /// A folder of predictions or points that cannot be read, or predictions that do not tell several
+    /// draws apart.
+    pub fn heading(
+        &self,
+        dataset: &str,
+        described: &str,
+        weights: Option<String>,
+        inputs: Value,
+    ) -> Result<Heading> {
+        // Every field is named, so that none is forgotten among what results are made from.
+        let Self {
+            frames,
+            candidates,
+            completer,
+            guides,
+            protocol,
+            points,
+            hold_out,
+            noise,
+            seeds,
+            rules,
+            uncertainty,
+            sigma_cut,
+            limit: _,
+        } = self;
+        let mut methods = Map::new();
+        for (name, candidate) in candidates {
+            candidate.check_draws(name, seeds)?;
+            methods.insert(name.clone(), candidate.made_from()?);
+        }
+        let point_files = match points {
+            Pattern::Files(folder) => Some(provenance::folder(folder, &["npy", "png"])?),
+            _ => None,
+        };
+        let guides = guides.map(|source| {
+            let contents = provenance::folder(&source.path, &GUIDE_ENDINGS)?;
+            Ok::<_, Error>(json!([format!("{:?}", source.kind), contents]))
+        });
+        let ids: Vec<_> = (0..self.total()).map(|i| frames.id(i)).collect();
+        let mut made_from = json!({
+            "numerics": provenance::numerics(),
+            "inputs": inputs,
+            "frames": format!("{:016x}", lsdc_rng::hash(&ids)),
+            "protocol": protocol,
+            "points": points,
+            "point_files": point_files,
+            "noise": noise,
+            "guides": guides.transpose()?,
+            "methods": methods,
+            "fit": completer.map(Completer::fit_config),
+            "uncertainty": uncertainty,
+        });
+        // Not there unless they are used: what was measured before they existed is still the same.
+        if let Some(law) = hold_out {
+            made_from["hold_out"] = json!(law);
+        }
+        if let Some(cut) = sigma_cut {
+            made_from["sigma_cut"] = json!(cut);
+        }
+        Ok(Heading {
+            made_from,
+            dataset: dataset.to_owned(),
+            found: frames.about(),
+            protocol: described.to_owned(),
+            steps: protocol.to_string(),
+            points: points.to_string(),
+            hold_out: hold_out.map(|law| law.to_string()),
+            noise: noise.map(|noise| noise.to_string()),
+            seeds: seeds.clone(),
+            methods: candidates.iter().map(|(name, _)| name.clone()).collect(),
+            weights,
+            limits: format!("predictions of lsdc within {RANGE} x the range of the points"),
+            rules: *rules,
+            sigma_cut: *sigma_cut,
+            frames: self.total(),
+        })
+    }
+
+    /// The number of frames in all.
+    pub fn total(&self) -> usize {
+        self.frames.len().min(self.limit.unwrap_or(usize::MAX))
+    }
+
+    /// Measures the frames of `shard` that the journal does not hold yet, calling `progress` with
+    /// the number of frames done and of all; it may break off, and the report then holds the
+    /// frames so far. The order of work and the number of threads change nothing.
+    ///
+    /// A frame that cannot be read or completed is listed in the report and left out of the means.
+    ///
+    /// # Errors
+    /// The journal cannot be written, or holds frames whose files have changed since; or every frame
+    /// failed: then the first failure.
+    pub fn run(
+        &self,
+        heading: Heading,
+        shard: Shard,
+        mut journal: Journal,
+        mut progress: impl FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Result<Report> {
+        let mine: Vec<usize> = (0..self.total())
+            .filter(|&i| shard.holds(&self.frames.id(i)))
+            .collect();
+        let mut report = Report::new(heading).of_part(shard);
+        let done = journal.take();
+        let finished = |index: &usize| {
+            let id = self.frames.id(*index);
+            let has = |seed: &u64| done.contains_key(&(id.clone(), *seed));
+            self.seeds.iter().all(has)
+        };
+        let (old, open): (Vec<usize>, Vec<usize>) = mine.iter().partition(|i| finished(i));
+        for index in &old {
+            for seed in &self.seeds {
+                let record = &done[&(self.frames.id(*index), *seed)];
+                self.check_unchanged(*index, record)?;
+                report.add(record.clone())?;
+            }
+        }
+        let mut first = None;
+        let mut count = old.len();
+        for some in open.chunks(rayon::current_num_threads()) {
+            if progress(count, mine.len()).is_break() {
+                break;
+            }
+            let outcomes: Vec<_> = some.par_iter().map(|&i| self.measure(i)).collect();
+            for (&index, outcome) in some.iter().zip(outcomes) {
+                match outcome {
+                    Ok(records) => {
+                        for record in records {
+                            journal.add(&record)?;
+                            report.add(record)?;
+                        }
+                    }
+                    Err(error) => {
+                        report.fail(Failure {
+                            frame: self.frames.id(index),
+                            error: error.with_causes(),
+                        });
+                        first.get_or_insert(error);
+                    }
+                }
+            }
+            count += some.len();
+        }
+        let _ = progress(count, mine.len());
+        match first {
+            Some(error) if report.frames().is_empty() => Err(error),
+            _ => Ok(report),
+        }
+    }
+
+    /// The files of a frame as they are.
+    fn stamps(&self, index: usize) -> Vec<Stamp> {
+        let files = self.frames.files(index);
+        files.iter().map(|path| provenance::stamp(path)).collect()
+    }
+
+    /// Checks that a frame is still what it was when it was measured.
+    fn check_unchanged(&self, index: usize, record: &Record) -> Result<()> {
+        let stamps = self.stamps(index);
+        if stamps == record.files {
+            return Ok(());
+        }
+        let mut pairs = stamps.iter().zip(&record.files);
+        let changed = pairs.position(|(now, before)| now != before);
+        let files = self.frames.files(index);
+        let path = changed.and_then(|place| files.get(place));
+        let what = path.map_or("it has other files".to_owned(), |path| {
+            format!("`{}` has changed", path.display())
+        });
+        Err(Error::config(format!(
+            "frame `{}` is not what was measured: {what}",
+            record.frame
+        ))
+        .hint("choose another folder, or give --force to begin anew"))
+    }
+
+    /// One record for each seed.
+    fn measure(&self, index: usize) -> Result<Vec<Record>> {
+        // In this order: what changes in between is noticed the next time.
+        let files = self.stamps(index);
+        let frame = self.frame(index)?;
+        let prepared = Prepared::new(self, &frame, self.uncertainty)?;
+        self.seeds
+            .iter()
+            .map(|&seed| {
+                let Task { sparse, truth } = self.task(&frame, seed)?;
+                let far = distances(&sparse);
+                let outcomes = self
+                    .candidates
+                    .iter()
+                    .map(|(_, candidate)| {
+                        let (depth, foretold) =
+                            prepared.predict(candidate, &frame, &sparse, seed)?;
+                        let certain = foretold.as_ref().zip(self.sigma_cut);
+                        let certain = certain.map(|(f, cut)| (&f.deviations, cut));
+                        Ok(Outcome {
+                            scores: Scores::of(&depth, &truth, &self.rules)?,
+                            profile: Profile::of(&depth, &truth, &far),
+                            ranges: Some(Ranges::of(&depth, &truth, certain)),
+                            certainty: foretold.map(|f| Certainty::of(&depth, &truth, &f)),
+                        })
+                    })
+                    .collect::<Result<_>>()?;
+                Ok(Record {
+                    frame: frame.id.clone(),
+                    seed,
+                    points: sparse.count(),
+                    place: frame.place,
+                    scene: self.frames.scene(index),
+                    outcomes,
+                    files: files.clone(),
+                })
+            })
+            .collect()
+    }
+
+    /// The frame, its points, and every prediction under a seed, for a report with pictures.
+    ///
+    /// # Errors
+    /// No frame of this name, or one that cannot be measured.
+    pub fn exhibit(&self, role: &'static str, id: &str, seed: u64) -> Result<Exhibit> {
+        let index = (0..self.frames.len())
+            .find(|&i| self.frames.id(i) == id)
+            .ok_or_else(|| Error::config(format!("there is no frame `{id}`")))?;
+        let frame = self.frame(index)?;
+        let Task { sparse, truth } = self.task(&frame, seed)?;
+        let prepared = Prepared::new(self, &frame, false)?;
+        let predictions = self
+            .candidates
+            .iter()
+            .map(|(name, candidate)| {
+                let (depth, _) = prepared.predict(candidate, &frame, &sparse, seed)?;
+                let scores = Scores::of(&depth, &truth, &self.rules)?;
+                Ok((name.clone(), scores[Metric::Rmse], depth))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Exhibit {
+            role,
+            frame: frame.id,
+            rgb: frame.rgb,
+            sparse,
+            truth,
+            predictions,
+        })
+    }
+
+    /// A frame at the protocol's size.
+    ///
+    /// # Errors
+    /// It cannot be read, is too small, or has no true depth that counts.
+    pub fn frame(&self, index: usize) -> Result<Frame> {
+        let frame = self.protocol.apply(&self.frames.load(index)?)?;
+        if frame.depth.count() == 0 {
+            return Err(Error::shape(format!(
+                "frame `{}` has no true depth that counts",
+                frame.id
+            )));
+        }
+        Ok(frame)
+    }
+
+    /// The points of a frame under a seed, and the depths that are scored.
+    ///
+    /// # Errors
+    /// As [`Task::draw`].
+    pub fn task(&self, frame: &Frame, seed: u64) -> Result<Task> {
+        Task::draw(frame, &self.points, self.hold_out, self.noise, seed)
+    }
+}

@@ -1,0 +1,53 @@
+//! Settings of a fit that are laid over those of weights.
+
+use crate::renamed::renamed;
+use lsdc_core::fit::FitConfig;
+use lsdc_files::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::fmt::Display;
+
+/// Settings of a fit, as far as they are given.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct FitSettings(pub toml::Table);
+
+impl FitSettings {
+    /// All settings of a fit.
+    ///
+    /// # Errors
+    /// None for a checked fit.
+    pub fn all(fit: &FitConfig) -> Result<Self> {
+        toml::Table::try_from(fit).map(Self).map_err(unfit)
+    }
+
+    /// Lays what is given over a fit.
+    ///
+    /// # Errors
+    /// An unknown key, or a value out of range.
+    pub fn over(&self, fit: &FitConfig) -> Result<FitConfig> {
+        let Self(mut table) = Self::all(fit)?;
+        let mut given = self.0.clone();
+        renamed(&mut given);
+        merge(&mut table, given);
+        let fit: FitConfig = table.try_into().map_err(unfit)?;
+        fit.check()?;
+        Ok(fit)
+    }
+}
+
+fn unfit(e: impl Display) -> Error {
+    Error::config(format!("`fit`: {}", e.to_string().trim()))
+        .hint("docs/fit.md explains every setting")
+}
+
+/// Lays `over` on top of `base`, table by table.
+pub fn merge(base: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}

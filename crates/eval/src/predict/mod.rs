@@ -1,0 +1,83 @@
+//! Image and sparse depths to dense depth: `lsdc-core`'s completer, and methods without training, by name.
+
+mod method;
+mod preserve;
+
+pub use lsdc_classic::Classic;
+pub use method::{Method, SystemKind, complete_classic};
+pub use preserve::Preserve;
+
+use crate::data::DepthMap;
+use image::RgbImage;
+use lsdc_core::{Channels, Completer, Completion, DepthGuide, Image, Observations, Scene};
+use lsdc_files::error::{Error, Result};
+use std::fmt::Debug;
+
+/// What the network says of an image.
+///
+/// # Errors
+/// An image without pixels.
+pub fn scene(completer: &Completer, rgb: &RgbImage) -> Result<Scene> {
+    guided_scene(completer, rgb, None)
+}
+
+/// The same beside a guide, if there is one.
+///
+/// # Errors
+/// An image without pixels.
+pub fn guided_scene(
+    completer: &Completer,
+    rgb: &RgbImage,
+    guide: Option<&DepthGuide>,
+) -> Result<Scene> {
+    let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+    let image = Image::new(width, height, Channels::Rgb, rgb.as_raw())?;
+    Ok(match guide {
+        None => completer.scene(&image)?,
+        Some(guide) => completer.guided_scene(&image, guide)?,
+    })
+}
+
+/// Completes the measurements of a map under the guidance of an image of its size.
+///
+/// # Errors
+/// Image and sparse depths of different sizes, or no point.
+pub fn complete(completer: &Completer, rgb: &RgbImage, sparse: &DepthMap) -> Result<Completion> {
+    check_sizes(rgb, sparse)?;
+    Ok(scene(completer, rgb)?.complete(&Observations::from_map(sparse))?)
+}
+
+/// Completes the measurements of a map under the guidance of an image of its size.
+pub trait Completes: Debug + Send + Sync {
+    /// The depth of every pixel.
+    ///
+    /// # Errors
+    /// Image and sparse depths of different sizes, or no point.
+    fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap>;
+}
+
+impl Completes for Completer {
+    fn depth(&self, rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
+        Ok(complete(self, rgb, sparse)?.depth()?)
+    }
+}
+
+/// Whether image and sparse depths show the same pixels.
+///
+/// # Errors
+/// They differ in size.
+pub fn check_sizes(rgb: &RgbImage, sparse: &DepthMap) -> Result<()> {
+    if (rgb.width() as usize, rgb.height() as usize) == (sparse.width(), sparse.height()) {
+        return Ok(());
+    }
+    Err(Error::shape(format!(
+        "the image is {}x{} (width x height) but the sparse depths are {}x{}",
+        rgb.width(),
+        rgb.height(),
+        sparse.width(),
+        sparse.height()
+    ))
+    .hint(
+        "both must show the same pixels; move the points to the image's size, do not interpolate",
+    ))
+}

@@ -1,0 +1,239 @@
+//! How to preserve the input depths.
+
+use crate::data::DepthMap;
+use lsdc_core::Observations;
+use lsdc_core::nearest::Cells;
+use lsdc_files::error::Result;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Whether the dense depth meets the points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Preserve {
+    /// Not exactly: the fit stays as it is.
+    #[default]
+    None,
+    /// At the pixels of the points, and nowhere else.
+    Exact,
+    /// Exactly, and their neighbourhood follows: residuals are interpolated by the inverse square
+    /// of the distance and fade out. What is nearer than a point was is moved less, in proportion, so
+    /// that no depth falls to 0.
+    Blend,
+}
+
+impl Preserve {
+    /// All choices.
+    pub const ALL: [Self; 3] = [Self::None, Self::Exact, Self::Blend];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Exact => "exact",
+            Self::Blend => "blend",
+        }
+    }
+
+    /// `depth` with the observations of an image of `size` (width, height) in it: each belongs to the
+    /// pixel that it falls into; of several in one pixel the one nearest to its centre counts.
+    ///
+    /// # Errors
+    /// None for maps that are sound.
+    pub fn apply(
+        self,
+        depth: DepthMap,
+        observations: &Observations,
+        size: (usize, usize),
+    ) -> Result<DepthMap> {
+        if self == Self::None {
+            return Ok(depth);
+        }
+        let (width, height) = (depth.width(), depth.height());
+        let mut nearest: BTreeMap<[usize; 2], (f64, f32)> = BTreeMap::new();
+        for point in observations
+            .iter()
+            .filter(|p| p.depth > 0.0 && p.depth.is_finite())
+        {
+            let [u, v] = [
+                (point.u + 0.5) * width as f64 / size.0 as f64 - 0.5,
+                (point.v + 0.5) * height as f64 / size.1 as f64 - 0.5,
+            ];
+            let (x, y) = ((u + 0.5).floor(), (v + 0.5).floor());
+            if !(x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64) {
+                continue;
+            }
+            let off = ((u - x).powi(2) + (v - y).powi(2), point.depth);
+            let place = nearest.entry([y as usize, x as usize]).or_insert(off);
+            if off
+                .0
+                .total_cmp(&place.0)
+                .then(off.1.total_cmp(&place.1))
+                .is_lt()
+            {
+                *place = off;
+            }
+        }
+        let mut values = depth.into_values();
+        if self == Self::Exact {
+            for ([y, x], (_, depth)) in nearest {
+                values[y * width + x] = depth;
+            }
+        } else {
+            let places: Vec<[usize; 2]> = nearest.keys().map(|&[y, x]| [x, y]).collect();
+            let depths: Vec<f32> = nearest.values().map(|(_, depth)| *depth).collect();
+            blend(&mut values, width, &places, &depths);
+        }
+        Ok(DepthMap::new(width, height, values)?)
+    }
+}
+
+fn blend(values: &mut [f32], width: usize, places: &[[usize; 2]], depths: &[f32]) {
+    /// Points that take part at a pixel (Shepard 1968).
+    const COUNT: usize = 6;
+    if places.is_empty() {
+        return;
+    }
+    // Two thirds of the mean distance between points.
+    let reach = 0.67 * (values.len() as f64 / places.len() as f64).sqrt().max(1.5);
+    // What was there, and what is to be added.
+    let residuals: Vec<[f64; 2]> = places
+        .iter()
+        .zip(depths)
+        .map(|(&[x, y], &given)| {
+            let value = &mut values[y * width + x];
+            if *value == 0.0 {
+                // A hole is filled, and says nothing of its neighbourhood.
+                *value = given;
+            }
+            let there = f64::from(*value);
+            [there, f64::from(given) - there]
+        })
+        .collect();
+    let centres: Vec<_> = places.iter().map(|place| place.map(|v| v as f64)).collect();
+    let cells = Cells::new(&centres);
+    values
+        .par_chunks_mut(width)
+        .enumerate()
+        .for_each(|(y, row)| {
+            for (x, value) in row.iter_mut().enumerate() {
+                let before = f64::from(*value);
+                if before == 0.0 {
+                    continue;
+                }
+                let near = cells.nearest([x as f64, y as f64], COUNT);
+                let distance = near[0].0.sqrt();
+                if distance >= reach {
+                    continue;
+                }
+                let (mut sum, mut total) = (0.0, 0.0);
+                for &(square, i) in &near {
+                    // At a point nothing else counts.
+                    let weight = 1.0 / square.max(1e-9);
+                    let [there, residual] = residuals[i];
+                    sum += weight * residual * (before / there).min(1.0);
+                    total += weight;
+                }
+                let fade = (1.0 - (distance / reach).powi(2)).powi(2);
+                *value = (before + fade * sum / total) as f32;
+            }
+        });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Point;
+
+    fn flat() -> DepthMap {
+        DepthMap::new(40, 30, vec![2.0; 1200]).unwrap()
+    }
+
+    fn points() -> DepthMap {
+        let at = |x, y, depth| Point { x, y, depth };
+        DepthMap::from_points(40, 30, &[at(5, 5, 3.0), at(30, 20, 1.5), at(39, 29, 2.0)])
+    }
+
+    fn given(points: &DepthMap) -> Observations {
+        Observations::from_map(points)
+    }
+
+    #[test]
+    fn exact_changes_the_points_and_nothing_else() {
+        let (flat, points) = (flat(), points());
+        assert_eq!(
+            Preserve::None
+                .apply(flat.clone(), &given(&points), (40, 30))
+                .unwrap(),
+            flat
+        );
+        let exact = Preserve::Exact
+            .apply(flat.clone(), &given(&points), (40, 30))
+            .unwrap();
+        for (i, (value, point)) in exact.values().iter().zip(points.values()).enumerate() {
+            let expected = if *point > 0.0 { *point } else { 2.0 };
+            assert_eq!(*value, expected, "pixel {i}");
+        }
+    }
+
+    #[test]
+    fn blend_meets_the_points_and_has_no_jump() {
+        let (flat, points) = (flat(), points());
+        let blended = Preserve::Blend
+            .apply(flat.clone(), &given(&points), (40, 30))
+            .unwrap();
+        for p in points.points() {
+            let value = blended.values()[p.y * 40 + p.x];
+            assert!((value - p.depth).abs() < 1e-6, "{value}");
+        }
+        for row in blended.values().chunks_exact(40) {
+            let steps = row.array_windows().map(|[a, b]| (a - b).abs());
+            assert!(steps.fold(0.0, f32::max) < 0.25);
+        }
+    }
+
+    #[test]
+    fn blend_makes_no_hole_beside_an_outlier() {
+        // A foreground at 1 m before a wall at 8 m, and a point of 0.3 m where the wall was read.
+        let step = |i: usize| if i % 40 < 20 { 1.0 } else { 8.0 };
+        let depth = DepthMap::new(40, 30, (0..1200).map(step).collect()).unwrap();
+        let at = |x, y, depth| Point { x, y, depth };
+        let points = DepthMap::from_points(40, 30, &[at(20, 15, 0.3), at(5, 5, 1.1)]);
+        let blended = Preserve::Blend
+            .apply(depth.clone(), &given(&points), (40, 30))
+            .unwrap();
+        assert_eq!(blended.count(), 1200);
+        assert_eq!(blended.ignored(), 0);
+        for p in points.points() {
+            assert!((blended.at(p.x, p.y) - p.depth).abs() < 1e-6);
+        }
+        // The foreground stays a foreground: nearer than it is no further than the point says.
+        assert!(blended.at(19, 15) > 0.03, "{}", blended.at(19, 15));
+        assert!(blended.at(19, 15) < 1.0);
+    }
+
+    #[test]
+    fn blend_leaves_holes_but_for_the_points_in_them() {
+        let mut values = vec![2.0; 1200];
+        values[..600].fill(0.0);
+        let depth = DepthMap::new(40, 30, values).unwrap();
+        let at = |x, y, depth| Point { x, y, depth };
+        let points = DepthMap::from_points(40, 30, &[at(5, 14, 3.0)]);
+        let blended = Preserve::Blend
+            .apply(depth, &given(&points), (40, 30))
+            .unwrap();
+        assert_eq!(blended.count(), 601);
+        assert_eq!((blended.at(5, 14), blended.at(5, 15)), (3.0, 2.0));
+    }
+
+    #[test]
+    fn points_find_their_pixel_at_another_size() {
+        let large = DepthMap::new(80, 60, vec![2.0; 4800]).unwrap();
+        let exact = Preserve::Exact
+            .apply(large, &given(&points()), (40, 30))
+            .unwrap();
+        assert_eq!(exact.values()[11 * 80 + 11], 3.0);
+        assert_eq!(exact.values()[59 * 80 + 79], 2.0);
+    }
+}

@@ -1,0 +1,154 @@
+//! Pictures of basis functions, and of which pixels they take for alike.
+
+use super::{Drawing, Panel, Panels, Scale, signed};
+use crate::predict::scene;
+use image::{Rgb, RgbImage};
+use lsdc_core::Completer;
+use lsdc_files::error::Result;
+
+/// Pixels of which the kernel is shown, as shares of width and height.
+const PLACES: [(f64, f64); 4] = [(0.2, 0.3), (0.75, 0.25), (0.3, 0.75), (0.7, 0.7)];
+/// Basis functions on the contact sheet.
+const SHEET: usize = 30;
+const ACROSS: usize = 5;
+
+/// The scale of pictures of signed numbers, from blue to red.
+pub fn signed_scale(name: &str, most: f32) -> Scale {
+    Scale {
+        name: name.into(),
+        low: most,
+        high: -most,
+        unit: "",
+        map: colorous::RED_BLUE,
+    }
+}
+
+/// The learned basis functions of an image, less their means: values `[pixels, N]`, and N.
+fn functions(completer: &Completer, rgb: &RgbImage) -> Result<(Vec<f32>, usize)> {
+    let (width, height) = rgb.dimensions();
+    let pixels = 0..width * height;
+    let place = |pixel: u32| [f64::from(pixel % width), f64::from(pixel / width)];
+    let places: Vec<_> = pixels.clone().map(place).collect();
+    let rows = scene(completer, rgb)?.basis_functions(&places);
+    // The first is constant.
+    let stride = rows.len() / pixels.len();
+    let learned = rows.chunks_exact(stride).flat_map(|row| &row[1..]);
+    let values: Vec<f32> = learned.copied().collect();
+    Ok((centred(&values, stride - 1), stride - 1))
+}
+
+/// An image, and for some of its pixels how alike the basis functions of all pixels are, from -1 to 1.
+///
+/// # Errors
+/// An image without pixels.
+pub fn kernels(completer: &Completer, rgb: RgbImage) -> Result<Vec<Panel>> {
+    let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+    let (centred, count) = functions(completer, &rgb)?;
+    let norms: Vec<f32> = centred
+        .chunks_exact(count)
+        .map(|row| dot(row, row).sqrt())
+        .collect();
+    let mut marked = rgb;
+    let mut panels = Vec::new();
+    for (number, (across, down)) in (1..).zip(PLACES) {
+        let (x, y) = (
+            (across * width as f64) as usize,
+            (down * height as f64) as usize,
+        );
+        let here = y * width + x;
+        let own = &centred[here * count..][..count];
+        let alike = centred.chunks_exact(count).zip(&norms);
+        let alike: Vec<f32> = alike
+            .map(|(row, norm)| dot(row, own) / (norm * norms[here]).max(f32::EPSILON))
+            .collect();
+        let mut image = signed(&alike, width, 1.0);
+        cross(&mut image, x, y, Rgb([0, 0, 0]));
+        cross(&mut marked, x, y, Rgb([255, 230, 0]));
+        panels.push(Panel {
+            caption: format!("pixel {number}"),
+            image,
+        });
+    }
+    panels.insert(
+        0,
+        Panel {
+            caption: "image".into(),
+            image: marked,
+        },
+    );
+    Ok(panels)
+}
+
+/// The basis functions of greatest standard deviation over an image, as a picture.
+///
+/// # Errors
+/// An image without pixels.
+pub fn contact_sheet(completer: &Completer, rgb: &RgbImage) -> Result<Drawing> {
+    let width = rgb.width() as usize;
+    let (centred, count) = functions(completer, rgb)?;
+    let mut powers = vec![0.0_f32; count];
+    for row in centred.chunks_exact(count) {
+        powers
+            .iter_mut()
+            .zip(row)
+            .for_each(|(power, v)| *power += v * v);
+    }
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&a, &b| powers[b].total_cmp(&powers[a]));
+    let pixels = centred.len() / count.max(1);
+    let panel = |&function: &usize| {
+        let map: Vec<f32> = centred
+            .iter()
+            .skip(function)
+            .step_by(count)
+            .copied()
+            .collect();
+        let deviation = (powers[function] / pixels.max(1) as f32).sqrt();
+        Panel {
+            caption: format!("f{} ({deviation:.2})", function + 1),
+            image: signed(&map, width, 2.5 * deviation),
+        }
+    };
+    let panels: Vec<Panel> = order.iter().take(SHEET).map(panel).collect();
+    let mut rows = vec![vec![Panel {
+        caption: "image".into(),
+        image: rgb.clone(),
+    }]];
+    rows.extend(panels.chunks(ACROSS).map(<[Panel]>::to_vec));
+    let panels = Panels {
+        title: "Basis functions less their means, and their standard deviations".into(),
+        scales: vec![signed_scale("standard deviations", 2.5)],
+        rows,
+    };
+    Ok(panels.draw())
+}
+
+/// Values `[pixels, count]` less the mean of each function.
+fn centred(values: &[f32], count: usize) -> Vec<f32> {
+    let mut means = vec![0.0_f64; count];
+    for row in values.chunks_exact(count) {
+        means
+            .iter_mut()
+            .zip(row)
+            .for_each(|(m, v)| *m += f64::from(*v));
+    }
+    let pixels = (values.len() / count.max(1)).max(1) as f64;
+    let less = |(i, v): (usize, &f32)| (f64::from(*v) - means[i % count] / pixels) as f32;
+    values.iter().enumerate().map(less).collect()
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn cross(image: &mut RgbImage, x: usize, y: usize, colour: Rgb<u8>) {
+    const ARM: i64 = 5;
+    for step in -ARM..=ARM {
+        for (dx, dy) in [(step, 0), (0, step), (step, 1), (1, step)] {
+            let (x, y) = (x as i64 + dx, y as i64 + dy);
+            if x >= 0 && y >= 0 && x < i64::from(image.width()) && y < i64::from(image.height()) {
+                image.put_pixel(x as u32, y as u32, colour);
+            }
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! A depth map in colours, with what they mean below it.
+
+use super::colour::coloured;
+use super::drawing::Drawing;
+use super::panels::Scale;
+use crate::data::DepthMap;
+use image::{RgbImage, imageops};
+use lsdc_files::error::{Error, Result};
+
+/// Units of a drawing: the height of the strip below a map, and the width that its scale takes.
+const STRIP: f64 = 20.0;
+const WIDTH: f64 = 290.0;
+/// Images that are wider have larger letters.
+const WIDE: f64 = 640.0;
+
+/// Returns the depths from which to which colours are spread: those of the middle 98 % of the pixels, so that a few stray
+/// ones leave the others their colours. `None` without a depth.
+pub fn usual_range(depth: &DepthMap) -> Option<(f32, f32)> {
+    let mut depths: Vec<f32> = depth.points().map(|point| point.depth).collect();
+    if depths.is_empty() {
+        return None;
+    }
+    let last = (depths.len() - 1) as f64;
+    let mut at = |share: f64| {
+        let place = (last * share).round() as usize;
+        *depths.select_nth_unstable_by(place, f32::total_cmp).1
+    };
+    Some((at(0.01), at(0.99)))
+}
+
+/// Returns a depth map in [colours](coloured) from `low` to `high`, above a strip with their scale. `unit` is that of the
+/// depths. The strip has an even number of rows.
+///
+/// # Errors
+/// None for maps that are sound.
+pub fn colour_map(depth: &DepthMap, low: f32, high: f32, unit: &'static str) -> Result<RgbImage> {
+    let map = coloured(depth, low, high);
+    let (width, height) = map.dimensions();
+    let fineness = (f64::from(width) / WIDTH)
+        .min(1.0)
+        .max(f64::from(width) / WIDE);
+    let mut drawing = Drawing {
+        title: "scale of depths".to_owned(),
+        width: f64::from(width) / fineness,
+        height: STRIP,
+        body: String::new(),
+    };
+    let scale = Scale {
+        name: "depth".to_owned(),
+        low,
+        high,
+        unit,
+        map: colorous::TURBO,
+    };
+    scale.draw(&mut drawing.body, 4.0, 4.0);
+    let strip = drawing.image(fineness as f32)?;
+    let below = strip.height().next_multiple_of(2);
+    let mut pixels = map.into_raw();
+    pixels.resize(3 * width as usize * (height + below) as usize, 255);
+    let whole = RgbImage::from_raw(width, height + below, pixels);
+    let mut whole = whole.ok_or_else(|| Error::shape("a depth map of no size"))?;
+    imageops::replace(&mut whole, &strip, 0, i64::from(height));
+    Ok(whole)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_stray_pixels_do_not_widen_the_range() {
+        let values: Vec<f32> = (0..1001).map(|i| 1.0 + i as f32 / 1000.0).collect();
+        let map = |values: &[f32]| DepthMap::new(values.len(), 1, values.to_vec()).unwrap();
+        // numpy.percentile(values, [1, 99])
+        assert_eq!(usual_range(&map(&values)), Some((1.01, 1.99)));
+        let stray = [&values[..], &[0.01, 0.0, 90.0, 0.0]].concat();
+        let (low, high) = usual_range(&map(&stray)).unwrap();
+        assert!((low - 1.01).abs() < 2e-3 && (high - 1.99).abs() < 2e-3);
+        assert_eq!(usual_range(&map(&[0.0, 2.0])), Some((2.0, 2.0)));
+        assert_eq!(usual_range(&DepthMap::empty(3, 2)), None);
+    }
+
+    #[test]
+    fn the_scale_is_below_the_map_at_every_size() {
+        for (width, height) in [(20, 16), (304, 228), (1280, 960)] {
+            let values = (0..width * height).map(|i| 1.0 + (i % width) as f32);
+            let depth = DepthMap::new(width, height, values.collect()).unwrap();
+            let (low, high) = (1.0, width as f32);
+            let whole = colour_map(&depth, low, high, "m").unwrap();
+            let map = imageops::crop_imm(&whole, 0, 0, width as u32, height as u32).to_image();
+            assert_eq!(map, coloured(&depth, low, high));
+            let strip = whole.height() - height as u32;
+            assert_eq!(strip % 2, 0);
+            // Blue, red, and black on white.
+            let pixels: Vec<_> = whole.rows().skip(height).flatten().map(|p| p.0).collect();
+            let any = |is: fn([u8; 3]) -> bool| pixels.iter().any(|&p| is(p));
+            assert!(any(|p| p == [255; 3]), "{width}");
+            if width > 300 {
+                assert!(any(|[r, _, b]| b > 150 && r < 100), "{width}");
+                assert!(any(|[r, _, b]| r > 120 && b < 60), "{width}");
+                assert!(any(|[r, g, b]| r.max(g).max(b) < 110), "{width}");
+            }
+        }
+    }
+}

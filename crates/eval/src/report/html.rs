@@ -1,0 +1,420 @@
+//! One page that needs nothing else: tables, charts, and pictures of remarkable frames.
+
+use super::chart::{COLOURS, Chart, Line, Scales};
+use super::colour::{coloured, errors};
+use super::drawing::{encoded, escaped};
+use super::text::{TABLES, shown};
+use super::{Failure, Mean, Report};
+use crate::data::{DepthMap, Place, write_atomically};
+use crate::metrics::{Axis, Bin, Certainty, Metric};
+use image::RgbImage;
+use lsdc_files::error::Result;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// A frame to be shown.
+#[derive(Clone, Debug)]
+pub struct Exhibit {
+    /// Why it is shown: `worst`, `median` or `best`.
+    pub role: Role,
+    /// The frame's name.
+    pub frame: String,
+    /// The colour image.
+    pub rgb: RgbImage,
+    /// The points that were given.
+    pub sparse: DepthMap,
+    /// The true depth.
+    pub truth: DepthMap,
+    /// Each method's name, RMSE in metres, and prediction.
+    pub predictions: Vec<(String, f64, DepthMap)>,
+}
+
+/// Why a frame is shown.
+pub type Role = &'static str;
+
+impl Report {
+    /// Writes the page.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_html(&self, path: &Path, exhibits: &[Exhibit]) -> Result<()> {
+        let page = self.to_html(exhibits);
+        write_atomically(path, |out| out.write_all(page.as_bytes()))
+    }
+
+    /// The page.
+    pub fn to_html(&self, exhibits: &[Exhibit]) -> String {
+        let mut page = begin(&format!("Depth completion on {}", self.heading.dataset));
+        page.push_str("<table class='preface'>");
+        for (name, text) in self.preface() {
+            let _ = write!(page, "<tr><td>{name}</td><td>{}</td></tr>", marked(&text));
+        }
+        page.push_str("</table>\n<h2>Errors</h2>");
+        page.push_str(&tables(&self.means(None)));
+        let places = self.places();
+        if places.len() > 1 {
+            for place in places {
+                let name = match place {
+                    Place::Indoor => "Indoor",
+                    Place::Outdoor => "Outdoor",
+                };
+                let _ = write!(page, "<h3>{name}</h3>{}", tables(&self.means(Some(place))));
+            }
+        }
+        self.by_scene()
+            .iter()
+            .for_each(|table| page.push_str(&table.html()));
+        if let Some(about) = self.about_ranges() {
+            let _ = write!(page, "<h2>Errors by depth</h2><p>{}.</p>", marked(&about));
+        }
+        self.by_depth()
+            .iter()
+            .for_each(|table| page.push_str(&table.html()));
+        for line in self.comparisons().into_iter().chain(self.foretold()) {
+            let _ = write!(page, "<p>{}.</p>", marked(&line));
+        }
+        page.push_str("\n<h2>Where the errors are</h2>");
+        page.push_str(&self.charts());
+        if !exhibits.is_empty() {
+            page.push_str("\n<h2>Frames</h2>");
+        }
+        for exhibit in exhibits {
+            page.push_str(&exhibited(exhibit));
+        }
+        page.push_str(&failed(&self.failures));
+        let _ = write!(
+            page,
+            "\n<p class='spread'>lsdc {}</p></body></html>\n",
+            env!("CARGO_PKG_VERSION")
+        );
+        page
+    }
+
+    fn charts(&self) -> String {
+        let methods = &self.heading.methods;
+        let lines = |of: &dyn Fn(usize) -> Vec<(f64, f64)>| -> Vec<Line> {
+            let line = |colour: usize| Line {
+                colour,
+                points: of(colour),
+                ..Line::default()
+            };
+            (0..methods.len()).map(line).collect()
+        };
+        // A bin with few pixels says nothing: it needs a thousandth of all.
+        let curve = |axis: Axis, method: usize| -> Vec<(f64, f64)> {
+            let bins = self.profiles[method].along(axis);
+            let all: u64 = bins.iter().map(|b| b.pixels).sum();
+            let enough = |bin: &&(usize, &Bin)| 1000 * bin.1.pixels >= all;
+            let points = bins.iter().enumerate().collect::<Vec<_>>();
+            points
+                .iter()
+                .filter(enough)
+                .filter_map(|(i, bin)| Some((axis.middle(*i), bin.mean()?)))
+                .collect()
+        };
+        let sizes = |method: usize| -> Vec<(f64, f64)> {
+            let bins = self.profiles[method].along(Axis::Error);
+            let all: u64 = bins.iter().map(|b| b.pixels).sum();
+            let share = |bin: &Bin| 100.0 * bin.pixels as f64 / all.max(1) as f64;
+            bins.iter()
+                .enumerate()
+                .map(|(i, bin)| (Axis::Error.middle(i), share(bin)))
+                .collect()
+        };
+        let frames = |method: usize| -> Vec<(f64, f64)> {
+            let scores = self.by_frame(method);
+            let mut rmse: Vec<f64> = scores.values().map(|s| s[Metric::Rmse]).collect();
+            rmse.sort_by(f64::total_cmp);
+            let count = rmse.len() as f64;
+            let share = |i: usize| 100.0 * (i as f64 + 0.5) / count;
+            rmse.into_iter()
+                .enumerate()
+                .map(|(i, v)| (share(i), v))
+                .collect()
+        };
+        // By the prediction, and at best.
+        let mut left = Vec::new();
+        for (colour, certainty) in self.certainties.iter().enumerate() {
+            let curve = certainty.iter().flat_map(Certainty::sparsification);
+            let (found, best) = curve
+                .map(|(share, found, best)| ((100.0 * share, found), (100.0 * share, best)))
+                .unzip();
+            for (dashed, points) in [(false, found), (true, best)] {
+                left.push(Line {
+                    colour,
+                    dashed,
+                    points,
+                    ..Line::default()
+                });
+            }
+        }
+        let mut held = vec![Line {
+            colour: 0,
+            dashed: true,
+            points: vec![(0.0, 0.0), (100.0, 100.0)],
+            ..Line::default()
+        }];
+        for (colour, certainty) in self.certainties.iter().enumerate() {
+            let pairs = certainty.iter().flat_map(Certainty::calibration);
+            held.push(Line {
+                colour,
+                points: pairs.map(|(a, b)| (100.0 * a, 100.0 * b)).collect(),
+                ..Line::default()
+            });
+        }
+        if self.certainties.iter().all(Option::is_none) {
+            held.clear();
+        }
+        let charts = [
+            Chart {
+                title: "Errors that intervals hold (dashed: ideal)",
+                across: "level of the interval, %",
+                up: "errors within, %",
+                scales: Scales::Linear,
+                lines: held,
+            },
+            Chart {
+                title: "RMSE of the pixels that are left (dashed: at best)",
+                across: "most uncertain pixels removed, %",
+                up: "RMSE, m",
+                scales: Scales::Linear,
+                lines: left,
+            },
+            Chart {
+                title: "Mean absolute error against depth",
+                across: "true depth, m",
+                up: "MAE, m",
+                scales: Scales::LogarithmicAcross,
+                lines: lines(&|i| curve(Axis::Depth, i)),
+            },
+            Chart {
+                title: "Mean absolute error against distance to a point",
+                across: "distance to the nearest point, pixels (left end: at a point)",
+                up: "MAE, m",
+                scales: Scales::LogarithmicAcross,
+                lines: lines(&|i| curve(Axis::Distance, i)),
+            },
+            Chart {
+                title: "How large the errors are",
+                across: "absolute error, m (half octaves)",
+                up: "pixels, %",
+                scales: Scales::LogarithmicAcross,
+                lines: lines(&sizes),
+            },
+            Chart {
+                title: "RMSE of the frames, from best to worst",
+                across: "frames, %",
+                up: "RMSE, m",
+                scales: Scales::Linear,
+                lines: lines(&frames),
+            },
+        ];
+        let drawn: String = charts.iter().map(Chart::svg).collect();
+        format!("{}<div class='charts'>{drawn}</div>", legend(methods))
+    }
+}
+
+/// Text with the marks of plain text as elements: `names`, powers (`1.25^2`) and the window of a measure (`SEE_3`).
+pub(super) fn marked(text: &str) -> String {
+    let text = escaped(text);
+    let mut html = String::new();
+    let mut rest = text.as_str();
+    loop {
+        let plain = rest.find('`').unwrap_or(rest.len());
+        let code = rest[plain..]
+            .get(1..)
+            .and_then(|behind| behind.split_once('`'));
+        let Some((code, behind)) = code else {
+            return html + &raised(&raised(rest, "^", "sup"), "SEE_", "sub");
+        };
+        html.push_str(&raised(&raised(&rest[..plain], "^", "sup"), "SEE_", "sub"));
+        let _ = write!(html, "<code>{code}</code>");
+        rest = behind;
+    }
+}
+
+/// Puts the digits that follow a mark into an element; a mark of letters stays, without what joins it to them.
+fn raised(text: &str, mark: &str, element: &str) -> String {
+    let mut parts = text.split(mark);
+    let mut html = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let digits = part.len() - part.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+        let (number, rest) = part.split_at(digits);
+        if number.is_empty() {
+            let _ = write!(html, "{mark}{rest}");
+        } else {
+            let kept = mark.trim_end_matches(['_', '^']);
+            let _ = write!(html, "{kept}<{element}>{number}</{element}>{rest}");
+        }
+    }
+    html
+}
+
+/// The page up to its title.
+pub(super) fn begin(title: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>\
+         <meta name='viewport' content='width=device-width, initial-scale=1'>\
+         <title>{title}</title><style>{style}{drawing}</style></head><body><h1>{title}</h1>\n",
+        title = escaped(title),
+        style = include_str!("page.css"),
+        drawing = include_str!("drawing.css"),
+    )
+}
+
+/// The colours of the methods.
+pub(super) fn legend(methods: &[String]) -> String {
+    let mut legend = String::from("<p class='legend'>");
+    for (name, i) in methods.iter().zip(0..) {
+        let (name, colour): (String, &str) = (escaped(name), COLOURS[i % COLOURS.len()]);
+        let _ = write!(
+            legend,
+            "<span><i style='background:{colour}'></i>{name}</span>"
+        );
+    }
+    legend.push_str("</p>");
+    legend
+}
+
+/// What is not in the numbers.
+pub(super) fn failed(failures: &[Failure]) -> String {
+    if failures.is_empty() {
+        return String::new();
+    }
+    let mut list = String::from("\n<h3>Frames that failed</h3><ul class='failures'>");
+    for failure in failures {
+        let text = format!("{}: {}", failure.frame, failure.error);
+        let _ = write!(list, "<li>{}</li>", escaped(&text));
+    }
+    list + "</ul>"
+}
+
+/// All measures of each method, errors and shares apart; the best of each column stands out.
+fn tables(means: &[Mean]) -> String {
+    TABLES.iter().map(|metrics| table(means, metrics)).collect()
+}
+
+fn table(means: &[Mean], metrics: &[Metric]) -> String {
+    let mut html = String::from("<div class='scroll'><table><thead><tr><th>method</th>");
+    for metric in metrics {
+        let (label, unit) = (marked(metric.label()), metric.unit());
+        let _ = write!(html, "<th>{label} <span class='spread'>{unit}</span></th>");
+    }
+    html.push_str("</tr></thead><tbody>");
+    for mean in means {
+        let _ = write!(html, "<tr><td>{}</td>", escaped(mean.method));
+        for &metric in metrics {
+            let value = mean.mean[metric];
+            let better = |other: &Mean| {
+                let gain = value - other.mean[metric];
+                if metric.is_share() {
+                    gain < 0.0
+                } else {
+                    gain > 0.0
+                }
+            };
+            let class = if means.len() > 1 && !means.iter().any(better) {
+                " class='best'"
+            } else {
+                ""
+            };
+            let _ = write!(html, "<td{class}>{}", shown(metric, value));
+            if mean.deviation[metric].is_finite() {
+                let spread = shown(metric, mean.deviation[metric]);
+                let _ = write!(html, " <span class='spread'>&plusmn;{spread}</span>");
+            }
+            html.push_str("</td>");
+        }
+        html.push_str("</tr>");
+    }
+    html.push_str("</tbody></table></div>");
+    html
+}
+
+fn exhibited(exhibit: &Exhibit) -> String {
+    let (low, high) = exhibit.truth.range().unwrap_or((0.0, 1.0));
+    let worst = scale_of_errors(exhibit);
+    let mut html = format!(
+        "<h3>{}: {}</h3><p>{}{}</p><div class='figures'>",
+        exhibit.role,
+        escaped(&exhibit.frame),
+        colour_scale("depth", low, high, colorous::TURBO),
+        colour_scale("absolute error", 0.0, worst, colorous::INFERNO),
+    );
+    let points = format!("{} points", exhibit.sparse.count());
+    html.push_str(&figure("image", &exhibit.rgb));
+    html.push_str(&figure(&points, &dotted(exhibit, low, high)));
+    html.push_str(&figure("truth", &coloured(&exhibit.truth, low, high)));
+    html.push_str("</div><div class='figures methods'>");
+    for (method, rmse, depth) in &exhibit.predictions {
+        let method = escaped(method);
+        let shown = coloured(depth, low, high);
+        let wrong = errors(depth, &exhibit.truth, worst);
+        html.push_str(&figure(&format!("{method}, RMSE {rmse:.3} m"), &shown));
+        html.push_str(&figure(&format!("{method}, error"), &wrong));
+    }
+    html.push_str("</div>");
+    html
+}
+
+fn figure(caption: &str, image: &RgbImage) -> String {
+    format!(
+        "<figure><img alt='{caption}' src='{}'>\
+         <figcaption>{caption}</figcaption></figure>",
+        encoded(image)
+    )
+}
+
+/// The points as dots over the darkened image.
+pub(super) fn dotted(exhibit: &Exhibit, low: f32, high: f32) -> RgbImage {
+    let mut image = exhibit.rgb.clone();
+    image
+        .iter_mut()
+        .for_each(|value| *value = (f32::from(*value) * 0.3) as u8);
+    let colours = coloured(&exhibit.sparse, low, high);
+    // Sparse points are drawn larger than one pixel where there is room for them.
+    let share = exhibit.sparse.count() as f64 / exhibit.sparse.values().len() as f64;
+    let reach = usize::from(share < 0.04);
+    for point in exhibit.sparse.points() {
+        for y in point.y.saturating_sub(reach)..(point.y + reach + 1).min(exhibit.sparse.height()) {
+            for x in
+                point.x.saturating_sub(reach)..(point.x + reach + 1).min(exhibit.sparse.width())
+            {
+                let colour = *colours.get_pixel(point.x as u32, point.y as u32);
+                image.put_pixel(x as u32, y as u32, colour);
+            }
+        }
+    }
+    image
+}
+
+/// The end of the scale of errors: what 98 % of the pixels of the first method stay below.
+pub(super) fn scale_of_errors(exhibit: &Exhibit) -> f32 {
+    let Some((_, _, depth)) = exhibit.predictions.first() else {
+        return 1.0;
+    };
+    let mut all: Vec<f32> = exhibit
+        .truth
+        .values()
+        .iter()
+        .zip(depth.values())
+        .filter(|(d, _)| **d > 0.0)
+        .map(|(d, p)| (p - d).abs())
+        .collect();
+    all.sort_by(f32::total_cmp);
+    all.get(all.len() * 98 / 100)
+        .copied()
+        .unwrap_or(1.0)
+        .max(0.01)
+}
+
+fn colour_scale(name: &str, low: f32, high: f32, map: colorous::Gradient) -> String {
+    let stops: Vec<String> = (0..=10)
+        .map(|i| format!("#{:x}", map.eval_continuous(f64::from(i) / 10.0)))
+        .collect();
+    format!(
+        "<span class='scale'>{name} {low:.2} <b style='background:linear-gradient(90deg,{})'></b> \
+         {high:.2} m</span>",
+        stops.join(",")
+    )
+}

@@ -1,0 +1,194 @@
+//! What an experiment found: words, tables and pictures, in files and on a page.
+
+use super::drawing::{Drawing, escaped};
+use super::html::{begin, failed, marked};
+use super::{Failure, Table};
+use crate::data::write_atomically;
+use lsdc_files::error::{Error, Result};
+use serde::Serialize;
+use std::fmt::{Display, Formatter, Write as _};
+use std::path::Path;
+
+/// The outcome of an experiment.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Section {
+    /// The name in files.
+    pub name: &'static str,
+    /// The name for people.
+    pub title: &'static str,
+    /// How it was made.
+    pub about: Vec<String>,
+    /// What was found, in numbers.
+    pub tables: Vec<Table>,
+    /// What was found, in words.
+    pub findings: Vec<String>,
+    /// What to know of published numbers.
+    pub notes: Vec<String>,
+    /// What was found, in pictures.
+    pub figures: Vec<Figure>,
+    /// What could not be measured and is left out of all this.
+    pub failures: Vec<Failure>,
+}
+
+/// A picture with a name.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figure {
+    /// The name in files, after that of the experiment.
+    pub name: String,
+    /// What is seen.
+    pub caption: String,
+    /// The picture.
+    #[serde(skip)]
+    pub drawing: Drawing,
+}
+
+impl Section {
+    /// An experiment of which nothing is known yet.
+    pub fn new(name: &'static str, title: &'static str) -> Self {
+        Self {
+            name,
+            title,
+            about: Vec::new(),
+            tables: Vec::new(),
+            findings: Vec::new(),
+            notes: Vec::new(),
+            figures: Vec::new(),
+            failures: Vec::new(),
+        }
+    }
+
+    /// Adds a picture.
+    pub fn show(&mut self, name: &str, caption: &str, drawing: Drawing) {
+        self.figures.push(Figure {
+            name: name.to_owned(),
+            caption: caption.to_owned(),
+            drawing,
+        });
+    }
+
+    /// Adds a table, and in words how `ours` does in it.
+    pub fn judge(&mut self, table: Table, ours: &str) {
+        self.findings.extend(table.verdict(ours));
+        self.tables.push(table);
+    }
+
+    /// Says once of each frame that it failed.
+    pub fn leave_out(&mut self, failures: Vec<Failure>) {
+        for failure in failures {
+            if !self.failures.contains(&failure) {
+                self.failures.push(failure);
+            }
+        }
+    }
+
+    /// Writes `NAME.txt`, `NAME.json`, `NAME.csv` with a blank line between tables, and each picture
+    /// as `NAME-FIGURE.svg` and `.png`.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let path = |ending: &str| folder.join(format!("{}{ending}", self.name));
+        let text = |ending: &str, text: String| {
+            write_atomically(&path(ending), |out| out.write_all(text.as_bytes()))
+        };
+        let json = serde_json::to_string_pretty(self)
+            .map_err(|e| Error::write(&path(".json"), e.into()))?;
+        text(".json", json + "\n")?;
+        text(".txt", self.to_string())?;
+        let tables: Vec<String> = self.tables.iter().map(Table::csv).collect();
+        text(".csv", tables.join("\n"))?;
+        for figure in &self.figures {
+            text(&format!("-{}.svg", figure.name), figure.drawing.document())?;
+            let png = figure.drawing.png()?;
+            write_atomically(&path(&format!("-{}.png", figure.name)), |out| {
+                out.write_all(&png)
+            })?;
+        }
+        Ok(())
+    }
+
+    fn html(&self) -> String {
+        let mut html = format!("\n<h2 id='{}'>{}</h2>", self.name, escaped(self.title));
+        let paragraph = |html: &mut String, text: &str, class: &str| {
+            let _ = write!(html, "<p{class}>{}</p>", marked(text));
+        };
+        self.about
+            .iter()
+            .for_each(|text| paragraph(&mut html, text, ""));
+        self.tables
+            .iter()
+            .for_each(|table| html.push_str(&table.html()));
+        for text in &self.findings {
+            paragraph(&mut html, text, " class='finding'");
+        }
+        for figure in &self.figures {
+            let _ = write!(
+                html,
+                "<figure class='drawn' style='max-width:{:.0}px'>{}<figcaption>{}</figcaption></figure>",
+                figure.drawing.width,
+                figure.drawing.inline(),
+                escaped(&figure.caption)
+            );
+        }
+        if !self.notes.is_empty() {
+            html.push_str("<p class='spread'>On the published numbers:</p>");
+        }
+        for text in &self.notes {
+            paragraph(&mut html, text, " class='spread'");
+        }
+        html.push_str(&failed(&self.failures));
+        html
+    }
+}
+
+/// Writes one page of all experiments.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_page(path: &Path, title: &str, sections: &[Section]) -> Result<()> {
+    let mut page = begin(title);
+    page.push_str("<p>Rows in grey do not compete: others published them, on their machines and frames, or they were given more. Bold: the best of the others.</p><ul>");
+    for section in sections {
+        let title = escaped(section.title);
+        let _ = write!(page, "<li><a href='#{}'>{title}</a></li>", section.name);
+    }
+    page.push_str("</ul>");
+    for section in sections {
+        page.push_str(&section.html());
+    }
+    let _ = write!(
+        page,
+        "\n<p class='spread'>lsdc {}</p></body></html>\n",
+        env!("CARGO_PKG_VERSION")
+    );
+    write_atomically(path, |out| out.write_all(page.as_bytes()))
+}
+
+impl Display for Section {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "{}", self.title)?;
+        writeln!(f, "{}\n", "=".repeat(self.title.chars().count()))?;
+        for text in &self.about {
+            writeln!(f, "{text}")?;
+        }
+        for table in &self.tables {
+            writeln!(f, "\n{table}")?;
+        }
+        for text in &self.findings {
+            writeln!(f, "{text}")?;
+        }
+        if !self.notes.is_empty() {
+            writeln!(f, "\nOn the published numbers:")?;
+        }
+        for text in &self.notes {
+            writeln!(f, "- {text}")?;
+        }
+        if !self.failures.is_empty() {
+            writeln!(f, "\nFrames that failed:")?;
+        }
+        for Failure { frame, error } in &self.failures {
+            writeln!(f, "- {frame}: {error}")?;
+        }
+        Ok(())
+    }
+}

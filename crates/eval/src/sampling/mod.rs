@@ -1,0 +1,20 @@
+//! How frames are prepared for a measurement: sizes, valid depths, sparse points, noise, and what is held out.
+
+mod corners;
+mod hold_out;
+mod noise;
+mod occlusion;
+mod pattern;
+mod preset;
+mod protocol;
+mod resize;
+mod task;
+
+pub use hold_out::HoldOut;
+pub use noise::Noise;
+pub use occlusion::Occlusion;
+pub use pattern::Pattern;
+pub use preset::Preset;
+pub use protocol::{Anchor, Jumps, Protocol, Size};
+pub use resize::{Interpolation, move_points, resize_depth, resize_rgb};
+pub use task::Task;

@@ -1,0 +1,122 @@
+//! Laser returns that were seen past a nearer surface: the scanner stands above or beside the camera, and so sees
+//! background that the camera does not.
+
+use crate::data::DepthMap;
+use lsdc_files::error::Result;
+use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
+
+/// A return is left out where another one within a window around it is much nearer: farther than `ratio` x the nearest
+/// depth + `metres`. The window is counted in pixels of the image as stored.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Occlusion {
+    /// Factor on the nearest depth.
+    pub ratio: f32,
+    /// Added to it, in metres.
+    pub metres: f32,
+    /// Columns of the window; odd.
+    pub width: usize,
+    /// Rows of the window; odd. More than columns, because the rings of a scanner are farther apart than its returns
+    /// on a ring.
+    pub height: usize,
+    /// Whether the points that are given are filtered as well as the truth.
+    pub given: bool,
+}
+
+impl Default for Occlusion {
+    fn default() -> Self {
+        Self {
+            ratio: 1.1,
+            metres: 0.3,
+            width: 7,
+            height: 11,
+            given: false,
+        }
+    }
+}
+
+impl Occlusion {
+    /// The returns that were not seen past a nearer one.
+    ///
+    /// # Errors
+    /// None for a map of depths.
+    pub fn without(&self, returns: &DepthMap) -> Result<DepthMap> {
+        let (width, height) = (returns.width(), returns.height());
+        let around = |at: usize, reach: usize, length: usize| {
+            at.saturating_sub(reach)..at.saturating_add(reach + 1).min(length)
+        };
+        let mut values = returns.values().to_vec();
+        for point in returns.points() {
+            let rows = around(point.y, self.height / 2, height);
+            let columns = || around(point.x, self.width / 2, width);
+            let nearest = rows
+                .flat_map(|y| columns().map(move |x| returns.at(x, y)))
+                .filter(|depth| *depth > 0.0)
+                .fold(point.depth, f32::min);
+            if point.depth > self.ratio * nearest + self.metres {
+                values[point.y * width + point.x] = 0.0;
+            }
+        }
+        Ok(DepthMap::new(width, height, values)?)
+    }
+}
+
+impl Display for Occlusion {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            ratio,
+            metres,
+            width,
+            height,
+            given,
+        } = self;
+        let of = if *given {
+            "truth and given points"
+        } else {
+            "truth"
+        };
+        write!(
+            f,
+            "{of} without returns beyond {ratio} x the nearest of {width}x{height} pixels + {metres} m"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lsdc_core::Point;
+
+    #[test]
+    fn what_lies_behind_a_nearer_return_of_the_window_is_left_out() {
+        let at = |x, y, depth| Point { x, y, depth };
+        let returns = DepthMap::from_points(
+            30,
+            40,
+            &[
+                // At most 1.1 x 10 + 0.3 = 11.3 m beside it.
+                at(25, 5, 10.0),
+                at(26, 5, 11.25),
+                at(25, 6, 11.35),
+                at(10, 20, 10.0),
+                // The corners of 7x11 pixels, and just outside of them.
+                at(7, 15, 30.0),
+                at(13, 25, 30.0),
+                at(6, 15, 30.0),
+                at(14, 25, 30.0),
+                at(10, 14, 30.0),
+                at(10, 26, 30.0),
+                at(0, 39, 3.0),
+            ],
+        );
+        let left = Occlusion::default().without(&returns).unwrap();
+        let gone: Vec<(usize, usize)> = returns
+            .points()
+            .filter(|p| left.at(p.x, p.y) == 0.0)
+            .map(|p| (p.x, p.y))
+            .collect();
+        assert_eq!(gone, [(25, 6), (7, 15), (13, 25)]);
+        assert_eq!(left.count(), 8);
+    }
+}

@@ -1,0 +1,412 @@
+//! How a frame is brought to the size at which it is measured, and which depths count.
+
+use super::occlusion::Occlusion;
+use super::resize::{Interpolation, move_points, resize_depth, resize_rgb, sources_of_points};
+use crate::data::{DepthMap, Frame, Place};
+use lsdc_files::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
+
+/// Rows and columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Size {
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+}
+
+impl Display for Size {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}x{}", self.height, self.width)
+    }
+}
+
+/// Which part of a frame a crop keeps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Anchor {
+    /// The centre.
+    #[default]
+    Centre,
+    /// The centre of the lowest rows: a laser scanner does not see the sky.
+    Bottom,
+}
+
+/// A true depth does not count where a neighbour of its 3x3 pixels differs by more than this share
+/// of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Jumps {
+    /// In rooms.
+    pub indoor: f32,
+    /// Under the sky.
+    pub outdoor: f32,
+}
+
+/// The steps, in their order. A step that is not named is not taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Protocol {
+    /// Leave out the depths that the dataset declares invalid.
+    pub mask: bool,
+    /// Leave out depths outside this range, in metres.
+    pub range: Option<[f32; 2]>,
+    /// Leave out what a laser scanner above the camera saw past a nearer surface.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub occlusion: Option<Occlusion>,
+    /// Leave out depths beside a jump.
+    pub jumps: Option<Jumps>,
+    /// Cut this out of the centre.
+    pub cut: Option<Size>,
+    /// Resize to this.
+    pub resize: Option<Size>,
+    /// How colours are resized.
+    pub rgb_resize: Interpolation,
+    /// How depths are resized.
+    pub depth_resize: Interpolation,
+    /// Cut this out of what was resized.
+    pub crop: Option<Size>,
+    /// Which part `crop` keeps.
+    pub anchor: Anchor,
+}
+
+impl Protocol {
+    /// NYU Depth v2 as evaluated since sparse-to-dense (Ma and Karaman 2018): half size, then the
+    /// centre 228x304.
+    pub fn nyu() -> Self {
+        Self {
+            resize: Some(Size {
+                height: 240,
+                width: 320,
+            }),
+            crop: Some(Size {
+                height: 228,
+                width: 304,
+            }),
+            ..Self::default()
+        }
+    }
+
+    /// Brings a frame to the protocol's size.
+    ///
+    /// # Errors
+    /// A crop is larger than the frame.
+    pub fn apply(&self, frame: &Frame) -> Result<Frame> {
+        let frame = self.scale(frame)?;
+        match self.crop {
+            None => Ok(frame),
+            Some(size) => {
+                let corner = self.corner(&frame)?;
+                cut_out(&frame, corner, size)
+            }
+        }
+    }
+
+    /// All steps but the last crop.
+    ///
+    /// # Errors
+    /// A cut is larger than the frame.
+    pub fn scale(&self, frame: &Frame) -> Result<Frame> {
+        let mut frame = Frame {
+            depth: self.valid(frame)?,
+            ..frame.clone()
+        };
+        if let (Some(occlusion), Some(sparse)) = (self.occlusion, &frame.sparse)
+            && occlusion.given
+        {
+            frame.sparse = Some(occlusion.without(sparse)?);
+        }
+        if let Some(size) = self.cut {
+            let corner = corner(&frame, size, Anchor::Centre)?;
+            frame = cut_out(&frame, corner, size)?;
+        }
+        if let Some(size) = self.resize {
+            frame.rgb = resize_rgb(&frame.rgb, size, self.rgb_resize)?;
+            if let (Some(rings), Some(returns)) = (&frame.rings, &frame.sparse) {
+                let sources = sources_of_points(returns, size)?.into_iter();
+                let rings = sources.map(|source| source.map_or(-1, |pixel| rings[pixel]));
+                frame.rings = Some(rings.collect());
+                // Returns have holes all around, which interpolation would spread over them.
+                frame.depth = move_points(&frame.depth, size)?;
+            } else {
+                frame.depth = resize_depth(&frame.depth, size, self.depth_resize)?;
+            }
+            frame.sparse = match &frame.sparse {
+                Some(sparse) => Some(move_points(sparse, size)?),
+                None => None,
+            };
+        }
+        Ok(frame)
+    }
+
+    /// What remains to be done with frames that were scaled: the last crop.
+    #[must_use]
+    pub fn after_scaling(&self) -> Self {
+        Self {
+            crop: self.crop,
+            anchor: self.anchor,
+            ..Self::default()
+        }
+    }
+
+    /// The last crop's upper left pixel in a frame.
+    pub fn corner(&self, frame: &Frame) -> Result<(usize, usize)> {
+        let whole = Size {
+            height: frame.depth.height(),
+            width: frame.depth.width(),
+        };
+        corner(frame, self.crop.unwrap_or(whole), self.anchor)
+    }
+
+    /// The true depths that count.
+    fn valid(&self, frame: &Frame) -> Result<DepthMap> {
+        let mut values = frame.depth.values().to_vec();
+        if let (true, Some(mask)) = (self.mask, &frame.mask) {
+            for (value, valid) in values.iter_mut().zip(mask) {
+                *value *= f32::from(*valid);
+            }
+        }
+        if let Some([low, high]) = self.range {
+            for value in &mut values {
+                if !(low..=high).contains(value) {
+                    *value = 0.0;
+                }
+            }
+        }
+        let mut depth = DepthMap::new(frame.depth.width(), frame.depth.height(), values)?;
+        if let Some(occlusion) = self.occlusion {
+            depth = occlusion.without(&depth)?;
+        }
+        match self.jumps {
+            None => Ok(depth),
+            Some(jumps) => without_jumps(
+                &depth,
+                match frame.place {
+                    Place::Indoor => jumps.indoor,
+                    Place::Outdoor => jumps.outdoor,
+                },
+            ),
+        }
+    }
+}
+
+fn without_jumps(depth: &DepthMap, most: f32) -> Result<DepthMap> {
+    let (width, height) = (depth.width(), depth.height());
+    let smooth = |x: usize, y: usize| {
+        let here = depth.at(x, y);
+        (y.saturating_sub(1)..(y + 2).min(height)).all(|v| {
+            (x.saturating_sub(1)..(x + 2).min(width)).all(|u| {
+                let there = depth.at(u, v);
+                there == 0.0 || (there - here).abs() <= most * here
+            })
+        })
+    };
+    let values = (0..width * height)
+        .map(|i| (i % width, i / width))
+        .map(|(x, y)| f32::from(smooth(x, y)) * depth.at(x, y))
+        .collect();
+    Ok(DepthMap::new(width, height, values)?)
+}
+
+/// The upper left pixel of a crop.
+fn corner(frame: &Frame, size: Size, anchor: Anchor) -> Result<(usize, usize)> {
+    let (width, height) = (frame.depth.width(), frame.depth.height());
+    if size.height > height || size.width > width {
+        return Err(Error::shape(format!(
+            "frame `{}` of {height}x{width} is smaller than the crop of {size}",
+            frame.id
+        )));
+    }
+    // Rounded half to even, as torchvision's CenterCrop.
+    let half = |room: usize| (room as f64 / 2.0).round_ties_even() as usize;
+    let top = match anchor {
+        Anchor::Centre => half(height - size.height),
+        Anchor::Bottom => height - size.height,
+    };
+    Ok((half(width - size.width), top))
+}
+
+fn cut_out(frame: &Frame, (left, top): (usize, usize), size: Size) -> Result<Frame> {
+    let part = |map: &DepthMap| {
+        let values = (top..top + size.height)
+            .flat_map(|y| (left..left + size.width).map(move |x| map.at(x, y)))
+            .collect();
+        DepthMap::new(size.width, size.height, values)
+    };
+    let whole = frame.depth.width();
+    let rings = frame.rings.as_ref().map(|rings| {
+        let rows = (top..top + size.height).map(|y| y * whole + left);
+        rows.flat_map(|from| rings[from..from + size.width].iter().copied())
+            .collect()
+    });
+    let [x, y, width, height] = [left, top, size.width, size.height].map(|n| n as u32);
+    Ok(Frame {
+        id: frame.id.clone(),
+        rgb: image::imageops::crop_imm(&frame.rgb, x, y, width, height).to_image(),
+        depth: part(&frame.depth)?,
+        sparse: frame.sparse.as_ref().map(part).transpose()?,
+        // Applied already.
+        mask: None,
+        rings,
+        place: frame.place,
+        // Teachers see what was cut out.
+        target: None,
+    })
+}
+
+impl Display for Protocol {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        let mut steps = Vec::new();
+        if self.mask {
+            steps.push("the dataset's validity mask".to_owned());
+        }
+        if let Some([low, high]) = self.range {
+            steps.push(format!("true depths of {low} to {high} m"));
+        }
+        if let Some(occlusion) = self.occlusion {
+            steps.push(occlusion.to_string());
+        }
+        if let Some(Jumps { indoor, outdoor }) = self.jumps {
+            steps.push(format!(
+                "no depths beside jumps of {} % (outdoor {} %)",
+                per_cent(indoor),
+                per_cent(outdoor)
+            ));
+        }
+        if let Some(size) = self.cut {
+            steps.push(format!("centre crop {size}"));
+        }
+        if let Some(size) = self.resize {
+            steps.push(format!(
+                "resized to {size} (colour {}, depth {})",
+                self.rgb_resize.name(),
+                self.depth_resize.name()
+            ));
+        }
+        if let Some(size) = self.crop {
+            let anchor = match self.anchor {
+                Anchor::Centre => "centre",
+                Anchor::Bottom => "bottom",
+            };
+            steps.push(format!("{anchor} crop {size}"));
+        }
+        if steps.is_empty() {
+            steps.push("full size, every true depth".to_owned());
+        }
+        f.write_str(&steps.join(", "))
+    }
+}
+
+/// A share in per cent, without the digits that f32 makes up.
+pub(super) fn per_cent(share: f32) -> f64 {
+    (f64::from(share) * 1e4).round() / 100.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::RgbImage;
+
+    fn frame(width: usize, height: usize, values: Vec<f32>) -> Frame {
+        let rgb = RgbImage::new(width as u32, height as u32);
+        Frame::new(
+            "f".into(),
+            rgb,
+            DepthMap::new(width, height, values).unwrap(),
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn what_does_not_count_is_left_out() {
+        let frame = frame(4, 1, vec![0.05, 1.0, 1.04, 2.0])
+            .with_mask(4, 1, vec![true, true, true, true])
+            .unwrap();
+        let range = Protocol {
+            range: Some([0.1, 1.5]),
+            ..Protocol::default()
+        };
+        assert_eq!(
+            range.apply(&frame).unwrap().depth.values(),
+            [0.0, 1.0, 1.04, 0.0]
+        );
+        let jumps = Protocol {
+            jumps: Some(Jumps {
+                indoor: 0.05,
+                outdoor: 0.5,
+            }),
+            range: Some([0.1, 3.0]),
+            ..Protocol::default()
+        };
+        assert_eq!(
+            jumps.apply(&frame).unwrap().depth.values(),
+            [0.0, 1.0, 0.0, 0.0]
+        );
+        let masked = Frame {
+            mask: Some(vec![true, false, true, false]),
+            ..frame.clone()
+        };
+        let mask = Protocol {
+            mask: true,
+            ..Protocol::default()
+        };
+        assert_eq!(
+            mask.apply(&masked).unwrap().depth.values(),
+            [0.05, 0.0, 1.04, 0.0]
+        );
+        assert_eq!(mask.apply(&frame).unwrap().depth, frame.depth);
+    }
+
+    #[test]
+    fn rings_stay_with_their_returns() {
+        let returns = vec![9.0, 0.0, 2.0, 0.0, 0.0, 5.0, 0.0, 4.0];
+        let scan = frame(4, 2, returns.clone())
+            .with_sparse(DepthMap::new(4, 2, returns).unwrap())
+            .unwrap()
+            .with_rings(vec![7, -1, 3, -1, -1, 5, -1, 4])
+            .unwrap();
+        let half = Protocol {
+            resize: Some(Size {
+                height: 1,
+                width: 2,
+            }),
+            ..Protocol::default()
+        };
+        // Of 9 and 5 m the nearer one stays, of 2 and 4 m too.
+        let small = half.apply(&scan).unwrap();
+        assert_eq!(small.depth.values(), [5.0, 2.0]);
+        assert_eq!(small.sparse.unwrap().values(), [5.0, 2.0]);
+        assert_eq!(small.rings.unwrap(), [5, 3]);
+        let crop = Protocol {
+            crop: Some(Size {
+                height: 1,
+                width: 2,
+            }),
+            anchor: Anchor::Bottom,
+            ..Protocol::default()
+        };
+        let part = crop.apply(&scan).unwrap();
+        assert_eq!(part.depth.values(), [5.0, 0.0]);
+        assert_eq!(part.rings.unwrap(), [5, -1]);
+        let nowhere = frame(4, 2, vec![1.0; 8]).with_rings(vec![0; 8]);
+        assert!(nowhere.is_err());
+    }
+
+    #[test]
+    fn crops_keep_the_asked_part() {
+        let frame = frame(5, 4, (1..=20).map(|v| v as f32).collect());
+        let crop = |anchor| Protocol {
+            crop: Some(Size {
+                height: 2,
+                width: 3,
+            }),
+            anchor,
+            ..Protocol::default()
+        };
+        let centre = crop(Anchor::Centre).apply(&frame).unwrap();
+        assert_eq!(centre.depth.values(), [7.0, 8.0, 9.0, 12.0, 13.0, 14.0]);
+        let bottom = crop(Anchor::Bottom).apply(&frame).unwrap();
+        assert_eq!(bottom.depth.values(), [12.0, 13.0, 14.0, 17.0, 18.0, 19.0]);
+    }
+}

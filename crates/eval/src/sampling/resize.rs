@@ -1,0 +1,287 @@
+//! Resizing as named libraries do it.
+
+use super::Size;
+use crate::data::DepthMap;
+use fast_image_resize::images::{TypedImage, TypedImageRef};
+use fast_image_resize::pixels::{F32, U8x3};
+use fast_image_resize::{FilterType, PixelTrait, ResizeAlg, ResizeOptions, Resizer};
+use image::RgbImage;
+use lsdc_files::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// A way to resize, by the library that does it so.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interpolation {
+    /// PIL's `BILINEAR`, which takes in every pixel when it shrinks (antialiased): torchvision's
+    /// `Resize` on images. Mixes depths at edges.
+    #[default]
+    #[serde(alias = "bilinear")]
+    PilBilinear,
+    /// PIL's `NEAREST`: the source pixel under the centre. Keeps measured values.
+    PilNearest,
+    /// OpenCV's `INTER_LINEAR`, which looks at four pixels only.
+    CvBilinear,
+    /// OpenCV's `INTER_NEAREST`: the source pixel at floor(i x scale). Keeps measured values.
+    #[serde(alias = "nearest")]
+    CvNearest,
+}
+
+impl Interpolation {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::PilBilinear,
+        Self::PilNearest,
+        Self::CvBilinear,
+        Self::CvNearest,
+    ];
+
+    /// The name in configs and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PilBilinear => "pil-bilinear",
+            Self::PilNearest => "pil-nearest",
+            Self::CvBilinear => "cv-bilinear",
+            Self::CvNearest => "cv-nearest",
+        }
+    }
+
+    fn algorithm(self) -> Algorithm {
+        match self {
+            Self::PilBilinear => Algorithm::Weighted(ResizeAlg::Convolution(FilterType::Bilinear)),
+            Self::CvBilinear => Algorithm::Weighted(ResizeAlg::Interpolation(FilterType::Bilinear)),
+            Self::PilNearest => Algorithm::Picked(pil_sources),
+            Self::CvNearest => Algorithm::Picked(cv_sources),
+        }
+    }
+}
+
+/// Weighted means of pixels, or the choice of one.
+enum Algorithm {
+    Weighted(ResizeAlg),
+    /// From the lengths of source and result to the source index of every result pixel.
+    Picked(fn(usize, usize) -> Vec<usize>),
+}
+
+/// PIL steps from half a source pixel on by repeated addition, and rounds down.
+fn pil_sources(from: usize, to: usize) -> Vec<usize> {
+    let step = from as f64 / to as f64;
+    std::iter::successors(Some(step * 0.5), |x| Some(x + step))
+        .take(to)
+        .map(|x| (x as usize).min(from - 1))
+        .collect()
+}
+
+fn cv_sources(from: usize, to: usize) -> Vec<usize> {
+    let step = from as f64 / to as f64;
+    (0..to)
+        .map(|i| ((i as f64 * step) as usize).min(from - 1))
+        .collect()
+}
+
+/// Resizes colours.
+///
+/// # Errors
+/// A size of 0.
+pub fn resize_rgb(rgb: &RgbImage, size: Size, law: Interpolation) -> Result<RgbImage> {
+    let from = Size {
+        height: rgb.height() as usize,
+        width: rgb.width() as usize,
+    };
+    if from == size {
+        return Ok(rgb.clone());
+    }
+    check(from, size)?;
+    match law.algorithm() {
+        Algorithm::Weighted(algorithm) => {
+            let colours = rgb.as_raw().as_chunks().0.iter();
+            let colours: Vec<U8x3> = colours.map(|&colour| U8x3::new(colour)).collect();
+            let colours = convolve(&colours, from, size, algorithm)?;
+            let bytes = colours.into_iter().flat_map(|colour| colour.0).collect();
+            RgbImage::from_raw(size.width as u32, size.height as u32, bytes)
+                .ok_or_else(|| Error::shape("resized image has the wrong size"))
+        }
+        Algorithm::Picked(sources) => {
+            let columns = sources(from.width, size.width);
+            let rows = sources(from.height, size.height);
+            Ok(RgbImage::from_fn(
+                size.width as u32,
+                size.height as u32,
+                |x, y| *rgb.get_pixel(columns[x as usize] as u32, rows[y as usize] as u32),
+            ))
+        }
+    }
+}
+
+/// Resizes depths. Where a pixel that takes part in a weighted mean has no measurement the result
+/// has none, so that no depth is mixed with a hole.
+///
+/// # Errors
+/// A size of 0.
+pub fn resize_depth(depth: &DepthMap, size: Size, law: Interpolation) -> Result<DepthMap> {
+    let from = Size {
+        height: depth.height(),
+        width: depth.width(),
+    };
+    if from == size {
+        return Ok(depth.clone());
+    }
+    check(from, size)?;
+    let values = match law.algorithm() {
+        Algorithm::Weighted(algorithm) => weigh(depth, from, size, algorithm)?,
+        Algorithm::Picked(sources) => {
+            let columns = sources(from.width, size.width);
+            let rows = sources(from.height, size.height);
+            rows.iter()
+                .flat_map(|&y| columns.iter().map(move |&x| depth.at(x, y)))
+                .collect()
+        }
+    };
+    Ok(DepthMap::new(size.width, size.height, values)?)
+}
+
+fn weigh(depth: &DepthMap, from: Size, to: Size, algorithm: ResizeAlg) -> Result<Vec<f32>> {
+    let filter = |values: &[f32]| -> Result<Vec<f32>> {
+        let values: Vec<F32> = values.iter().map(|&value| F32::new(value)).collect();
+        let resized = convolve(&values, from, to, algorithm)?;
+        Ok(resized.into_iter().map(|value| value.0).collect())
+    };
+    let mut values = filter(depth.values())?;
+    if depth.count() < depth.values().len() {
+        let holes: Vec<f32> = depth
+            .values()
+            .iter()
+            .map(|&v| f32::from(v == 0.0))
+            .collect();
+        for (value, hole) in values.iter_mut().zip(filter(&holes)?) {
+            if hole > 1e-6 {
+                *value = 0.0;
+            }
+        }
+    }
+    Ok(values)
+}
+
+/// Moves sparse depths to another size: each point to the pixel that holds its centre, where the
+/// nearer one wins.
+///
+/// # Errors
+/// A size of 0.
+pub fn move_points(sparse: &DepthMap, size: Size) -> Result<DepthMap> {
+    let sources = sources_of_points(sparse, size)?;
+    let values = sources.into_iter();
+    let values = values.map(|source| source.map_or(0.0, |pixel| sparse.values()[pixel]));
+    Ok(DepthMap::new(size.width, size.height, values.collect())?)
+}
+
+/// The pixel from which each pixel of another size gets its point, as [`move_points`] moves them; row by row.
+///
+/// # Errors
+/// A size of 0.
+pub(super) fn sources_of_points(sparse: &DepthMap, size: Size) -> Result<Vec<Option<usize>>> {
+    let from = Size {
+        height: sparse.height(),
+        width: sparse.width(),
+    };
+    check(from, size)?;
+    let moved = |i: usize, from: usize, to: usize| (2 * i + 1) * to / (2 * from);
+    let mut sources: Vec<Option<usize>> = vec![None; size.width * size.height];
+    for point in sparse.points() {
+        let x = moved(point.x, from.width, size.width);
+        let y = moved(point.y, from.height, size.height);
+        let source = &mut sources[y * size.width + x];
+        if source.is_none_or(|pixel| point.depth < sparse.values()[pixel]) {
+            *source = Some(point.y * from.width + point.x);
+        }
+    }
+    Ok(sources)
+}
+
+fn check(from: Size, to: Size) -> Result<()> {
+    if [from.width, from.height, to.width, to.height].contains(&0) {
+        return Err(Error::shape(format!("cannot resize {from} to {to}")));
+    }
+    Ok(())
+}
+
+fn convolve<P: PixelTrait>(
+    pixels: &[P],
+    from: Size,
+    to: Size,
+    algorithm: ResizeAlg,
+) -> Result<Vec<P>> {
+    let wrong =
+        |e: &dyn std::fmt::Display| Error::shape(format!("cannot resize {from} to {to}: {e}"));
+    let source =
+        TypedImageRef::new(from.width as u32, from.height as u32, pixels).map_err(|e| wrong(&e))?;
+    let mut resized = vec![P::default(); to.width * to.height];
+    let (width, height) = (to.width as u32, to.height as u32);
+    let mut target =
+        TypedImage::from_pixels_slice(width, height, &mut resized).map_err(|e| wrong(&e))?;
+    let options = ResizeOptions::new().resize_alg(algorithm);
+    // Not `resize`, which is compiled for every type of pixel.
+    Resizer::new()
+        .resize_typed(&source, &mut target, &options)
+        .map_err(|e| wrong(&e))?;
+    Ok(resized)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn size(height: usize, width: usize) -> Size {
+        Size { height, width }
+    }
+
+    #[test]
+    fn halving_is_the_triangle_filter() {
+        // PIL halves with the weights 1, 3, 3, 1 over 8 (a triangle of half-width 2 output-scaled).
+        let depth = DepthMap::new(8, 1, vec![1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]).unwrap();
+        let half = resize_depth(&depth, size(1, 4), Interpolation::PilBilinear).unwrap();
+        let expected = (2.0 + 3.0 * 4.0 + 3.0 * 8.0 + 16.0) / 8.0;
+        assert!((half.at(1, 0) - expected).abs() < 1e-5, "{}", half.at(1, 0));
+    }
+
+    #[test]
+    fn bilinear_never_mixes_a_hole() {
+        let mut values = vec![2.0; 64];
+        values[27] = 0.0;
+        let depth = DepthMap::new(8, 8, values).unwrap();
+        for law in [Interpolation::PilBilinear, Interpolation::CvBilinear] {
+            let half = resize_depth(&depth, size(4, 4), law).unwrap();
+            let sound = |v: &f32| *v == 0.0 || (*v - 2.0).abs() < 1e-5;
+            assert!(half.values().iter().all(sound));
+            assert!(half.count() < 16 && half.count() >= 7);
+        }
+    }
+
+    #[test]
+    fn the_two_nearests_differ_where_they_should() {
+        let depth = DepthMap::new(4, 4, (1..=16).map(|v| v as f32).collect()).unwrap();
+        let half = |law| resize_depth(&depth, size(2, 2), law).unwrap();
+        assert_eq!(
+            half(Interpolation::CvNearest).values(),
+            [1.0, 3.0, 9.0, 11.0]
+        );
+        assert_eq!(
+            half(Interpolation::PilNearest).values(),
+            [6.0, 8.0, 14.0, 16.0]
+        );
+    }
+
+    #[test]
+    fn points_move_to_the_pixel_that_holds_them() {
+        let mut values = vec![0.0; 16];
+        (values[5], values[0], values[15]) = (2.0, 3.0, 7.0);
+        let sparse = DepthMap::new(4, 4, values).unwrap();
+        let half = move_points(&sparse, size(2, 2)).unwrap();
+        assert_eq!(half.values(), [2.0, 0.0, 0.0, 7.0]);
+        let double = move_points(&sparse, size(8, 8)).unwrap();
+        assert_eq!(
+            (double.at(1, 1), double.at(3, 3), double.at(7, 7)),
+            (3.0, 2.0, 7.0)
+        );
+        assert_eq!(double.count(), 3);
+    }
+}

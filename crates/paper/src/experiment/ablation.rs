@@ -1,0 +1,191 @@
+//! How many basis functions, and how the position is encoded: one network for each, trained from the
+//! same seed on an equal budget.
+
+use super::cell::{Cell, EPOCHS, Trained};
+use super::{Lab, Study};
+use burn::tensor::Device;
+use lsdc_core::network::NetworkConfig;
+use lsdc_eval::metrics::Metric;
+use lsdc_eval::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table, Training};
+use lsdc_files::error::Result;
+use lsdc_train::model::InitNetwork as _;
+
+const BASES: [usize; 6] = [16, 32, 64, 128, 256, 512];
+/// E of the encoding, 0 = no position, 1 = the raw coordinates.
+const OCTAVES: [usize; 8] = [0, 1, 3, 4, 5, 6, 7, 8];
+
+/// A family of networks that differ in one number.
+struct Family<'a> {
+    title: &'static str,
+    name: &'static str,
+    variable: &'static str,
+    labels: Vec<String>,
+    /// Places among the cells.
+    members: Vec<usize>,
+    lab: &'a Lab,
+}
+
+pub(super) struct Ablation<'a> {
+    lab: &'a Lab,
+    cells: Vec<Trained<'a>>,
+    families: Vec<Family<'a>>,
+}
+
+impl<'a> Ablation<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Result<Self> {
+        let frames = (lab.recipe.frames)()?;
+        let base = &lab.recipe.network;
+        let mut cells: Vec<Trained<'a>> = Vec::new();
+        // The network that both families have is trained once.
+        let mut member = |network: NetworkConfig| {
+            let there = cells.iter().position(|cell| cell.network == network);
+            there.unwrap_or_else(|| {
+                let name = format!("bases-{}-octaves-{}", network.bases, network.octaves);
+                cells.push(Trained::new(lab, name, network, frames.clone()));
+                cells.len() - 1
+            })
+        };
+        let bases = BASES.map(|bases| {
+            let mut hidden = base.hidden.clone();
+            // A narrower last layer would make basis functions depend on each other.
+            if let Some(last) = hidden.last_mut() {
+                *last = (*last).max(bases);
+            }
+            let hidden = if bases <= base.bases {
+                base.hidden.clone()
+            } else {
+                hidden
+            };
+            member(NetworkConfig {
+                hidden,
+                bases,
+                ..base.clone()
+            })
+        });
+        let octaves = OCTAVES.map(|octaves| {
+            member(NetworkConfig {
+                octaves,
+                ..base.clone()
+            })
+        });
+        let called = |octaves: usize| match octaves {
+            0 => "no position".to_owned(),
+            1 => "raw position".to_owned(),
+            e => format!("E = {e}"),
+        };
+        let families = vec![
+            Family {
+                title: "Number of basis functions",
+                name: "bases",
+                variable: "N",
+                labels: BASES.map(|n| format!("N = {n}")).into(),
+                members: bases.into(),
+                lab,
+            },
+            Family {
+                title: "Encoding of the position",
+                name: "octaves",
+                variable: "encoding",
+                labels: OCTAVES.map(called).into(),
+                members: octaves.into(),
+                lab,
+            },
+        ];
+        Ok(Self {
+            lab,
+            cells,
+            families,
+        })
+    }
+}
+
+impl Study for Ablation<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        self.cells.iter().map(|cell| cell as &dyn Cell).collect()
+    }
+
+    fn section(&self) -> Result<Section> {
+        let title = "Number of basis functions, and encoding of the position";
+        let mut section = Section::new("ablation", title);
+        let train = &self.lab.recipe.train;
+        section.about.push(format!(
+            "Each network is trained from seed {} for {} steps of {} images through the plain fit of the recipe, \
+             and measured after each of {EPOCHS} parts of the steps on {} frames kept out of training, \
+             at the end on the frames of the other experiments ({}, {}).",
+            train.seed,
+            train.steps,
+            train.batch,
+            train.held_out,
+            self.lab.dataset,
+            self.lab.preset.points
+        ));
+        section.notes.push(
+            "The paper trains 300,000 steps (100 epochs of 6,000 frames, two at a time) and takes \
+             N = 128 and E = 5. On a budget this much smaller, the \
+             order of networks tells how fast they learn, not where they end."
+                .into(),
+        );
+        for family in &self.families {
+            family.report(&self.cells, &mut section)?;
+        }
+        Ok(section)
+    }
+}
+
+impl Family<'_> {
+    fn report(&self, cells: &[Trained<'_>], section: &mut Section) -> Result<()> {
+        let metrics = [Metric::Rmse, Metric::Rel, Metric::Delta1];
+        let mut rows = Vec::new();
+        for (label, &member) in self.labels.iter().zip(&self.members) {
+            let cell = &cells[member];
+            let net = cell.network.init(0, &Device::flex())?;
+            let mut row = Row::of(label, &cell.measured()?.first()?, &metrics);
+            let parameters = lsdc_train::model::parameter_count(&net);
+            row.values.insert(0, Some(parameters as f64 / 1e6));
+            rows.push(row);
+        }
+        let mut columns = vec![Column {
+            label: "parameters".into(),
+            unit: "M",
+            decimals: 3,
+            rising: false,
+        }];
+        columns.extend(metrics.map(Column::of));
+        section.tables.push(Table {
+            title: self.title.into(),
+            rows_are: self.variable.into(),
+            contest: Contest::None,
+            columns,
+            rows,
+        });
+        let folders: Vec<_> = self.members.iter().map(|&i| cells[i].folder()).collect();
+        let curves = Training::read(&folders)?.held_out();
+        let epoch = self.lab.recipe.train.steps.div_ceil(EPOCHS) as f64;
+        for metric in [Metric::Rmse, Metric::Rel] {
+            let lines = self.labels.iter().zip(&curves).enumerate();
+            let lines = lines.map(|(colour, (label, curve))| Line {
+                name: Some(label.clone()),
+                colour,
+                dashed: false,
+                points: curve
+                    .iter()
+                    .map(|&(step, rmse, rel)| {
+                        let value = if metric == Metric::Rmse { rmse } else { rel };
+                        (step / epoch, value)
+                    })
+                    .collect(),
+            });
+            let chart = Chart {
+                title: &format!("{}: {}", self.title, metric.label()),
+                across: &format!("epochs of {epoch:.0} steps"),
+                up: &super::points::axis(metric),
+                scales: Scales::Linear,
+                lines: lines.collect(),
+            };
+            let name = format!("{}-{}", self.name, metric.key());
+            let caption = "Frames kept out of training, 500 points.";
+            section.show(&name, caption, chart.draw());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,93 @@
+//! Errors beside other methods (Fang et al., table 1).
+
+use super::cell::{Cell, Measured};
+use super::{Lab, Study, published};
+use lsdc_eval::evaluation::Candidate;
+use lsdc_eval::metrics::Metric;
+use lsdc_eval::predict::{Classic, Method};
+use lsdc_eval::report::{Column, Contest, Row, Section, Table};
+use lsdc_files::error::Result;
+
+/// What is measured beside `lsdc` wherever methods are compared.
+pub(super) const RIVALS: [Method; 3] = [
+    Method::Classic(Classic::Linear),
+    Method::Classic(Classic::Smooth),
+    Method::Classic(Classic::Steering),
+];
+
+/// `lsdc` and its rivals.
+pub(super) fn all() -> Vec<Method> {
+    [Method::Lsdc].into_iter().chain(RIVALS).collect()
+}
+
+const METRICS: [Metric; 7] = [
+    Metric::Rmse,
+    Metric::Rel,
+    Metric::Delta1,
+    Metric::Delta2,
+    Metric::Delta3,
+    Metric::Mae,
+    Metric::See,
+];
+
+pub(super) struct Benchmark<'a> {
+    lab: &'a Lab,
+    methods: Measured<'a>,
+    plain: Measured<'a>,
+}
+
+impl<'a> Benchmark<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let others = lab.predictions.iter();
+        let others = others.map(|(name, folder)| (name.clone(), Candidate::Files(folder.clone())));
+        Self {
+            lab,
+            methods: Measured::new(lab, "benchmark")
+                .methods(&all())
+                .beside(others),
+            plain: Measured::new(lab, "benchmark-plain").plain(),
+        }
+    }
+}
+
+impl Study for Benchmark<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        vec![&self.methods, &self.plain]
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("benchmark", "Errors beside other methods (table 1)");
+        section
+            .about
+            .push(format!("{} {}.", self.lab.about(), self.lab.preset.points));
+        let measured = self.methods.means()?;
+        let mut rows: Vec<Row> = measured
+            .iter()
+            .map(|(name, scores)| Row::of(name, scores, &METRICS))
+            .collect();
+        let plain = self.plain.first()?;
+        rows.insert(1, Row::of("lsdc, the paper's fit", &plain, &METRICS));
+        for (name, errors) in published::TABLE_1 {
+            let mut values = errors.to_vec();
+            values.resize(METRICS.len(), None);
+            rows.push(published::row(name, values));
+        }
+        let table = Table {
+            title: format!("Errors, {}", self.lab.preset.points),
+            rows_are: "method".into(),
+            contest: Contest::Rows,
+            columns: METRICS.iter().map(|&m| Column::of(m)).collect(),
+            rows,
+        };
+        section.judge(table, "lsdc");
+        section.about.push(
+            "\"The paper's fit\" has the same basis functions without field, cosines and prior: \
+             least squares by truncated SVD."
+                .into(),
+        );
+        section.notes = published::notes(&published::TABLE_1_NOTES);
+        let caption = "The frame with lsdc's median RMSE.";
+        self.methods.show(&mut section, caption)?;
+        Ok(section)
+    }
+}

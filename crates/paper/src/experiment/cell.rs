@@ -1,0 +1,470 @@
+//! The parts of experiments: what each has done is on disk.
+
+use super::Lab;
+use lsdc_core::Completer;
+use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
+use lsdc_core::network::NetworkConfig;
+use lsdc_eval::data::{Dataset, GuideSource, Shard, write_atomically};
+use lsdc_eval::evaluation::{Candidate, Evaluation, Journal};
+use lsdc_eval::metrics::Scores;
+use lsdc_eval::predict::Method;
+use lsdc_eval::report::{Exhibit, Failure, Heading, Panels, Report, Section};
+use lsdc_eval::sampling::{Noise, Pattern, Preset, Protocol};
+use lsdc_files::error::{Error, Result};
+use lsdc_train::predict::open_completer;
+use lsdc_train::training::{Event, Outcome, Subject, TrainConfig, Trainer};
+use lsdc_weights::provenance::{self, differences};
+use lsdc_weights::weights_hash;
+use serde_json::{Value, json};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Hears which share of a part is done, before its first work and after each piece; may break off.
+pub(super) type Progress<'a> = dyn FnMut(f64) -> ControlFlow<()> + 'a;
+
+/// A part of an experiment.
+pub(super) trait Cell {
+    /// Its name in files.
+    fn name(&self) -> &str;
+
+    /// The number of results that an earlier run has left.
+    fn kept(&self) -> Result<usize>;
+
+    /// Goes on with what is left to do.
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()>;
+
+    /// Frames that could not be measured, once it is done.
+    fn failures(&self) -> Result<Vec<Failure>> {
+        Ok(Vec::new())
+    }
+}
+
+/// Methods measured on frames.
+pub(super) struct Measured<'a> {
+    lab: &'a Lab,
+    name: String,
+    dataset: String,
+    frames: Arc<dyn Dataset>,
+    completer: Completer,
+    /// The weights of the completer, in words that change with every bit of them.
+    weights: String,
+    guides: Option<GuideSource>,
+    candidates: Vec<(String, Candidate)>,
+    followed: String,
+    protocol: Protocol,
+    points: Pattern,
+    noise: Option<Noise>,
+    uncertainty: bool,
+}
+
+impl<'a> Measured<'a> {
+    /// `lsdc` on the frames, protocol and points of the lab.
+    pub(super) fn new(lab: &'a Lab, name: impl Into<String>) -> Self {
+        Self {
+            lab,
+            name: name.into(),
+            dataset: lab.dataset.clone(),
+            frames: lab.frames.clone(),
+            completer: lab.completer.clone(),
+            weights: lab.weights.clone(),
+            guides: None,
+            candidates: vec![("lsdc".to_owned(), Candidate::Method(Method::Lsdc))],
+            followed: format!("{}: {}", lab.preset.name, lab.preset.source),
+            protocol: lab.preset.protocol,
+            points: lab.preset.points.clone(),
+            noise: None,
+            uncertainty: false,
+        }
+    }
+
+    /// Methods of this program, in the place of `lsdc` alone.
+    pub(super) fn methods(mut self, methods: &[Method]) -> Self {
+        let named = |method: &Method| (method.name().to_owned(), Candidate::Method(*method));
+        self.candidates = methods.iter().map(named).collect();
+        self
+    }
+
+    pub(super) fn candidates(mut self, candidates: Vec<(String, Candidate)>) -> Self {
+        self.candidates = candidates;
+        self
+    }
+
+    pub(super) fn beside(
+        mut self,
+        candidates: impl IntoIterator<Item = (String, Candidate)>,
+    ) -> Self {
+        self.candidates.extend(candidates);
+        self
+    }
+
+    /// `lsdc` beside guides.
+    pub(super) fn guides(mut self, guides: Option<GuideSource>) -> Self {
+        self.guides = guides;
+        self
+    }
+
+    pub(super) fn points(mut self, points: Pattern) -> Self {
+        self.points = points;
+        self
+    }
+
+    pub(super) fn noise(mut self, noise: Option<Noise>) -> Self {
+        self.noise = noise;
+        self
+    }
+
+    /// How well its standard deviations tell its errors, too.
+    pub(super) fn uncertainty(mut self) -> Self {
+        self.uncertainty = true;
+        self
+    }
+
+    pub(super) fn on(mut self, dataset: String, frames: Arc<dyn Dataset>) -> Self {
+        (self.dataset, self.frames) = (dataset, frames);
+        self
+    }
+
+    pub(super) fn protocol(mut self, preset: &Preset) -> Self {
+        self.followed = format!("{}: {}", preset.name, preset.source);
+        self.protocol = preset.protocol;
+        self.points = preset.points.clone();
+        self
+    }
+
+    /// The same protocol at another size.
+    pub(super) fn resized(mut self, protocol: Protocol, followed: &str) -> Self {
+        self.protocol = protocol;
+        followed.clone_into(&mut self.followed);
+        self
+    }
+
+    pub(super) fn fit(mut self, change: impl FnOnce(&mut FitConfig)) -> Self {
+        let mut fit = *self.completer.fit_config();
+        change(&mut fit);
+        self.completer = self.completer.with_fit(fit);
+        self
+    }
+
+    /// The paper's fit of the same basis functions.
+    pub(super) fn plain(self) -> Self {
+        self.fit(|fit| {
+            fit.method = FitMethod::Lse;
+            fit.prior = PriorKind::None;
+        })
+    }
+
+    /// Another network than that of the lab.
+    pub(super) fn completer(mut self, completer: Completer, weights: String) -> Self {
+        (self.completer, self.weights) = (completer, weights);
+        self
+    }
+
+    fn evaluation(&self) -> Evaluation<'_> {
+        Evaluation {
+            frames: &*self.frames,
+            candidates: self.candidates.clone(),
+            completer: Some(&self.completer),
+            guides: self.guides.as_ref(),
+            protocol: self.protocol,
+            points: self.points.clone(),
+            hold_out: None,
+            noise: self.noise,
+            seeds: self.lab.seeds.clone(),
+            rules: self.lab.rules,
+            uncertainty: self.uncertainty,
+            sigma_cut: None,
+            limit: self.lab.limit,
+        }
+    }
+
+    fn heading(&self, evaluation: &Evaluation<'_>) -> Result<Heading> {
+        let weights = format!("{}; {}", self.weights, self.completer.fit_config());
+        let inputs = json!({ "weights": self.weights });
+        evaluation.heading(&self.dataset, &self.followed, Some(weights), inputs)
+    }
+
+    fn journal(&self, heading: &Heading) -> Result<Journal> {
+        let path = self.lab.cell(&self.name, "jsonl");
+        Journal::open(&path, heading, &self.lab.place)
+    }
+
+    fn go_on(&self, progress: &mut Progress<'_>) -> Result<Report> {
+        let evaluation = self.evaluation();
+        let heading = self.heading(&evaluation)?;
+        let journal = self.journal(&heading)?;
+        evaluation.run(heading, Shard::WHOLE, journal, |done, total| {
+            progress(done as f64 / total.max(1) as f64)
+        })
+    }
+
+    /// What was measured.
+    pub(super) fn report(&self) -> Result<Report> {
+        self.go_on(&mut |_| ControlFlow::Continue(()))
+    }
+
+    /// Each method's name and mean scores.
+    pub(super) fn means(&self) -> Result<Vec<(String, Scores)>> {
+        let report = self.report()?;
+        let means = report.means(None).into_iter();
+        Ok(means.map(|m| (m.method.to_owned(), m.mean)).collect())
+    }
+
+    /// The mean scores of its first method.
+    pub(super) fn first(&self) -> Result<Scores> {
+        let means = self.means()?;
+        means
+            .first()
+            .map(|(_, scores)| *scores)
+            .ok_or_else(|| Error::config(format!("`{}` has measured nothing", self.name)))
+    }
+
+    /// The frame with the first method's median RMSE.
+    pub(super) fn median_frame(&self) -> Result<Option<(String, u64)>> {
+        let report = self.report()?;
+        let remarkable = report.remarkable();
+        let frame = remarkable
+            .iter()
+            .find(|(role, ..)| *role == "median")
+            .or(remarkable.first());
+        Ok(frame.map(|(_, frame, seed)| ((*frame).to_owned(), *seed)))
+    }
+
+    /// Adds a picture of that frame.
+    pub(super) fn show(&self, section: &mut Section, caption: &str) -> Result<()> {
+        self.show_as(section, "frame", caption)
+    }
+
+    /// The same under another name.
+    pub(super) fn show_as(&self, section: &mut Section, name: &str, caption: &str) -> Result<()> {
+        if let Some((frame, seed)) = self.median_frame()? {
+            let exhibit = self.exhibit(&frame, seed)?;
+            section.show(name, caption, Panels::of_exhibit(&exhibit).draw());
+        }
+        Ok(())
+    }
+
+    /// A frame with all predictions.
+    pub(super) fn exhibit(&self, frame: &str, seed: u64) -> Result<Exhibit> {
+        self.evaluation().exhibit("median", frame, seed)
+    }
+}
+
+impl Cell for Measured<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn kept(&self) -> Result<usize> {
+        let heading = self.heading(&self.evaluation())?;
+        Ok(self.journal(&heading)?.len())
+    }
+
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
+        self.go_on(progress).map(|_| ())
+    }
+
+    fn failures(&self) -> Result<Vec<Failure>> {
+        Ok(self.report()?.failures().to_vec())
+    }
+}
+
+/// A network trained and then measured.
+pub(super) struct Trained<'a> {
+    lab: &'a Lab,
+    name: String,
+    pub(super) network: NetworkConfig,
+    frames: Arc<dyn Dataset>,
+}
+
+/// Measurements on frames kept out of training, evenly over the steps.
+pub(super) const EPOCHS: usize = 8;
+
+/// How much of the time of a step of training the measuring of a frame takes, roughly.
+const FRAME: f64 = 0.2;
+
+impl<'a> Trained<'a> {
+    pub(super) fn new(
+        lab: &'a Lab,
+        name: impl Into<String>,
+        network: NetworkConfig,
+        frames: Arc<dyn Dataset>,
+    ) -> Self {
+        Self {
+            lab,
+            name: name.into(),
+            network,
+            frames,
+        }
+    }
+
+    /// The run's folder.
+    pub(super) fn folder(&self) -> PathBuf {
+        self.lab.runs().join(&self.name)
+    }
+
+    fn weights(&self) -> PathBuf {
+        self.folder().join("weights.safetensors")
+    }
+
+    fn train(&self, progress: &mut dyn FnMut(usize) -> ControlFlow<()>) -> Result<Outcome> {
+        let trainer = Trainer::new(
+            &self.folder(),
+            self.network.clone(),
+            self.lab.recipe.fit,
+            self.config(),
+            self.frames.clone(),
+            std::slice::from_ref(&self.lab.device.0),
+        )?;
+        train(&trainer, progress)
+    }
+
+    fn config(&self) -> TrainConfig {
+        let train = &self.lab.recipe.train;
+        TrainConfig {
+            measure_every: train.steps.div_ceil(EPOCHS),
+            // The plain fit: nothing is learned of weights.
+            calibrate: false,
+            ..train.clone()
+        }
+    }
+
+    /// Refuses to go on with, or to measure, a training by other settings.
+    fn keep_to_recipe(&self) -> Result<()> {
+        let folder = self.folder();
+        let config = self.config();
+        let start = config.start.as_deref();
+        let start = start.map(|path| weights_hash(Some(path))).transpose()?;
+        let fit = &self.lab.recipe.fit;
+        let recipe = json!({
+            "numerics": provenance::numerics(),
+            "network": self.network,
+            "fit": fit,
+            // Weights to start from count by their contents, wherever they lie.
+            "training": TrainConfig { start: None, ..config },
+            "start": start,
+            "frames": lsdc_eval::data::frames_record(&*self.frames),
+            "place": self.lab.place,
+        });
+        keep_to(&folder, &recipe)
+    }
+
+    /// Whether its weights are there.
+    pub(super) fn is_trained(&self) -> bool {
+        self.weights().exists()
+    }
+
+    /// The trained network on the lab's frames.
+    pub(super) fn measured(&self) -> Result<Measured<'a>> {
+        self.measured_as(&self.name)
+    }
+
+    /// The same under another name.
+    pub(super) fn measured_as(&self, name: &str) -> Result<Measured<'a>> {
+        let weights = self.weights();
+        let completer = open_completer(Some(&weights), &self.lab.device.0)?;
+        let words = format!("trained, {}", weights_hash(Some(&weights))?);
+        Ok(Measured::new(self.lab, name).completer(completer, words))
+    }
+}
+
+/// Trains until all steps are made, or `progress`, which hears their number, breaks off.
+pub(super) fn train<S: Subject>(
+    trainer: &Trainer<S>,
+    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> Result<Outcome> {
+    let stop = AtomicBool::new(false);
+    trainer.run(&stop, |event| {
+        if let Event::Step { step, .. } = event
+            && progress(*step).is_break()
+        {
+            stop.store(true, Ordering::Relaxed);
+        }
+    })
+}
+
+/// Writes what a training in a folder is made from; refuses the folder of a training by other settings.
+pub(super) fn keep_to(folder: &Path, recipe: &Value) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    let path = folder.join("recipe.json");
+    match std::fs::read_to_string(&path) {
+        Ok(there) => {
+            // Numbers are compared as they are read back.
+            let read = |text: &str| serde_json::from_str(text).unwrap_or_default();
+            let differences = differences(&read(&there), &read(&recipe.to_string()));
+            match differences.first() {
+                None => Ok(()),
+                Some(first) => Err(Error::config(format!(
+                    "`{}` belongs to a training by other settings: {first}",
+                    path.display()
+                ))
+                .hint("choose another folder, or give --force to begin anew")),
+            }
+        }
+        Err(_) => write_atomically(&path, |out| write!(out, "{recipe}")),
+    }
+}
+
+impl Cell for Trained<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn kept(&self) -> Result<usize> {
+        if !self.weights().exists() {
+            return Ok(0);
+        }
+        self.keep_to_recipe()?;
+        Ok(1 + self.measured()?.kept()?)
+    }
+
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
+        let steps = self.lab.recipe.train.steps as f64;
+        let frames = self
+            .lab
+            .frames
+            .len()
+            .min(self.lab.limit.unwrap_or(usize::MAX));
+        let measuring = FRAME * frames as f64;
+        self.keep_to_recipe()?;
+        if !self.weights().exists() {
+            let mut share = |step: usize| progress(step as f64 / (steps + measuring));
+            if let Outcome::Stopped(_) = self.train(&mut share)? {
+                return Ok(());
+            }
+        }
+        self.measured()?
+            .run(&mut |share| progress((steps + measuring * share) / (steps + measuring)))
+    }
+
+    fn failures(&self) -> Result<Vec<Failure>> {
+        self.measured()?.failures()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::tests::lab;
+
+    #[test]
+    fn weights_to_start_from_are_told_apart_by_their_contents() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::write(at("start"), b"one").unwrap();
+        std::fs::write(at("copy"), b"one").unwrap();
+        let kept = |start: &str| {
+            let mut lab = lab(folder.path());
+            lab.recipe.train.start = Some(at(start));
+            let frames = (lab.recipe.frames)().unwrap();
+            let network = lab.recipe.network.clone();
+            Trained::new(&lab, "a", network, frames).keep_to_recipe()
+        };
+        kept("start").unwrap();
+        kept("copy").unwrap();
+        std::fs::write(at("start"), b"two").unwrap();
+        let error = kept("start").unwrap_err();
+        assert!(error.to_string().contains("start: "), "{error}");
+    }
+}

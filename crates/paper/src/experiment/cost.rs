@@ -1,0 +1,372 @@
+//! Parameters and times (Fang et al., table 5).
+
+use super::cell::{Cell, Progress};
+use super::{Lab, Study, published};
+use crate::systems::Predictor;
+use burn::module::Module as _;
+use lsdc_core::Completer;
+use lsdc_core::network::NetworkConfig;
+use lsdc_core::weights::Normalisation;
+use lsdc_eval::data::{Dataset as _, DepthMap, Frame, Rooms, RoomsConfig, Split, write_atomically};
+use lsdc_eval::evaluation::{Times, median_ms, time};
+use lsdc_eval::predict::complete_classic;
+use lsdc_eval::report::{Column, Contest, Row, Section, Table};
+use lsdc_eval::sampling::{Pattern, Size};
+use lsdc_files::error::{Error, Result};
+use lsdc_train::model::{InitNetwork as _, parameter_count, weights_of};
+use lsdc_train::predict;
+use lsdc_weights::provenance::{self, differences};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Instant;
+
+pub(super) const POINTS: usize = 500;
+const RUNS: usize = 5;
+pub(super) const SIZES: [Size; 2] = [
+    Size {
+        height: 228,
+        width: 304,
+    },
+    Size {
+        height: 480,
+        width: 640,
+    },
+];
+
+/// A frame of a procedural room, for times.
+fn room(size: Size) -> Result<Frame> {
+    let config = RoomsConfig {
+        width: size.width,
+        height: size.height,
+        ..RoomsConfig::default()
+    };
+    Rooms::new(Split::Val, &config)?.load(0)
+}
+
+/// What is measured, once.
+pub(super) struct Timed<'a> {
+    pub(super) lab: &'a Lab,
+    pub(super) name: String,
+    /// Changes with everything that is not the lab's.
+    pub(super) label: String,
+    pub(super) subject: Subject,
+    pub(super) size: Size,
+}
+
+#[derive(Clone)]
+pub(super) enum Subject {
+    /// The network of the lab, and whether it sees all pixels.
+    Lab { full: bool },
+    /// Another network.
+    Other(Box<Completer>),
+    /// The paper's network with random weights and the paper's fit.
+    Paper,
+    /// A method without training.
+    Classic(lsdc_eval::predict::Classic),
+    /// A system that is compared with.
+    System(Predictor),
+}
+
+/// The times that a cell keeps.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct KeptTimes {
+    /// Numerics, weights, device and machine.
+    of: Value,
+    times: Times,
+    /// Trained parameters, and multiply-adds at this size.
+    parameters: Option<usize>,
+    multiply_adds: Option<u64>,
+}
+
+impl Timed<'_> {
+    fn path(&self) -> PathBuf {
+        self.lab.cell(&self.name, "json")
+    }
+
+    fn of(&self) -> Value {
+        json!({
+            "numerics": provenance::numerics(),
+            "weights": self.lab.weights,
+            "device": self.lab.device.1,
+            "fit": self.lab.completer.fit_config(),
+            "label": self.label,
+            "threads": rayon::current_num_threads(),
+        })
+    }
+
+    /// The time of all, in milliseconds.
+    pub(super) fn total(&self) -> Result<f64> {
+        Ok(self.times()?.times.total_ms)
+    }
+
+    fn times(&self) -> Result<KeptTimes> {
+        let path = self.path();
+        let bytes = std::fs::read(&path).map_err(|e| Error::read(&path, e))?;
+        let kept: KeptTimes =
+            serde_json::from_slice(&bytes).map_err(|e| Error::read(&path, e.into()))?;
+        let now = serde_json::from_str(&self.of().to_string()).unwrap_or_default();
+        match differences(&kept.of, &now).first() {
+            None => Ok(kept),
+            Some(first) => Err(Error::config(format!(
+                "`{}` has times of something else: {first}",
+                path.display()
+            ))
+            .hint("choose another folder, or give --force to begin anew")),
+        }
+    }
+
+    fn measure(&self) -> Result<KeptTimes> {
+        let frame = room(self.size)?;
+        let points = Pattern::Exactly(POINTS);
+        let sparse = points.draw(&frame, 0)?;
+        let device = &self.lab.device.0;
+        let size = (self.size.height, self.size.width);
+        match &self.subject {
+            &Subject::Lab { full } => {
+                let mut completer = self.lab.completer.clone();
+                let net = self.lab.network.init(0, device)?;
+                // Larger images are reduced to this before the network.
+                let mut seen = SIZES[0];
+                if full {
+                    completer = completer.with_working_size(size.0, size.1)?;
+                    seen = self.size;
+                }
+                Ok(KeptTimes {
+                    of: self.of(),
+                    times: time(&completer, &frame, &points, RUNS)?,
+                    parameters: Some(parameter_count(&net)),
+                    multiply_adds: Some(net.multiply_adds((seen.height, seen.width))),
+                })
+            }
+            Subject::Other(completer) => Ok(KeptTimes {
+                of: self.of(),
+                times: time(completer, &frame, &points, RUNS)?,
+                parameters: None,
+                multiply_adds: None,
+            }),
+            Subject::Paper => {
+                let config = NetworkConfig::paper();
+                let net = config.init(0, device)?.valid();
+                let normalisation = Normalisation {
+                    input: [size.0, size.1],
+                    ..Normalisation::default()
+                };
+                let (parameters, adds) = (parameter_count(&net), net.multiply_adds(size));
+                let weights = weights_of(&net, config, normalisation);
+                let completer = predict::completer(&weights, device)?;
+                Ok(KeptTimes {
+                    of: self.of(),
+                    times: time(&completer, &frame, &points, RUNS)?,
+                    parameters: Some(parameters),
+                    multiply_adds: Some(adds),
+                })
+            }
+            &Subject::Classic(method) => {
+                let whole = || complete_classic(method, &frame.rgb, &sparse);
+                Ok(self.in_one_piece(time_whole(whole)?, None))
+            }
+            Subject::System(predictor) => {
+                let whole = || predictor.complete(&frame.rgb, &sparse);
+                let parameters = parameter_count(predictor.net());
+                Ok(self.in_one_piece(time_whole(whole)?, Some(parameters)))
+            }
+        }
+    }
+
+    /// The time of a method without stages.
+    fn in_one_piece(&self, total_ms: f64, parameters: Option<usize>) -> KeptTimes {
+        KeptTimes {
+            of: self.of(),
+            times: Times {
+                network_ms: 0.0,
+                fit_ms: 0.0,
+                field_ms: 0.0,
+                solve_ms: 0.0,
+                dense_ms: 0.0,
+                total_ms,
+            },
+            parameters,
+            multiply_adds: None,
+        }
+    }
+}
+
+/// The median over all runs of the milliseconds of a completion.
+fn time_whole(complete: impl Fn() -> Result<DepthMap>) -> Result<f64> {
+    let mut times = Vec::new();
+    for _ in 0..RUNS {
+        let started = Instant::now();
+        complete()?;
+        times.push(started.elapsed());
+    }
+    median_ms(times.into_iter())
+}
+
+impl Cell for Timed<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn kept(&self) -> Result<usize> {
+        if !self.path().exists() {
+            return Ok(0);
+        }
+        self.times().map(|_| 1)
+    }
+
+    /// A few seconds, in one go: half a time is none.
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
+        let path = self.path();
+        if !path.exists() {
+            let kept = serde_json::to_vec(&self.measure()?);
+            let kept = kept.map_err(|e| Error::write(&path, e.into()))?;
+            write_atomically(&path, |out| out.write_all(&kept))?;
+        }
+        let _ = progress(1.0);
+        Ok(())
+    }
+}
+
+pub(super) struct Cost<'a> {
+    lab: &'a Lab,
+    cells: Vec<Timed<'a>>,
+}
+
+impl<'a> Cost<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let mut cells = Vec::new();
+        for size in SIZES {
+            let mut subjects = vec![
+                ("lsdc".to_owned(), Subject::Lab { full: false }),
+                ("the paper's network and fit".to_owned(), Subject::Paper),
+            ];
+            if size != SIZES[0] {
+                let all = (
+                    "lsdc, network at this size".to_owned(),
+                    Subject::Lab { full: true },
+                );
+                subjects.insert(1, all);
+            }
+            for method in super::benchmark::RIVALS {
+                if let lsdc_eval::predict::Method::Classic(classic) = method {
+                    subjects.push((method.name().to_owned(), Subject::Classic(classic)));
+                }
+            }
+            for (number, (label, subject)) in subjects.into_iter().enumerate() {
+                cells.push(Timed {
+                    lab,
+                    name: format!("cost-{}-{number}", size.width),
+                    label,
+                    subject,
+                    size,
+                });
+            }
+        }
+        Self { lab, cells }
+    }
+}
+
+impl Study for Cost<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        self.cells.iter().map(|cell| cell as &dyn Cell).collect()
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("cost", "Parameters and times (table 5)");
+        section.about.push(format!(
+            "Device {}, {} threads; {POINTS} points; median of {RUNS} runs from an image in memory to \
+             depth in memory, taken when the experiment first ran. {}.",
+            self.lab.device.1,
+            rayon::current_num_threads(),
+            self.lab.weights
+        ));
+        section.about.push(
+            "GFLOP: two to each multiplication with a weight. `lsdc` reduces larger images to its \
+             training size before the network; the paper's network has random weights, which cost the \
+             same. Memory: `lsdc bench` says it for a process of its own."
+                .into(),
+        );
+        let column = |label: &str, unit, decimals| Column {
+            label: label.to_owned(),
+            unit,
+            decimals,
+            rising: false,
+        };
+        for size in SIZES {
+            let mut rows = Vec::new();
+            for cell in self.cells.iter().filter(|cell| cell.size == size) {
+                let KeptTimes {
+                    times,
+                    parameters,
+                    multiply_adds,
+                    ..
+                } = cell.times()?;
+                let staged = parameters.is_some();
+                rows.push(Row {
+                    label: cell.label.clone(),
+                    aside: false,
+                    values: vec![
+                        parameters.map(|n| n as f64 / 1e6),
+                        multiply_adds.map(|n| 2.0 * n as f64 / 1e9),
+                        staged.then_some(times.network_ms),
+                        staged.then_some(times.fit_ms),
+                        staged.then_some(times.dense_ms),
+                        Some(times.total_ms),
+                    ],
+                });
+            }
+            if size == SIZES[0] {
+                for (name, parameters, total) in published::TABLE_5 {
+                    let values = vec![Some(parameters), None, None, None, None, Some(total)];
+                    rows.push(published::row(name, values));
+                }
+            }
+            section.tables.push(Table {
+                title: format!("Cost of a frame of {}x{}", size.width, size.height),
+                rows_are: "method".into(),
+                contest: Contest::None,
+                columns: vec![
+                    column("parameters", "M", 2),
+                    column("compute", "GFLOP", 1),
+                    column("network", "ms", 1),
+                    column("fit", "ms", 1),
+                    column("dense", "ms", 1),
+                    column("total", "ms", 1),
+                ],
+                rows,
+            });
+        }
+        section.notes = published::notes(&published::TABLE_5_NOTES);
+        let bars = lsdc_eval::report::Bars {
+            title: "Time of a frame of 304x228",
+            unit: "ms",
+            parts: &["network", "fit", "dense", "all"],
+            rows: self.bars()?,
+        };
+        section.show(
+            "times",
+            "Time by stage; methods without stages in one piece.",
+            bars.draw(),
+        );
+        Ok(section)
+    }
+}
+
+impl Cost<'_> {
+    fn bars(&self) -> Result<Vec<(String, Vec<f64>)>> {
+        let small = self.cells.iter().filter(|cell| cell.size == SIZES[0]);
+        small
+            .map(|cell| {
+                let KeptTimes {
+                    times, parameters, ..
+                } = cell.times()?;
+                let parts = match parameters {
+                    Some(_) => vec![times.network_ms, times.fit_ms, times.dense_ms, 0.0],
+                    None => vec![0.0, 0.0, 0.0, times.total_ms],
+                };
+                Ok((cell.label.clone(), parts))
+            })
+            .collect()
+    }
+}

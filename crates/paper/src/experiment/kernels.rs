@@ -1,0 +1,57 @@
+//! What basis functions look like, and which pixels they take for alike.
+
+use super::cell::Cell;
+use super::{Lab, Study};
+use lsdc_eval::report::{Panels, Section, contact_sheet, kernels, signed_scale};
+use lsdc_files::error::Result;
+
+/// Frames that are shown.
+const FRAMES: usize = 3;
+
+pub(super) struct Kernels<'a> {
+    lab: &'a Lab,
+}
+
+impl<'a> Kernels<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        Self { lab }
+    }
+}
+
+impl Study for Kernels<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        Vec::new()
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("kernels", "Basis functions, and what they take for alike");
+        section.about.push(format!(
+            "{}. The kernel of a pixel is the cosine of the angle between its base vector and those \
+             of all pixels, less the mean over the image: a fit moves pixels of a high value together.",
+            self.lab.weights
+        ));
+        let frames = self.lab.frames.len();
+        let shown = FRAMES.min(frames);
+        let mut rows = Vec::new();
+        for number in 0..shown {
+            let index = number * frames / shown;
+            let frame = self.lab.frames.load(index)?;
+            let rgb = self.lab.preset.protocol.apply(&frame)?.rgb;
+            if number == 0 {
+                section.show(
+                    "functions",
+                    "The basis functions that change most over the first frame.",
+                    contact_sheet(&self.lab.completer, &rgb)?,
+                );
+            }
+            rows.push(kernels(&self.lab.completer, rgb)?);
+        }
+        let panels = Panels {
+            title: "Kernels of pixels".into(),
+            scales: vec![signed_scale("cosine", 1.0)],
+            rows,
+        };
+        section.show("kernels", "Crosses mark the pixels.", panels.draw());
+        Ok(section)
+    }
+}

@@ -1,0 +1,196 @@
+//! What the knowledge of a network is worth: the weights that there are, for few and many points.
+
+use super::cell::{Cell, Measured};
+use super::cost::{POINTS, SIZES, Subject, Timed};
+use super::{Lab, Study};
+use lsdc_eval::metrics::Metric;
+use lsdc_eval::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table};
+use lsdc_eval::sampling::Pattern;
+use lsdc_files::error::Result;
+use lsdc_train::predict::open_completer;
+use lsdc_weights::{open_weights, weights_name};
+use std::path::Path;
+
+const COUNTS: [usize; 9] = [1, 5, 20, 50, 100, 200, 500, 1000, 5000];
+/// From no knowledge to most.
+const WEIGHTS: [&str; 4] = ["none", "small", "default", "anything"];
+/// Those that guides are given to, if there are any.
+const GUIDED: [&str; 2] = ["none", "default"];
+
+/// Some weights, measured.
+struct Contestant<'a> {
+    name: String,
+    /// Parameters in millions, those of a pretrained encoder not counted.
+    parameters: f64,
+    errors: Vec<Measured<'a>>,
+    times: Vec<Timed<'a>>,
+}
+
+pub(super) struct Knowledge<'a> {
+    lab: &'a Lab,
+    contestants: Vec<Contestant<'a>>,
+    /// Weights that cannot be opened, and why.
+    missing: Vec<String>,
+}
+
+impl<'a> Knowledge<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let (mut contestants, mut missing) = (Vec::new(), Vec::new());
+        let guided = GUIDED.into_iter().filter(|_| lab.guides.is_some());
+        let all = WEIGHTS.into_iter().map(|name| (name, false));
+        for (name, guided) in all.chain(guided.map(|name| (name, true))) {
+            match Contestant::new(lab, name, guided) {
+                Ok(contestant) => contestants.push(contestant),
+                Err(error) => missing.push(format!("`{name}` is left out: {error}.")),
+            }
+        }
+        Self {
+            lab,
+            contestants,
+            missing,
+        }
+    }
+
+    fn errors(&self, metric: Metric) -> Result<(Table, Vec<Line>)> {
+        let mut rows = COUNTS.map(|count| Row {
+            label: count.to_string(),
+            aside: false,
+            values: Vec::new(),
+        });
+        let mut lines = Vec::new();
+        for (colour, contestant) in self.contestants.iter().enumerate() {
+            let mut points = Vec::new();
+            for ((count, row), cell) in COUNTS.iter().zip(&mut rows).zip(&contestant.errors) {
+                let value = cell.first()?[metric];
+                row.values.push(Some(value));
+                points.push((*count as f64, value));
+            }
+            lines.push(Line {
+                name: Some(contestant.name.clone()),
+                colour,
+                dashed: false,
+                points,
+            });
+        }
+        let names = self.contestants.iter();
+        let table = Table {
+            title: metric.label().to_owned(),
+            rows_are: "points".to_owned(),
+            contest: Contest::Columns,
+            columns: names.map(|c| Column::named(&c.name, metric)).collect(),
+            rows: rows.into(),
+        };
+        Ok((table, lines))
+    }
+
+    fn costs(&self) -> Result<Table> {
+        let mut rows = Vec::new();
+        for contestant in self.contestants.iter().filter(|c| !c.times.is_empty()) {
+            let mut values = vec![Some(contestant.parameters)];
+            for timed in &contestant.times {
+                values.push(Some(timed.total()?));
+            }
+            rows.push(Row {
+                label: contestant.name.clone(),
+                aside: false,
+                values,
+            });
+        }
+        let column = |label: String, unit, decimals| Column {
+            label,
+            unit,
+            decimals,
+            rising: false,
+        };
+        let times = SIZES.map(|size| column(format!("{}x{}", size.width, size.height), "ms", 0));
+        let parameters = column("parameters".to_owned(), "M", 2);
+        Ok(Table {
+            title: format!("Size, and time from an image to depth with {POINTS} points"),
+            rows_are: "weights".to_owned(),
+            contest: Contest::None,
+            columns: std::iter::once(parameters).chain(times).collect(),
+            rows,
+        })
+    }
+}
+
+impl<'a> Contestant<'a> {
+    fn new(lab: &'a Lab, weights: &str, guided: bool) -> Result<Self> {
+        let path = Some(Path::new(weights));
+        let completer = open_completer(path, &lab.device.0)?;
+        let label = weights_name(path)?;
+        let parameters = if weights == "none" {
+            0
+        } else {
+            open_weights(path)?.parameters()
+        };
+        let name = if guided {
+            format!("{weights} + guide")
+        } else {
+            weights.to_owned()
+        };
+        let stem = format!("knowledge-{}", name.replace(" + ", "-"));
+        let guides = lab.guides.clone().filter(|_| guided);
+        let error = |count: usize| {
+            Measured::new(lab, format!("{stem}-{count}"))
+                .completer(completer.clone(), label.clone())
+                .guides(guides.clone())
+                .points(Pattern::Exactly(count))
+        };
+        let time = |size: lsdc_eval::sampling::Size| Timed {
+            lab,
+            name: format!("{stem}-{}", size.width),
+            label: label.clone(),
+            subject: Subject::Other(Box::new(completer.clone())),
+            size,
+        };
+        Ok(Self {
+            parameters: parameters as f64 / 1e6,
+            errors: COUNTS.map(error).into(),
+            // A guide is read from a file; what it costs to make it is not known.
+            times: if guided {
+                Vec::new()
+            } else {
+                SIZES.map(time).into()
+            },
+            name,
+        })
+    }
+}
+
+impl Study for Knowledge<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        let mut cells: Vec<&dyn Cell> = Vec::new();
+        for contestant in &self.contestants {
+            cells.extend(contestant.errors.iter().map(|cell| cell as &dyn Cell));
+            cells.extend(contestant.times.iter().map(|cell| cell as &dyn Cell));
+        }
+        cells
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("knowledge", "What the knowledge of a network is worth");
+        section.about.push(self.lab.about());
+        section.about.push(
+            "The weights that there are, each with its own fit. `none` has no network: a field along the colours of \
+             the image."
+                .into(),
+        );
+        for metric in [Metric::Rmse, Metric::Rel] {
+            let (table, lines) = self.errors(metric)?;
+            section.tables.push(table);
+            let drawing = Chart {
+                title: metric.label(),
+                across: "sparse points",
+                up: &super::points::axis(metric),
+                scales: Scales::Logarithmic,
+                lines,
+            };
+            let caption = format!("{} against the number of points.", metric.label());
+            section.show(metric.key(), &caption, drawing.draw());
+        }
+        section.tables.push(self.costs()?);
+        section.notes.extend(self.missing.iter().cloned());
+        Ok(section)
+    }
+}

@@ -1,0 +1,361 @@
+//! The paper's experiments, each made of parts that are measured on their own and kept, so that an
+//! interrupted experiment goes on where it stopped and ends with the same numbers.
+
+mod ablation;
+mod benchmark;
+mod cell;
+mod cost;
+mod diode;
+mod kernels;
+mod knowledge;
+mod noise;
+mod points;
+mod published;
+mod resolution;
+mod scale;
+mod systems;
+#[cfg(test)]
+mod tests;
+mod uncertainty;
+
+use crate::systems::{Predictor, SystemConfig};
+use burn::tensor::Device;
+use cell::Cell;
+use lsdc_core::Completer;
+use lsdc_core::fit::FitConfig;
+use lsdc_core::network::NetworkConfig;
+use lsdc_eval::data::{Dataset, GuideSource};
+use lsdc_eval::metrics::Rules;
+use lsdc_eval::report::Section;
+use lsdc_eval::sampling::Preset;
+use lsdc_files::error::{Error, Result};
+use lsdc_train::training::TrainConfig;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A question of the paper (Fang et al., section 4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Experiment {
+    /// Table 1: errors at 500 points beside other methods.
+    Benchmark,
+    /// How many basis functions, and how the position is encoded: trains each on an equal budget.
+    Ablation,
+    /// Errors against the number of points.
+    Points,
+    /// Errors against the scale of the depths.
+    Scale,
+    /// Wrong points, with and without robust losses.
+    Noise,
+    /// Whether the predicted standard deviations hold.
+    Uncertainty,
+    /// What the knowledge of a network is worth: all weights that there are, for few and many points.
+    Knowledge,
+    /// What basis functions look like, and which pixels they take for alike.
+    Kernels,
+    /// Depth at three times the resolution of the image.
+    Resolution,
+    /// Table 4: the same weights on DIODE.
+    Diode,
+    /// Table 5: parameters and times.
+    Cost,
+    /// The systems that the paper compares itself with, trained and measured alike.
+    Systems,
+}
+
+impl Experiment {
+    /// All of them, in the order of the page.
+    pub const ALL: [Self; 12] = [
+        Self::Benchmark,
+        Self::Ablation,
+        Self::Points,
+        Self::Scale,
+        Self::Noise,
+        Self::Uncertainty,
+        Self::Knowledge,
+        Self::Kernels,
+        Self::Resolution,
+        Self::Diode,
+        Self::Cost,
+        Self::Systems,
+    ];
+
+    /// The name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Benchmark => "benchmark",
+            Self::Ablation => "ablation",
+            Self::Points => "points",
+            Self::Scale => "scale",
+            Self::Noise => "noise",
+            Self::Uncertainty => "uncertainty",
+            Self::Knowledge => "knowledge",
+            Self::Kernels => "kernels",
+            Self::Resolution => "resolution",
+            Self::Diode => "diode",
+            Self::Cost => "cost",
+            Self::Systems => "systems",
+        }
+    }
+
+    /// The experiment's parts.
+    fn prepare<'a>(self, lab: &'a Lab) -> Result<Box<dyn Study + 'a>> {
+        Ok(match self {
+            Self::Benchmark => Box::new(benchmark::Benchmark::new(lab)),
+            Self::Ablation => Box::new(ablation::Ablation::new(lab)?),
+            Self::Points => Box::new(points::Points::new(lab)),
+            Self::Scale => Box::new(scale::Scale::new(lab)),
+            Self::Noise => Box::new(noise::NoiseStudy::new(lab)),
+            Self::Uncertainty => Box::new(uncertainty::Uncertainty::new(lab)),
+            Self::Knowledge => Box::new(knowledge::Knowledge::new(lab)),
+            Self::Kernels => Box::new(kernels::Kernels::new(lab)),
+            Self::Resolution => Box::new(resolution::Resolution::new(lab)),
+            Self::Diode => Box::new(diode::Diode::new(lab)?),
+            Self::Cost => Box::new(cost::Cost::new(lab)),
+            Self::Systems => Box::new(systems::Systems::new(lab)?),
+        })
+    }
+}
+
+/// What experiments work with.
+pub struct Lab {
+    /// Where everything is kept: records of parts below `cells`, trained networks below `runs`.
+    pub folder: PathBuf,
+    /// The dataset and split in words.
+    pub dataset: String,
+    /// The frames to measure on.
+    pub frames: Arc<dyn Dataset>,
+    /// Their protocol.
+    pub preset: Preset,
+    /// What the measures leave open.
+    pub rules: Rules,
+    /// Only the first frames.
+    pub limit: Option<usize>,
+    /// Names the draws of points.
+    pub seeds: Vec<u64>,
+    /// The network and its fit.
+    pub completer: Completer,
+    /// Its weights in words.
+    pub weights: String,
+    /// The shape of the network.
+    pub network: NetworkConfig,
+    /// Guides for the experiment `knowledge`, by the names of frames.
+    pub guides: Option<GuideSource>,
+    /// Depth maps of other programs for the benchmark, by name.
+    pub predictions: Vec<(String, PathBuf)>,
+    /// Trained systems for the experiment `systems`, by name; none: it trains them.
+    pub systems: Vec<(String, Predictor)>,
+    /// DIODE, and where it lies in words, if there is one.
+    pub diode: Option<Arc<dyn Dataset>>,
+    /// How the ablation trains.
+    pub recipe: Recipe,
+    /// Where to compute, and its name.
+    pub device: (Device, String),
+    /// What numbers depend on beside the settings here: where datasets lie and how they are opened.
+    /// What was measured from something else is not used again.
+    pub place: serde_json::Value,
+    /// How long each part is tried, to foretell the time of the rest.
+    pub trial: Duration,
+}
+
+/// How networks are trained, and on what.
+pub struct Recipe {
+    /// The network that is changed in one way or another.
+    pub network: NetworkConfig,
+    /// The fit to train through.
+    pub fit: FitConfig,
+    /// The settings of all trainings.
+    pub train: TrainConfig,
+    /// The systems that are trained beside it.
+    pub systems: Vec<SystemRecipe>,
+    /// The frames to learn from, opened when they are needed.
+    pub frames: Box<dyn Fn() -> Result<Arc<dyn Dataset>>>,
+}
+
+/// How a system is trained.
+pub struct SystemRecipe {
+    /// Its name in tables.
+    pub name: String,
+    /// The system and its sizes.
+    pub system: SystemConfig,
+    /// Its own settings, with the steps, images and frames of the others.
+    pub train: TrainConfig,
+}
+
+/// An experiment whose parts are known.
+trait Study {
+    /// The parts.
+    fn cells(&self) -> Vec<&dyn Cell>;
+
+    /// What was found, once all parts are done.
+    fn section(&self) -> Result<Section>;
+}
+
+/// What happens while experiments run.
+#[derive(Clone, Copy, Debug)]
+pub enum Event<'a> {
+    /// So many results of an earlier run of the same experiments are used again.
+    Resumed(usize),
+    /// A part is tried for a moment, to know how long it will take.
+    Trying {
+        /// Parts before it.
+        done: usize,
+        /// Parts in all.
+        total: usize,
+        /// Its name.
+        cell: &'a str,
+    },
+    /// It will take this long from now.
+    Announced(Duration),
+    /// A part goes on.
+    Progress {
+        /// Estimated time behind us, of parts as long as they were announced.
+        done: Duration,
+        /// Estimated time of all.
+        total: Duration,
+        /// The part's name.
+        cell: &'a str,
+    },
+}
+
+/// Runs experiments, writes what each found into the folder of `lab`, and returns it; nothing if `tell`
+/// broke off: then the same call goes on.
+///
+/// # Errors
+/// What a part cannot do: frames that cannot be read, records of another experiment in the folder, a
+/// folder that cannot be written.
+pub fn run(
+    experiments: &[Experiment],
+    lab: &Lab,
+    mut tell: impl FnMut(Event<'_>) -> ControlFlow<()>,
+) -> Result<Option<Vec<Section>>> {
+    for folder in [&lab.folder, &lab.cells(), &lab.runs()] {
+        std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    }
+    let studies: Vec<Box<dyn Study>> = experiments
+        .iter()
+        .map(|experiment| experiment.prepare(lab))
+        .collect::<Result<_>>()?;
+    let cells: Vec<&dyn Cell> = studies.iter().flat_map(|study| study.cells()).collect();
+
+    let mut kept = 0;
+    for cell in &cells {
+        kept += cell.kept()?;
+    }
+    if kept > 0 && tell(Event::Resumed(kept)).is_break() {
+        return Ok(None);
+    }
+
+    let mut left = Vec::with_capacity(cells.len());
+    for (done, cell) in cells.iter().enumerate() {
+        let trying = Event::Trying {
+            done,
+            total: cells.len(),
+            cell: cell.name(),
+        };
+        if tell(trying).is_break() {
+            return Ok(None);
+        }
+        left.push(try_out(*cell, lab.trial)?);
+    }
+    let total = left.iter().sum();
+    if tell(Event::Announced(total)).is_break() {
+        return Ok(None);
+    }
+    let mut before = Duration::ZERO;
+    for (cell, &left) in cells.iter().zip(&left) {
+        let mut start = None;
+        let mut stopped = false;
+        cell.run(&mut |share| {
+            let start = *start.get_or_insert(share);
+            let part = (share - start) / (1.0 - start).max(f64::EPSILON);
+            let flow = tell(Event::Progress {
+                done: before + left.mul_f64(part.clamp(0.0, 1.0)),
+                total,
+                cell: cell.name(),
+            });
+            stopped |= flow.is_break();
+            flow
+        })?;
+        if stopped {
+            return Ok(None);
+        }
+        before += left;
+    }
+    let sections: Vec<Section> = studies
+        .iter()
+        .map(|study| {
+            let mut section = study.section()?;
+            for cell in study.cells() {
+                section.leave_out(cell.failures()?);
+            }
+            Ok(section)
+        })
+        .collect::<Result<_>>()?;
+    for section in &sections {
+        section.write(&lab.folder)?;
+    }
+    Ok(Some(sections))
+}
+
+/// Lets a part go on for a moment; how long the rest of it will take. What the trial measures is kept.
+fn try_out(cell: &dyn Cell, trial: Duration) -> Result<Duration> {
+    let mut first: Option<(Instant, f64)> = None;
+    let mut left = Duration::ZERO;
+    cell.run(&mut |share| {
+        let (started, start) = *first.get_or_insert((Instant::now(), share));
+        let elapsed = started.elapsed();
+        if share > start {
+            left = elapsed.mul_f64((1.0 - share).max(0.0) / (share - start));
+        }
+        if share > start && elapsed >= trial {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })?;
+    Ok(left)
+}
+
+impl Lab {
+    fn cells(&self) -> PathBuf {
+        self.folder.join("cells")
+    }
+
+    fn runs(&self) -> PathBuf {
+        self.folder.join("runs")
+    }
+
+    /// The file of a part.
+    fn cell(&self, name: &str, ending: &str) -> PathBuf {
+        self.cells().join(format!("{name}.{ending}"))
+    }
+
+    /// What all experiments on the dataset have in common, in words.
+    fn about(&self) -> String {
+        let frames = self.frames.len().min(self.limit.unwrap_or(usize::MAX));
+        let draws = match self.seeds.len() {
+            1 => "one draw of points".to_owned(),
+            n => format!("mean of {n} draws of points"),
+        };
+        format!(
+            "{}, {frames} frames, protocol {} ({}), {draws}; {}.",
+            self.dataset, self.preset.name, self.preset.protocol, self.weights
+        )
+    }
+}
+
+/// Takes away what an earlier run of these experiments measured.
+///
+/// # Errors
+/// The records cannot be removed.
+pub fn forget(folder: &Path) -> Result<()> {
+    for name in ["cells", "runs"] {
+        let path = folder.join(name);
+        if path.exists() {
+            std::fs::remove_dir_all(&path).map_err(|e| Error::write(&path, e))?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,257 @@
+//! Wrong points, with and without robust losses (Fang et al., section 4.4).
+
+use super::benchmark::{RIVALS, all};
+use super::cell::{Cell, Measured};
+use super::{Lab, Study, published};
+use lsdc_core::fit::{Loss, Robust};
+use lsdc_eval::metrics::{Metric, Scores};
+use lsdc_eval::report::{Column, Contest, Panels, Row, Section, Table};
+use lsdc_eval::sampling::{Noise, Pattern};
+use lsdc_files::error::Result;
+
+const POINTS: usize = 1000;
+const NOISE: Noise = Noise::Added {
+    share: 0.3,
+    most: 1.0,
+};
+/// The loss that stands for `lsdc` beside methods that have none.
+const OURS: Loss = Loss::Auto;
+/// Other ways in which points are wrong, in words for a column and for files.
+const OTHERS: [(&str, &str, Noise); 4] = [
+    ("gross outliers", "outliers", Noise::Outliers { share: 0.3 }),
+    (
+        "moved",
+        "moved",
+        Noise::Moved {
+            least: 2.0,
+            most: 4.0,
+        },
+    ),
+    (
+        "a region",
+        "region",
+        Noise::Region {
+            share: 0.1,
+            metres: 0.5,
+        },
+    ),
+    ("as of stereo", "stereo", Noise::Stereo { factor: 0.01 }),
+];
+/// Numbers of clean points.
+const CLEAN: [usize; 6] = [5, 50, 200, 500, 1000, 5000];
+/// Losses that are measured with them.
+const COMPARED: [Option<Loss>; 4] = [
+    None,
+    Some(Loss::Huber),
+    Some(Loss::Cauchy),
+    Some(Loss::Auto),
+];
+
+pub(super) struct NoiseStudy<'a> {
+    lab: &'a Lab,
+    clean: Measured<'a>,
+    noisy: Measured<'a>,
+    robust: Vec<(Loss, Measured<'a>)>,
+    /// For each of the compared losses, the other kinds of noise.
+    others: Vec<Vec<Measured<'a>>>,
+    /// For each of the compared losses, clean points.
+    untouched: Vec<Vec<Measured<'a>>>,
+}
+
+impl<'a> NoiseStudy<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let cell = |name: &str| Measured::new(lab, name).points(Pattern::Exactly(POINTS));
+        let robust = |loss: Loss| {
+            let cell = cell(&format!("noise-{}", loss.name()))
+                .noise(Some(NOISE))
+                .fit(|fit| fit.robust = Some(Robust::new(loss)));
+            (loss, cell)
+        };
+        let named = |kind: &str, loss: Option<Loss>, points: usize| {
+            let name = format!("noise-{kind}-{}", loss.map_or("none", Loss::name));
+            Measured::new(lab, name)
+                .points(Pattern::Exactly(points))
+                .fit(|fit| fit.robust = loss.map(Robust::new))
+        };
+        let others = |loss: Option<Loss>| {
+            let kinds = OTHERS.iter();
+            let cells = kinds.map(|(_, kind, noise)| named(kind, loss, POINTS).noise(Some(*noise)));
+            cells.collect()
+        };
+        let untouched = |loss: Option<Loss>| {
+            let counts = CLEAN.iter();
+            let cells = counts.map(|&count| named(&format!("clean-{count}"), loss, count));
+            cells.collect()
+        };
+        Self {
+            lab,
+            others: COMPARED.map(others).into(),
+            untouched: COMPARED.map(untouched).into(),
+            clean: cell("noise-clean").methods(&all()),
+            noisy: cell("noise-none").methods(&all()).noise(Some(NOISE)),
+            robust: Loss::ALL.map(robust).into(),
+        }
+    }
+}
+
+impl Study for NoiseStudy<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        let mut cells: Vec<&dyn Cell> = vec![&self.clean, &self.noisy];
+        cells.extend(self.robust.iter().map(|(_, cell)| cell as &dyn Cell));
+        let more = self.others.iter().chain(&self.untouched).flatten();
+        cells.extend(more.map(|cell| cell as &dyn Cell));
+        cells
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("noise", "Wrong points, with and without robust losses");
+        section
+            .about
+            .push(format!("{} {POINTS} points, {}.", self.lab.about(), NOISE));
+        let clean = self.clean.means()?;
+        let noisy = self.noisy.means()?;
+        let row = |label: &str, clean: &Scores, noisy: &Scores| {
+            let (before, after) = (clean[Metric::Rmse], noisy[Metric::Rmse]);
+            Row {
+                label: label.to_owned(),
+                aside: false,
+                values: vec![
+                    Some(before),
+                    Some(after),
+                    Some(100.0 * (after / before - 1.0)),
+                    Some(noisy[Metric::Rel]),
+                ],
+            }
+        };
+        let mut rows = Vec::new();
+        for ((name, clean), (_, noisy)) in clean.iter().zip(&noisy) {
+            rows.push(row(name, clean, noisy));
+        }
+        let mut ours = Vec::new();
+        for (loss, cell) in &self.robust {
+            ours.push(row(&robust_name(*loss), &clean[0].1, &cell.first()?));
+        }
+        let mut rivals = vec![ours.iter().find(|r| r.label == robust_name(OURS)).cloned()];
+        rivals.extend(rows.iter().skip(1).cloned().map(Some));
+        rows.splice(1..1, ours);
+        let [before, after, irls] = published::NOISE;
+        let more = |value: f64| Some(100.0 * (value / before - 1.0));
+        for (name, value) in [
+            ("LSE (section 4.4)", after),
+            ("LSE, IRLS (section 4.4)", irls),
+        ] {
+            let values = vec![Some(before), Some(value), more(value), None];
+            rows.push(published::row(name, values));
+        }
+        let table = Table {
+            title: "Errors with wrong points".into(),
+            rows_are: "method".into(),
+            contest: Contest::Rows,
+            columns: vec![
+                Column::named("RMSE, clean points", Metric::Rmse),
+                Column::named("RMSE", Metric::Rmse),
+                Column {
+                    label: "more than clean".into(),
+                    unit: "%",
+                    decimals: 1,
+                    rising: false,
+                },
+                Column::of(Metric::Rel),
+            ],
+            rows,
+        };
+        let beside_rivals = Table {
+            title: "With wrong points, beside methods without robust losses".into(),
+            rows: rivals.into_iter().flatten().collect(),
+            ..table.clone()
+        };
+        section
+            .findings
+            .extend(beside_rivals.verdict(&robust_name(OURS)));
+        section.about.push(
+            "Robust rows are fitted to wrong points; their clean error is that of the plain fit."
+                .into(),
+        );
+        section.tables.push(table);
+        section.tables.push(self.kinds()?);
+        section.tables.push(self.costs()?);
+        section.notes = published::notes(&published::NOISE_NOTES);
+        self.show(&mut section)?;
+        Ok(section)
+    }
+}
+
+impl NoiseStudy<'_> {
+    /// Errors with other kinds of wrong points.
+    fn kinds(&self) -> Result<Table> {
+        let labels = OTHERS.iter().map(|(label, ..)| (*label).to_owned());
+        compared(
+            "RMSE with points that are wrong in other ways",
+            labels,
+            &self.others,
+        )
+    }
+
+    /// Errors without wrong points.
+    fn costs(&self) -> Result<Table> {
+        let labels = CLEAN.iter().map(|count| format!("{count} points"));
+        compared("RMSE without wrong points", labels, &self.untouched)
+    }
+
+    fn show(&self, section: &mut Section) -> Result<()> {
+        let Some((frame, seed)) = self.noisy.median_frame()? else {
+            return Ok(());
+        };
+        let mut exhibit = self.noisy.exhibit(&frame, seed)?;
+        exhibit.predictions.truncate(1);
+        for (loss, cell) in &self.robust {
+            if [Loss::Irls, OURS].contains(loss) {
+                let found = cell.exhibit(&frame, seed)?.predictions;
+                let named = found
+                    .into_iter()
+                    .map(|(_, rmse, d)| (robust_name(*loss), rmse, d));
+                exhibit.predictions.extend(named);
+            }
+        }
+        let others = self.noisy.exhibit(&frame, seed)?.predictions.into_iter();
+        let rival = |name: &str| RIVALS[..2].iter().any(|method| method.name() == name);
+        exhibit
+            .predictions
+            .extend(others.filter(|(name, ..)| rival(name)));
+        let caption = "The frame on which lsdc without a robust loss is neither good nor bad.";
+        section.show("frame", caption, Panels::of_exhibit(&exhibit).draw());
+        Ok(())
+    }
+}
+
+/// The errors of each of the compared losses, a column for each cell.
+fn compared(
+    title: &str,
+    labels: impl Iterator<Item = String>,
+    cells: &[Vec<Measured<'_>>],
+) -> Result<Table> {
+    let row = |(loss, cells): (Option<Loss>, &Vec<Measured<'_>>)| -> Result<Row> {
+        let values = cells
+            .iter()
+            .map(|cell| Ok(Some(cell.first()?[Metric::Rmse])));
+        Ok(Row {
+            label: loss.map_or("lsdc".into(), robust_name),
+            aside: false,
+            values: values.collect::<Result<_>>()?,
+        })
+    };
+    let rows = COMPARED.into_iter().zip(cells).map(row);
+    Ok(Table {
+        title: title.into(),
+        rows_are: "method".into(),
+        contest: Contest::Rows,
+        columns: labels
+            .map(|label| Column::named(&label, Metric::Rmse))
+            .collect(),
+        rows: rows.collect::<Result<_>>()?,
+    })
+}
+
+fn robust_name(loss: Loss) -> String {
+    format!("lsdc, {}", loss.name())
+}

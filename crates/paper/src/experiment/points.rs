@@ -1,0 +1,110 @@
+//! Errors against the number of points.
+
+use super::benchmark;
+use super::cell::{Cell, Measured};
+use super::{Lab, Study};
+use lsdc_eval::metrics::Metric;
+use lsdc_eval::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table};
+use lsdc_eval::sampling::Pattern;
+use lsdc_files::error::Result;
+
+const COUNTS: [usize; 9] = [50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000];
+
+pub(super) struct Points<'a> {
+    lab: &'a Lab,
+    cells: Vec<Measured<'a>>,
+}
+
+impl<'a> Points<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let cell = |count: usize| {
+            Measured::new(lab, format!("points-{count}"))
+                .methods(&benchmark::all())
+                .points(Pattern::Exactly(count))
+        };
+        Self {
+            lab,
+            cells: COUNTS.map(cell).into(),
+        }
+    }
+}
+
+impl Study for Points<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        self.cells.iter().map(|cell| cell as &dyn Cell).collect()
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("points", "Errors against the number of points");
+        section.about.push(self.lab.about());
+        for metric in [Metric::Rmse, Metric::Rel] {
+            let labels = COUNTS.map(|count| (count.to_string(), count as f64));
+            let (table, chart) = compare(metric, &labels, "points", &self.cells)?;
+            section.judge(table, "lsdc");
+            let drawing = Chart {
+                title: metric.label(),
+                across: "sparse points",
+                up: &axis(metric),
+                scales: Scales::Logarithmic,
+                lines: chart,
+            };
+            let caption = format!("{} against the number of points.", metric.label());
+            section.show(metric.key(), &caption, drawing.draw());
+        }
+        section.notes.push(
+            "Of the paper, 0.148 m at 500 and 0.129 m at 1000 points are known; below N its fit cannot \
+             be solved."
+                .into(),
+        );
+        Ok(section)
+    }
+}
+
+/// A measure of several methods under several conditions: as a table with a column for each method,
+/// and as lines.
+pub(super) fn compare(
+    metric: Metric,
+    conditions: &[(String, f64)],
+    rows_are: &str,
+    cells: &[Measured<'_>],
+) -> Result<(Table, Vec<Line>)> {
+    let mut names = Vec::new();
+    let mut rows = Vec::new();
+    let mut curves: Vec<Vec<(f64, f64)>> = Vec::new();
+    for ((label, at), cell) in conditions.iter().zip(cells) {
+        let means = cell.means()?;
+        names = means.iter().map(|(name, _)| name.clone()).collect();
+        curves.resize(means.len(), Vec::new());
+        for (curve, (_, scores)) in curves.iter_mut().zip(&means) {
+            curve.push((*at, scores[metric]));
+        }
+        rows.push(Row {
+            label: label.clone(),
+            aside: false,
+            values: means.iter().map(|(_, s)| Some(s[metric])).collect(),
+        });
+    }
+    let lines = names.iter().zip(curves).enumerate();
+    let lines = lines.map(|(colour, (name, points))| Line {
+        name: Some(name.clone()),
+        colour,
+        dashed: false,
+        points,
+    });
+    let table = Table {
+        title: metric.label().to_owned(),
+        rows_are: rows_are.to_owned(),
+        contest: Contest::Columns,
+        columns: names.iter().map(|n| Column::named(n, metric)).collect(),
+        rows,
+    };
+    Ok((table, lines.collect()))
+}
+
+/// The name of an axis, with its unit.
+pub(super) fn axis(metric: Metric) -> String {
+    match metric.unit() {
+        "" => metric.label().to_owned(),
+        unit => format!("{}, {unit}", metric.label()),
+    }
+}

@@ -1,0 +1,133 @@
+//! Depth at three times the resolution of the image (Fang et al., section 4.5, table 3).
+
+use super::benchmark::RIVALS;
+use super::cell::{Cell, Measured};
+use super::{Lab, Study, published};
+use lsdc_eval::evaluation::{Candidate, Enlargement};
+use lsdc_eval::metrics::Metric;
+use lsdc_eval::predict::Method;
+use lsdc_eval::report::{Column, Contest, Row, Section, Table};
+use lsdc_eval::sampling::{Interpolation, Pattern, Protocol, Size};
+use lsdc_files::error::Result;
+
+pub(super) const SMALL: Size = Size {
+    height: 120,
+    width: 160,
+};
+pub(super) const LARGE: Size = Size {
+    height: 360,
+    width: 480,
+};
+/// What lies within the white frame around the images of NYU Depth v2.
+const INSIDE: Size = Size {
+    height: 456,
+    width: 608,
+};
+pub(super) const POINTS: usize = 500;
+pub(super) const METRICS: [Metric; 4] = [Metric::Rmse, Metric::Rel, Metric::See, Metric::Delta1];
+
+pub(super) struct Resolution<'a> {
+    lab: &'a Lab,
+    small: Measured<'a>,
+    plain: Measured<'a>,
+}
+
+impl<'a> Resolution<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let protocol = protocol(lab);
+        let cell = |name: &str| {
+            Measured::new(lab, name)
+                .resized(protocol, "of the experiment")
+                .points(Pattern::Exactly(POINTS))
+        };
+        let mut methods = vec![
+            enlarged("lsdc".into(), Method::Lsdc, Enlargement::Bases),
+            enlarged("lsdc, bilinear".into(), Method::Lsdc, Enlargement::Bilinear),
+        ];
+        for method in RIVALS {
+            let name = format!("{}, bilinear", method.name());
+            methods.push(enlarged(name, method, Enlargement::Bilinear));
+        }
+        methods.push(("lsdc, large image".into(), Candidate::Method(Method::Lsdc)));
+        let plain = |name: &str, by| enlarged(name.into(), Method::Lsdc, by);
+        Self {
+            lab,
+            small: cell("resolution").candidates(methods),
+            plain: cell("resolution-plain")
+                .candidates(vec![
+                    plain("lsdc, the paper's fit", Enlargement::Bases),
+                    plain("lsdc, the paper's fit, bilinear", Enlargement::Bilinear),
+                ])
+                .plain(),
+        }
+    }
+}
+
+/// Frames at the higher resolution.
+pub(super) fn protocol(lab: &Lab) -> Protocol {
+    Protocol {
+        cut: lab.preset.name.starts_with("nyu").then_some(INSIDE),
+        resize: Some(LARGE),
+        crop: None,
+        // Depths between those of two surfaces would be no edge.
+        depth_resize: Interpolation::PilNearest,
+        ..lab.preset.protocol
+    }
+}
+
+/// A method that is given the lower one.
+pub(super) fn enlarged(name: String, method: Method, by: Enlargement) -> (String, Candidate) {
+    let from = SMALL;
+    (name, Candidate::Enlarged { method, from, by })
+}
+
+impl Study for Resolution<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        vec![&self.small, &self.plain]
+    }
+
+    fn section(&self) -> Result<Section> {
+        let title = "Depth at three times the resolution of the image (table 3)";
+        let mut section = Section::new("resolution", title);
+        section.about.push(format!(
+            "{} Image and {POINTS} points at {SMALL}, depth at {LARGE}: basis functions read there, or \
+             depths enlarged bilinearly. Averaged {}.",
+            self.lab.about(),
+            self.lab.rules
+        ));
+        section.about.push(
+            "\"Large image\" is what users have who see more than 120x160 pixels: the image at \
+             360x480; it does not compete."
+                .into(),
+        );
+        let mut rows: Vec<Row> = Vec::new();
+        for (name, scores) in self.small.means()?.iter().chain(&self.plain.means()?) {
+            rows.push(Row::of(name, scores, &METRICS));
+        }
+        let mut table = Table {
+            title: "Errors at 360x480".into(),
+            rows_are: "method".into(),
+            contest: Contest::Rows,
+            columns: METRICS.iter().map(|&m| Column::of(m)).collect(),
+            rows,
+        };
+        let unfair = table
+            .rows
+            .iter()
+            .position(|row| row.label == "lsdc, large image");
+        let unfair = unfair.map(|at| table.rows.remove(at));
+        section.findings.extend(table.verdict("lsdc"));
+        table
+            .rows
+            .extend(unfair.map(|row| Row { aside: true, ..row }));
+        for (name, [rmse, rel]) in published::TABLE_3 {
+            let values = vec![Some(rmse), Some(rel), None, None];
+            table.rows.push(published::row(name, values));
+        }
+        section.tables.push(table);
+        section.notes = published::notes(&published::TABLE_3_NOTES);
+        let caption = "The frame on which lsdc is neither good nor bad.";
+        self.small.show(&mut section, caption)?;
+        Ok(section)
+    }
+}

@@ -1,0 +1,101 @@
+//! Who takes part.
+
+use super::training::{Budget, TrainedSystem};
+use crate::experiment::cell::Trained;
+use crate::experiment::{Lab, published};
+use crate::systems::{Predictor, SystemConfig};
+use lsdc_files::error::Result;
+
+/// A system that takes part.
+pub(super) enum Entrant<'a> {
+    /// With weights that there are.
+    Given(String, Predictor),
+    /// Trained by the experiment.
+    Trained(TrainedSystem<'a>),
+}
+
+impl Entrant<'_> {
+    pub(super) fn name(&self) -> &str {
+        match self {
+            Self::Given(name, _) => name,
+            Self::Trained(cell) => &cell.recipe.name,
+        }
+    }
+
+    pub(super) fn config(&self) -> &SystemConfig {
+        match self {
+            Self::Given(_, predictor) => &predictor.trained().config,
+            Self::Trained(cell) => &cell.recipe.system,
+        }
+    }
+
+    /// Once its weights are there.
+    pub(super) fn predictor(&self) -> Result<Option<Predictor>> {
+        match self {
+            Self::Given(_, predictor) => Ok(Some(predictor.clone())),
+            Self::Trained(cell) => cell.predictor(),
+        }
+    }
+
+    /// How it was trained, in words.
+    pub(super) fn training(&self) -> String {
+        match self {
+            Self::Trained(cell) => cell.budget().to_string(),
+            Self::Given(_, predictor) => match Budget::told_by(predictor) {
+                Some(budget) => format!("given, {budget}"),
+                None => "given, trained elsewhere".to_owned(),
+            },
+        }
+    }
+
+    /// What was published of it.
+    pub(super) fn published(&self) -> Option<&'static published::System> {
+        let kind = self.config().kind();
+        published::SYSTEMS.iter().find(|system| system.kind == kind)
+    }
+}
+
+/// All that take part, and our network with the same training.
+pub(super) struct Field<'a> {
+    pub(super) lab: &'a Lab,
+    pub(super) entrants: Vec<Entrant<'a>>,
+    pub(super) same: Option<Trained<'a>>,
+}
+
+impl<'a> Field<'a> {
+    /// The systems that were given, or those that the recipe names, with our network trained alike.
+    pub(super) fn new(lab: &'a Lab) -> Result<Self> {
+        if !lab.systems.is_empty() {
+            let given = lab.systems.iter().cloned();
+            return Ok(Self {
+                lab,
+                entrants: given
+                    .map(|(name, predictor)| Entrant::Given(name, predictor))
+                    .collect(),
+                same: None,
+            });
+        }
+        let frames = (lab.recipe.frames)()?;
+        let recipes = lab.recipe.systems.iter();
+        let trained = recipes.map(|recipe| TrainedSystem::new(lab, recipe, frames.clone()));
+        let entrants = trained.map(Entrant::Trained).collect();
+        let network = lab.recipe.network.clone();
+        Ok(Self {
+            lab,
+            entrants,
+            same: Some(Trained::new(lab, "systems-lsdc", network, frames)),
+        })
+    }
+
+    /// All by name, once all weights are there.
+    pub(super) fn predictors(&self) -> Result<Option<Vec<(String, Predictor)>>> {
+        if self.same.as_ref().is_some_and(|same| !same.is_trained()) {
+            return Ok(None);
+        }
+        let all = self.entrants.iter().map(|entrant| {
+            let predictor = entrant.predictor()?;
+            Ok(predictor.map(|predictor| (entrant.name().to_owned(), predictor)))
+        });
+        all.collect()
+    }
+}

@@ -1,0 +1,65 @@
+//! The systems that the paper compares itself with, beside `lsdc`: trained on the same frames with the same number of
+//! steps and images, then measured with the same points, fewer, more, elsewhere, scaled and wrong ones, on other
+//! cameras, and at a higher resolution than that of the image.
+
+mod clock;
+mod conditions;
+mod entrants;
+mod narrow;
+mod page;
+mod pictures;
+mod side;
+mod tables;
+#[cfg(test)]
+pub(super) mod tests;
+mod training;
+
+use super::cell::Cell;
+use super::{Lab, Study};
+use clock::Clock;
+use conditions::Conditions;
+use entrants::{Entrant, Field};
+use lsdc_eval::report::Section;
+use lsdc_files::error::Result;
+use std::rc::Rc;
+
+/// The name of our method.
+const OURS: &str = "lsdc";
+/// The same with the training of the others.
+const SAME: &str = "lsdc, same budget";
+
+pub(super) struct Systems<'a> {
+    field: Rc<Field<'a>>,
+    conditions: Conditions<'a>,
+    clocks: Vec<Clock<'a>>,
+}
+
+impl<'a> Systems<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Result<Self> {
+        let field = Rc::new(Field::new(lab)?);
+        Ok(Self {
+            conditions: Conditions::new(&field)?,
+            clocks: Clock::all(&field),
+            field,
+        })
+    }
+}
+
+impl Study for Systems<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        let mut cells: Vec<&dyn Cell> = Vec::new();
+        for entrant in &self.field.entrants {
+            if let Entrant::Trained(cell) = entrant {
+                cells.push(cell);
+            }
+        }
+        cells.extend(self.field.same.as_ref().map(|same| same as &dyn Cell));
+        cells.extend(self.conditions.sides().map(|side| side as &dyn Cell));
+        cells.extend(self.clocks.iter().map(|clock| clock as &dyn Cell));
+        cells
+    }
+
+    fn section(&self) -> Result<Section> {
+        page::section(self)
+    }
+}

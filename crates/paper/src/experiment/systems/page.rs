@@ -1,0 +1,98 @@
+//! The page: its words, and the order of its tables and pictures.
+
+use super::entrants::Entrant;
+use super::training::Budget;
+use super::{OURS, SAME, Systems, pictures, tables};
+use crate::experiment::published;
+use crate::systems::SystemConfig;
+use lsdc_eval::metrics::{Metric, Scores};
+use lsdc_eval::report::Section;
+use lsdc_files::error::Result;
+
+pub(super) fn section(systems: &Systems<'_>) -> Result<Section> {
+    let title = "The systems that the paper compares itself with, side by side";
+    let mut section = Section::new("systems", title);
+    section.about = about(systems);
+
+    let (field, conditions) = (&systems.field, &systems.conditions);
+    let means = conditions.trained.means()?;
+    let table = tables::as_trained(&field.lab.preset.points, &means);
+    section.judge(table, OURS);
+    let entrants = field.entrants.iter();
+    section
+        .findings
+        .extend(entrants.filter_map(|entrant| surpassed(entrant, &means)));
+
+    for &metric in conditions.counts.metrics {
+        let table = tables::compared(conditions, &conditions.counts, metric)?;
+        pictures::points(&mut section, &table, metric);
+        section.judge(table, OURS);
+    }
+    for group in &conditions.others {
+        for &metric in group.metrics {
+            section.judge(tables::compared(conditions, group, metric)?, OURS);
+        }
+    }
+    section.judge(tables::sharp(&conditions.sharp)?, OURS);
+    section.tables.push(tables::cost(systems)?);
+    pictures::frames(&mut section, conditions)?;
+    section.notes = published::notes(&published::SYSTEMS_NOTES);
+    Ok(section)
+}
+
+/// Who was trained how, and what all have in common.
+fn about(systems: &Systems<'_>) -> Vec<String> {
+    let lab = systems.field.lab;
+    let mut about = vec![format!("{} {}.", lab.about(), lab.preset.points)];
+    for entrant in &systems.field.entrants {
+        let here = match entrant {
+            Entrant::Given(..) => "",
+            Entrant::Trained(_) => "trained here, ",
+        };
+        let start = match entrant.config().pretrained() {
+            Some(path) => format!("encoder from `{}`", path.display()),
+            None => "from random weights".to_owned(),
+        };
+        about.push(format!(
+            "{}: {}; {here}{}, {start}.",
+            entrant.name(),
+            entrant.config().kind().source(),
+            entrant.training()
+        ));
+    }
+    if systems.field.same.is_some() {
+        about.push(format!(
+            "{SAME}: the network of the recipe, trained from random weights for {} as well, with \
+             the plain fit. `lsdc` itself has the weights named above, which were trained for longer.",
+            Budget::of(&lab.recipe.train)
+        ));
+    }
+    about.push(
+        "All see the same frames and the same points; predictions of all are kept within ten times the range of \
+         the points. An image of another size is resized to that of the training."
+            .into(),
+    );
+    about
+}
+
+/// That a published number is better than the one measured here, and why it may be.
+fn surpassed(entrant: &Entrant<'_>, means: &[(String, Scores)]) -> Option<String> {
+    let published = entrant.published()?;
+    let (name, scores) = means.iter().find(|(name, _)| name == entrant.name())?;
+    let best = published.rows.iter().map(|(_, errors)| errors.0);
+    let best = best.fold(f64::MAX, f64::min);
+    let here = scores[Metric::Rmse];
+    let start = match (entrant.config(), entrant.config().pretrained()) {
+        (SystemConfig::Lsk(_), _) => "random weights",
+        (_, Some(_)) => "an encoder trained on ImageNet",
+        (_, None) => "random weights, where the authors start from an encoder trained on ImageNet",
+    };
+    (best < here).then(|| {
+        format!(
+            "{name}: published RMSE {best:.3} m, here {here:.3} m: {} from {start}; published: {}, on all 654 frames \
+             of the official split",
+            entrant.training(),
+            published.training
+        )
+    })
+}

@@ -1,0 +1,44 @@
+//! The pictures of the page.
+
+use super::conditions::{COUNTS, Conditions};
+use crate::experiment::points::axis;
+use lsdc_eval::metrics::Metric;
+use lsdc_eval::report::{Chart, Line, Scales, Section, Table};
+use lsdc_files::error::Result;
+
+/// A measure against the number of points, of a table whose first row has those of the training.
+pub(super) fn points(section: &mut Section, table: &Table, metric: Metric) {
+    let columns = table.columns.iter().enumerate();
+    let lines = columns.map(|(colour, column)| Line {
+        name: Some(column.label.clone()),
+        colour,
+        dashed: false,
+        points: COUNTS
+            .iter()
+            .zip(&table.rows[1..])
+            .filter_map(|(count, row)| Some((*count as f64, row.values[colour]?)))
+            .collect(),
+    });
+    let chart = Chart {
+        title: metric.label(),
+        across: "sparse points",
+        up: &axis(metric),
+        scales: Scales::Logarithmic,
+        lines: lines.collect(),
+    };
+    let caption = format!(
+        "{} against the number of points; the systems are trained with one number.",
+        metric.label()
+    );
+    section.show(&format!("points-{}", metric.key()), &caption, chart.draw());
+}
+
+/// Frames with all predictions.
+pub(super) fn frames(section: &mut Section, conditions: &Conditions<'_>) -> Result<()> {
+    let caption = "The frame with lsdc's median RMSE, with the points of the training.";
+    conditions.trained.show(section, "frame", caption)?;
+    let few = "The same with 50 points.";
+    conditions.few().show(section, "frame-50", few)?;
+    let large = "Depth at three times the resolution of the image.";
+    conditions.sharp.show(section, "frame-sharp", large)
+}

@@ -1,0 +1,143 @@
+//! The tables of the page, with the rows that were published.
+
+use super::clock::{Clock, SIZE};
+use super::conditions::{Conditions, Group};
+use super::side::Side;
+use super::{OURS, Systems};
+use crate::experiment::{published, resolution};
+use burn::tensor::Device;
+use lsdc_eval::metrics::{Metric, Scores};
+use lsdc_eval::report::{Column, Contest, Row, Table};
+use lsdc_eval::sampling::Size;
+use lsdc_files::error::Result;
+use lsdc_train::model::{InitNetwork as _, parameter_count};
+
+const METRICS: [Metric; 5] = [
+    Metric::Rmse,
+    Metric::Rel,
+    Metric::Delta1,
+    Metric::Mae,
+    Metric::See,
+];
+
+/// A row for each method.
+fn methods(
+    title: String,
+    means: &[(String, Scores)],
+    metrics: &[Metric],
+    published: impl Iterator<Item = Row>,
+) -> Table {
+    let measured = means.iter();
+    let measured = measured.map(|(name, scores)| Row::of(name, scores, metrics));
+    Table {
+        title,
+        rows_are: "method".into(),
+        contest: Contest::Rows,
+        columns: metrics.iter().map(|&m| Column::of(m)).collect(),
+        rows: measured.chain(published).collect(),
+    }
+}
+
+/// Errors with the points of the training.
+pub(super) fn as_trained(points: &impl ToString, means: &[(String, Scores)]) -> Table {
+    let systems = published::SYSTEMS.iter().flat_map(|system| system.rows);
+    let published = systems.map(|(label, (rmse, rel, delta))| {
+        published::row(label, vec![Some(*rmse), Some(*rel), *delta, None, None])
+    });
+    let title = format!("Errors, {}", points.to_string());
+    methods(title, means, &METRICS, published)
+}
+
+/// Depth at three times the resolution of the image.
+pub(super) fn sharp(side: &Side<'_>) -> Result<Table> {
+    use resolution::{LARGE, METRICS, POINTS, SMALL};
+    let published = published::TABLE_3
+        .iter()
+        .map(|(name, [rmse, rel])| published::row(name, vec![Some(*rmse), Some(*rel), None, None]));
+    let title = format!("Image and {POINTS} points at {SMALL}, depth at {LARGE}");
+    Ok(methods(title, &side.means()?, &METRICS, published))
+}
+
+/// A measure of all methods under the conditions of a group and that of the training, a column for each method.
+pub(super) fn compared<'a>(
+    conditions: &Conditions<'a>,
+    group: &Group<'a>,
+    metric: Metric,
+) -> Result<Table> {
+    let mut names = Vec::new();
+    let mut rows = Vec::new();
+    for side in std::iter::once(&conditions.trained).chain(&group.sides) {
+        let means = side.means()?;
+        names = means.iter().map(|(name, _)| name.clone()).collect();
+        rows.push(Row {
+            label: side.label.clone(),
+            aside: false,
+            values: means.iter().map(|(_, s)| Some(s[metric])).collect(),
+        });
+    }
+    Ok(Table {
+        title: format!("{}: {}", group.title, metric.label()),
+        rows_are: group.rows_are.to_owned(),
+        contest: Contest::Columns,
+        columns: names.iter().map(|n| Column::named(n, metric)).collect(),
+        rows,
+    })
+}
+
+/// Parameters, and times of a frame.
+pub(super) fn cost(systems: &Systems<'_>) -> Result<Table> {
+    let column = |label: &str, unit, decimals| Column {
+        label: label.to_owned(),
+        unit,
+        decimals,
+        rising: false,
+    };
+    let measured = systems.clocks.iter();
+    let mut rows = measured
+        .map(|clock| cost_of(systems, clock))
+        .collect::<Result<Vec<_>>>()?;
+    for (name, parameters, total) in published::TABLE_5 {
+        let values = vec![None, Some(parameters), None, Some(total)];
+        rows.push(published::row(name, values));
+    }
+    let Size { height, width } = SIZE;
+    Ok(Table {
+        title: format!("Cost of a frame of {width}x{height}"),
+        rows_are: "method".into(),
+        contest: Contest::None,
+        columns: vec![
+            column("parameters", "M", 3),
+            column("as counted", "M", 3),
+            column("weights", "MB", 1),
+            column("total", "ms", 1),
+        ],
+        rows,
+    })
+}
+
+fn cost_of(systems: &Systems<'_>, clock: &Clock<'_>) -> Result<Row> {
+    let device = Device::flex();
+    let (label, parameters, never_run) = match clock.entrant() {
+        None => {
+            let net = systems.field.lab.network.init(0, &device)?;
+            (OURS, parameter_count(&net), 0)
+        }
+        Some(entrant) => {
+            let config = entrant.config();
+            let count = parameter_count(&config.blank(&device)?);
+            (entrant.name(), count, config.never_run())
+        }
+    };
+    let millions = |parameters: usize| parameters as f64 / 1e6;
+    Ok(Row {
+        label: label.to_owned(),
+        aside: false,
+        values: vec![
+            Some(millions(parameters)),
+            Some(millions(parameters + never_run)),
+            // Four bytes each.
+            Some(parameters as f64 * 4.0 / 1e6),
+            clock.total()?,
+        ],
+    })
+}

@@ -1,0 +1,131 @@
+//! A system that the experiment trains, and on which budget.
+
+use crate::experiment::cell::{Cell, Progress, keep_to, train};
+use crate::experiment::{Lab, SystemRecipe};
+use crate::systems::{Predictor, trainer};
+use lsdc_eval::data::Dataset;
+use lsdc_files::error::Result;
+use lsdc_train::training::{Outcome, TrainConfig};
+use lsdc_weights::TRAINING_NOTE;
+use lsdc_weights::provenance;
+use serde::Deserialize;
+use serde_json::json;
+use std::fmt::{Display, Formatter};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// How much a training sees.
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub(super) struct Budget {
+    steps: usize,
+    batch: usize,
+}
+
+impl Budget {
+    pub(super) fn of(train: &TrainConfig) -> Self {
+        Self {
+            steps: train.steps,
+            batch: train.batch,
+        }
+    }
+
+    /// That of weights that were given, if they tell.
+    pub(super) fn told_by(predictor: &Predictor) -> Option<Self> {
+        let note = predictor.trained().notes.get(TRAINING_NOTE)?;
+        serde_json::from_str(note).ok()
+    }
+}
+
+impl Display for Budget {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} steps of {} images", self.steps, self.batch)
+    }
+}
+
+/// A system trained by the experiment.
+pub(super) struct TrainedSystem<'a> {
+    lab: &'a Lab,
+    pub(super) recipe: &'a SystemRecipe,
+    name: String,
+    frames: Arc<dyn Dataset>,
+}
+
+impl<'a> TrainedSystem<'a> {
+    pub(super) fn new(lab: &'a Lab, recipe: &'a SystemRecipe, frames: Arc<dyn Dataset>) -> Self {
+        Self {
+            lab,
+            recipe,
+            name: format!("systems-{}", recipe.name),
+            frames,
+        }
+    }
+
+    pub(super) fn budget(&self) -> Budget {
+        Budget::of(&self.recipe.train)
+    }
+
+    /// Once its weights are there.
+    pub(super) fn predictor(&self) -> Result<Option<Predictor>> {
+        let weights = self.weights();
+        if !weights.exists() {
+            return Ok(None);
+        }
+        Predictor::open(&weights, &self.lab.device.0).map(Some)
+    }
+
+    fn folder(&self) -> PathBuf {
+        self.lab.runs().join(&self.name)
+    }
+
+    fn weights(&self) -> PathBuf {
+        self.folder().join("weights.safetensors")
+    }
+
+    fn keep_to_recipe(&self) -> Result<()> {
+        keep_to(
+            &self.folder(),
+            &json!({
+                "numerics": provenance::numerics(),
+                "system": self.recipe.system,
+                "training": self.recipe.train,
+                "frames": lsdc_eval::data::frames_record(&*self.frames),
+                "place": self.lab.place,
+            }),
+        )
+    }
+}
+
+impl Cell for TrainedSystem<'_> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn kept(&self) -> Result<usize> {
+        if !self.weights().exists() {
+            return Ok(0);
+        }
+        self.keep_to_recipe().map(|()| 1)
+    }
+
+    fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
+        self.keep_to_recipe()?;
+        if self.weights().exists() {
+            let _ = progress(1.0);
+            return Ok(());
+        }
+        let recipe = self.recipe;
+        let steps = recipe.train.steps as f64;
+        let trainer = trainer(
+            &self.folder(),
+            recipe.system.clone(),
+            recipe.train.clone(),
+            self.frames.clone(),
+            std::slice::from_ref(&self.lab.device.0),
+        )?;
+        let outcome = train(&trainer, &mut |step| progress(step as f64 / steps))?;
+        if outcome == Outcome::Finished {
+            let _ = progress(1.0);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,114 @@
+//! Whether predicted standard deviations hold, for few and many points in different patterns.
+
+use super::cell::{Cell, Measured};
+use super::{Lab, Study};
+use lsdc_eval::metrics::{Certainty, Metric};
+use lsdc_eval::report::{Column, Contest, Row, Section, Table};
+use lsdc_eval::sampling::Pattern;
+use lsdc_files::error::{Error, Result};
+
+/// Patterns of about 5, 50, 500 and 5,000 points at 304x228. Rows of a laser scanner have many points each.
+const PATTERNS: [Pattern; 18] = [
+    Pattern::Exactly(5),
+    Pattern::Grid(118),
+    Pattern::Corners(5),
+    Pattern::Half(5),
+    Pattern::Exactly(50),
+    Pattern::Grid(37),
+    Pattern::Corners(50),
+    Pattern::Half(50),
+    Pattern::Exactly(500),
+    Pattern::Grid(12),
+    Pattern::Lines(2),
+    Pattern::Corners(500),
+    Pattern::Half(500),
+    Pattern::Exactly(5000),
+    Pattern::Grid(4),
+    Pattern::Lines(16),
+    Pattern::Corners(5000),
+    Pattern::Half(5000),
+];
+
+pub(super) struct Uncertainty<'a> {
+    lab: &'a Lab,
+    cells: Vec<(String, Measured<'a>)>,
+}
+
+impl<'a> Uncertainty<'a> {
+    pub(super) fn new(lab: &'a Lab) -> Self {
+        let cell = |pattern: Pattern| {
+            let name = String::from(pattern.clone());
+            let cell = Measured::new(lab, format!("uncertainty-{}", name.replace(':', "-")))
+                .points(pattern)
+                .uncertainty();
+            (name, cell)
+        };
+        Self {
+            lab,
+            cells: PATTERNS.map(cell).into(),
+        }
+    }
+}
+
+impl Study for Uncertainty<'_> {
+    fn cells(&self) -> Vec<&dyn Cell> {
+        let cells = self.cells.iter();
+        cells.map(|(_, cell)| cell as &dyn Cell).collect()
+    }
+
+    fn section(&self) -> Result<Section> {
+        let mut section = Section::new("uncertainty", "Whether standard deviations hold");
+        section.about.push(self.lab.about());
+        let mut rows = Vec::new();
+        for (pattern, cell) in &self.cells {
+            let report = cell.report()?;
+            let certainty = report.certainties().first().and_then(Option::as_ref);
+            let certainty = certainty.ok_or_else(|| {
+                Error::config(format!("`{}` has no standard deviations", cell.name()))
+                    .hint("use weights with a prior")
+            })?;
+            rows.push(row(pattern, cell.first()?[Metric::Rmse], certainty));
+        }
+        let number = |label: &str, unit, decimals, rising| Column {
+            label: label.into(),
+            unit,
+            decimals,
+            rising,
+        };
+        section.tables.push(Table {
+            title: "Errors and the intervals that were predicted for them".into(),
+            rows_are: "points".into(),
+            contest: Contest::None,
+            columns: vec![
+                Column::named("RMSE", Metric::Rmse),
+                number("within 68.3 % intervals", "%", 1, true),
+                number("within 95.4 % intervals", "%", 1, true),
+                number("negative log-likelihood", "", 3, false),
+                number("AUSE / random order", "", 3, false),
+            ],
+            rows,
+        });
+        section.notes.push(
+            "A `grid:STEP` of 118, 37, 12 and 4 pixels has about 5, 50, 500 and 4,300 points, `lines:N` of 2 and 16 \
+             rows about 600 and 4,900."
+                .into(),
+        );
+        Ok(section)
+    }
+}
+
+fn row(pattern: &str, rmse: f64, certainty: &Certainty) -> Row {
+    let (one, two) = certainty.coverage();
+    let values = [
+        rmse,
+        100.0 * one,
+        100.0 * two,
+        certainty.surprise(),
+        certainty.ause_of_random(),
+    ];
+    Row {
+        label: pattern.to_owned(),
+        aside: false,
+        values: values.map(Some).into(),
+    }
+}

@@ -1,0 +1,201 @@
+//! Convolutional spatial propagation (Cheng et al. 2018, `CSPN`): a residual network with a decoder that reads its
+//! levels too says a depth, and how much of it every pixel takes from its neighbours in a step of the propagation.
+
+use super::layers::{UpConv, UpConvNorm};
+use super::resnet::{Depth, ResNet, check_width};
+use super::s2d::UpProj;
+use super::{Said, Seen, System};
+use burn::module::Module;
+use burn::tensor::Tensor;
+use burn::tensor::activation::relu;
+use lsdc_files::error::{Error, Result};
+use lsdc_train::model::layers::{ConvNorm, Init};
+use lsdc_train::ops::conv::ConvSpec;
+use lsdc_train::ops::propagate::{NEIGHBOURS, OFFSETS, propagate};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// The sizes of the network; the defaults are those of the published one. Of its 256.078 M parameters 218.122 M are
+/// here: the others belong to layers that the authors' program makes and never runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CspnConfig {
+    /// The encoder.
+    pub encoder: Depth,
+    /// Channels of the first layer, which all others are multiples of.
+    pub width: usize,
+    /// Steps of the propagation.
+    pub steps: usize,
+    /// A file of `torchvision`'s weights for the encoder, to start from; absent: it starts at random.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pretrained: Option<PathBuf>,
+}
+
+impl Default for CspnConfig {
+    fn default() -> Self {
+        Self {
+            encoder: Depth::default(),
+            width: 64,
+            steps: 24,
+            pretrained: None,
+        }
+    }
+}
+
+impl CspnConfig {
+    pub(super) fn check(&self) -> Result<()> {
+        if self.steps > 1000 {
+            return Err(Error::config("`system.steps` must be at most 1000"));
+        }
+        check_width(self.width)
+    }
+
+    /// How many parameters the authors' program counts that it never uses: four up-projections and a convolution.
+    pub(super) fn never_run(&self) -> usize {
+        let [.., third, _] = self.encoder.channels(self.width);
+        let steps = (0..4).map(|step| {
+            let (from, to) = (third >> step, third >> (step + 1));
+            2 * 25 * from * to + 9 * to * to + 6 * to
+        });
+        steps.sum::<usize>() + 9 * 2 * self.width
+    }
+}
+
+/// The network with its weights.
+#[derive(Module, Debug)]
+pub struct Cspn {
+    pub(super) resnet: ResNet,
+    middle: ConvNorm,
+    first: UpProj,
+    joined: Vec<Joined>,
+    depth: UpConv,
+    affinity: UpConv,
+    #[module(skip)]
+    steps: usize,
+}
+
+/// Up-projection beside what a level of the encoder says at the size that it leads to.
+#[derive(Module, Debug)]
+struct Joined {
+    first: UpConvNorm,
+    join: ConvNorm,
+    second: ConvNorm,
+    shortcut: UpConvNorm,
+}
+
+impl Joined {
+    fn init(from: usize, to: usize, side: usize, init: &mut Init) -> Self {
+        let same = ConvSpec::same(1);
+        Self {
+            first: UpConvNorm::init(from, to, 5, to, init),
+            join: ConvNorm::init(to + side, to, 3, same, init),
+            second: ConvNorm::init(to, to, 3, same, init),
+            shortcut: UpConvNorm::init(from, to, 5, to, init),
+        }
+    }
+
+    fn forward(&self, x: Tensor<4>, side: Tensor<4>) -> Tensor<4> {
+        let [_, height, width, _] = side.dims();
+        let size = (height, width);
+        let branch = Tensor::cat(vec![self.first.forward(x.clone(), size, true), side], 3);
+        let branch = self.second.forward(self.join.forward_relu(branch));
+        relu(branch + self.shortcut.forward(x, size, false))
+    }
+}
+
+impl Cspn {
+    pub(super) fn init(config: &CspnConfig, init: &mut Init) -> Self {
+        let width = config.width;
+        let resnet = ResNet::init(config.encoder, 4, width, init);
+        let [first, second, third, deepest] = config.encoder.channels(width);
+        let joined = [
+            (third, second, second),
+            (second, first, first),
+            (first, width, width),
+        ];
+        Self {
+            resnet,
+            middle: ConvNorm::init(deepest, deepest, 3, ConvSpec::same(1), init),
+            first: UpProj::init(deepest, third, init),
+            joined: joined
+                .map(|(from, to, side)| Joined::init(from, to, side, init))
+                .into(),
+            depth: UpConv::init(width, 1, 3, 1, init),
+            affinity: UpConv::init(width, NEIGHBOURS, 3, NEIGHBOURS, init),
+            steps: config.steps,
+        }
+    }
+}
+
+impl System for Cspn {
+    fn say(&self, seen: &Seen) -> Said {
+        let [_, height, width, _] = seen.images.dims();
+        let levels = self.resnet.forward(seen.together());
+        let [first, second, third, deepest] = levels.stages;
+        let size = |map: &Tensor<4>| (map.dims()[1], map.dims()[2]);
+        let x = self.middle.forward(deepest);
+        let x = self.first.forward(x, size(&third));
+        let sides = [second, first, levels.stem];
+        let pairs = self.joined.iter().zip(sides);
+        let x = pairs.fold(x, |x, (step, side)| step.forward(x, side));
+        let affinity = self.affinity.forward(x.clone(), (height, width));
+        let depth = self.depth.forward(x, (height, width)).squeeze_dim(3);
+        let depth = propagate(shares(affinity), depth, seen.sparse.clone(), self.steps);
+        Said::alone(depth)
+    }
+}
+
+/// What each pixel takes from its neighbours, from what the network says of these: `[n, height, width, 8]` both. The
+/// absolute values of a pixel have the sum 1; 0 where the network says 0 of all neighbours.
+fn shares(affinity: Tensor<4>) -> Tensor<4> {
+    /// Far below every affinity.
+    const LEAST: f64 = 1e-12;
+    let [n, height, width, _] = affinity.dims();
+    let padded = affinity.pad([(1, 1), (1, 1), (0, 0)], 0.0);
+    let of = |(k, (rows, columns)): (usize, (isize, isize))| {
+        let first = |offset: isize| (1 + offset) as usize;
+        let (top, left) = (first(rows), first(columns));
+        padded
+            .clone()
+            .slice([0..n, top..top + height, left..left + width, k..k + 1])
+    };
+    let gates = Tensor::cat(OFFSETS.into_iter().enumerate().map(of).collect(), 3);
+    let sum = gates.clone().abs().sum_dim(3).clamp_min(LEAST);
+    gates / sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::{Device, TensorData};
+
+    #[test]
+    fn shares_are_those_of_the_neighbours() {
+        let values: Vec<f32> = (0..2 * 2 * NEIGHBOURS).map(|i| 1.0 + i as f32).collect();
+        let affinity = TensorData::new(values, [1, 2, 2, NEIGHBOURS]);
+        let shares = shares(Tensor::from_data(affinity, &Device::flex()));
+        let shares: Vec<f32> = shares.into_data().iter().collect();
+        // The first pixel has three neighbours: to the right, below, and below to the right.
+        let (right, below, beyond) = (9.0 + 3.0, 17.0 + 1.0, 25.0);
+        let sum = right + below + beyond;
+        let expected = [
+            beyond / sum,
+            below / sum,
+            0.0,
+            right / sum,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ];
+        for (found, expected) in shares.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-6, "{shares:?}");
+        }
+    }
+
+    #[test]
+    fn the_published_count_has_layers_that_never_run() {
+        let never = CspnConfig::default().never_run();
+        assert!((37_900_000..38_000_000).contains(&never), "{never}");
+    }
+}

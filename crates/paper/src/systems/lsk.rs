@@ -1,0 +1,315 @@
+//! Learned steering kernels (Liu, Liao, Wang, Geiger and Liu 2021): a network says of every pixel of the image how the
+//! Gaussian kernel of a point there is stretched, turned and scaled; depth is the kernel regression of the points;
+//! a second network refines it. As in the authors' `Steering-KernelNet`, or with our own network and no refinement.
+
+use super::layers::{Biased, largest, stretched};
+use super::regression::{Kernels, Neighbourhood};
+use super::{Said, Seen, System};
+use burn::module::Module;
+use burn::tensor::activation::{sigmoid, softmax};
+use burn::tensor::{Tensor, TensorData};
+use lsdc_core::network::NetworkConfig;
+use lsdc_core::weights::Normalisation;
+use lsdc_files::error::{Error, Result};
+use lsdc_train::model::BasisNet;
+use lsdc_train::model::layers::{Init, Norm};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
+
+/// Which network says what kernels are like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum KernelsOf {
+    /// The published one, with a single step down and up.
+    #[default]
+    Published,
+    /// That of this program's method, with three outputs in the place of basis functions.
+    Ours,
+}
+
+/// The sizes of the networks; the defaults are the published ones, with 13.422 M parameters of the refinement, which is
+/// the published number, and 3.065 M of the kernels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LskConfig {
+    /// Which network says what kernels are like.
+    pub kernels: KernelsOf,
+    /// The order of the regression: 0, 1 or 2.
+    pub order: usize,
+    /// Points that a pixel is computed from, the nearest.
+    pub neighbours: usize,
+    /// Whether the weight of far points has a lower bound: `exp(2 tanh(.))` in the place of `exp(.)`.
+    pub bounded: bool,
+    /// Whether a second network refines the depth.
+    pub refine: bool,
+    /// Channels of the first layers, which all others are multiples of.
+    pub width: usize,
+    /// The sizes of our network; absent: those of the preset `sharp`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub network: Option<NetworkConfig>,
+}
+
+impl Default for LskConfig {
+    fn default() -> Self {
+        Self {
+            kernels: KernelsOf::default(),
+            order: 2,
+            neighbours: 32,
+            bounded: true,
+            refine: true,
+            width: 64,
+            network: None,
+        }
+    }
+}
+
+/// What a kernel has: elongation, angle, scale.
+const NUMBERS: usize = 3;
+
+impl LskConfig {
+    pub(super) fn check(&self) -> Result<()> {
+        if self.order > 2 || !(1..=1024).contains(&self.neighbours) {
+            return Err(Error::config(
+                "`system.order` must be 0, 1 or 2, and `neighbours` from 1 to 1024",
+            ));
+        }
+        if !(1..=256).contains(&self.width) {
+            return Err(Error::config("`system.width` must be from 1 to 256"));
+        }
+        self.own().check()?;
+        Ok(())
+    }
+
+    /// Our network for kernels.
+    pub(super) fn own(&self) -> NetworkConfig {
+        NetworkConfig {
+            bases: NUMBERS,
+            affinities: 0,
+            mean: false,
+            ..self.network.clone().unwrap_or_else(NetworkConfig::sharp)
+        }
+    }
+}
+
+/// The networks with their weights.
+#[derive(Module, Debug)]
+pub struct Lsk {
+    published: Option<KernelNet>,
+    own: Option<BasisNet>,
+    refine: Option<Refinement>,
+    #[module(skip)]
+    order: usize,
+    #[module(skip)]
+    neighbours: usize,
+    #[module(skip)]
+    bounded: bool,
+}
+
+impl Lsk {
+    pub(super) fn init(config: &LskConfig, init: &mut Init) -> Result<Self> {
+        let (published, own) = match config.kernels {
+            KernelsOf::Published => (Some(KernelNet::init(config.width, init)), None),
+            KernelsOf::Ours => (None, Some(BasisNet::init(&config.own(), init)?)),
+        };
+        Ok(Self {
+            published,
+            own,
+            refine: config.refine.then(|| Refinement::init(config.width, init)),
+            order: config.order,
+            neighbours: config.neighbours,
+            bounded: config.bounded,
+        })
+    }
+
+    /// What the network says of the pixels of the points `[n, points, 3]`.
+    fn at_points(&self, seen: &Seen, pixels: &[Vec<u32>]) -> Tensor<3> {
+        let [n, height, width, _] = seen.images.dims();
+        let count = pixels.first().map_or(0, Vec::len);
+        if let Some(net) = &self.own {
+            let bases = net.bases(seen.images.clone(), None);
+            // The first is the constant 1.
+            return bases.at((height, width), pixels).narrow(2, 1, NUMBERS);
+        }
+        let Some(net) = &self.published else {
+            return Tensor::zeros([n, count, NUMBERS], &seen.images.device());
+        };
+        let all = net.forward(plain(&seen.images));
+        let all = all.reshape([n, height * width, NUMBERS]);
+        let places: Vec<i32> = pixels.iter().flatten().map(|&p| p as i32).collect();
+        let places = Tensor::<3, burn::tensor::Int>::from_data(
+            TensorData::new(places, [n, count, 1]),
+            &all.device(),
+        );
+        all.gather(1, places.repeat_dim(2, NUMBERS))
+    }
+}
+
+impl System for Lsk {
+    fn say(&self, seen: &Seen) -> Said {
+        /// No kernel is a line.
+        const LEAST: f64 = 1e-5;
+        /// Elongations and scales are below this.
+        const MOST: f64 = 6.0;
+        let [n, height, width] = seen.sparse.dims();
+        let points = Neighbourhood::new(&seen.sparse, self.neighbours);
+        let numbers = sigmoid(self.at_points(seen, &points.pixels));
+        let number = |i: usize| numbers.clone().narrow(2, i, 1).squeeze_dim::<2>(2);
+        let kernels = Kernels::new(
+            number(0) * MOST + LEAST,
+            number(1) * (2.0 * PI) - PI,
+            number(2) * MOST + LEAST,
+            self.bounded,
+        );
+        let depth = points.regress(&kernels, self.order);
+        let depth = depth.reshape([n, height, width]);
+        let Some(net) = &self.refine else {
+            return Said::alone(depth);
+        };
+        let refined = net.forward(seen.images.clone(), depth.clone());
+        // Points are kept as they are.
+        let open = seen.sparse.clone().sign().neg() + 1.0;
+        Said {
+            depth: refined * open + seen.sparse.clone(),
+            before: Some(depth),
+        }
+    }
+}
+
+/// Colours from 0 to 1 of normalised ones.
+fn plain(images: &Tensor<4>) -> Tensor<4> {
+    let Normalisation {
+        mean, deviation, ..
+    } = Normalisation::default();
+    let row = |values: [f32; 3]| {
+        Tensor::<4>::from_data(
+            TensorData::new(values.to_vec(), [1, 1, 1, 3]),
+            (&images.device(), images.dtype()),
+        )
+    };
+    images.clone() * row(deviation) + row(mean)
+}
+
+/// Two convolutions, normalised.
+#[derive(Module, Debug)]
+struct Pair {
+    convs: Vec<Biased>,
+    norms: Vec<Norm>,
+}
+
+impl Pair {
+    fn init(from: usize, to: usize, init: &mut Init) -> Self {
+        Self {
+            convs: [from, to]
+                .map(|from| Biased::init(from, to, 3, init))
+                .into(),
+            norms: [0, 1].map(|_| Norm::init(to, init)).into(),
+        }
+    }
+
+    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        let layers = self.convs.iter().zip(&self.norms);
+        layers.fold(x, |x, (conv, norm)| norm.forward(conv.forward(x), true))
+    }
+}
+
+/// A step up: what comes from below is enlarged and joined to what the level itself says.
+fn joined(below: Tensor<4>, level: Tensor<4>) -> Tensor<4> {
+    let [_, height, width, _] = level.dims();
+    let [_, rows, columns, _] = below.dims();
+    let below = stretched(below, (2 * rows, 2 * columns));
+    let (down, right) = (height - 2 * rows, width - 2 * columns);
+    let border = [
+        (down / 2, down - down / 2),
+        (right / 2, right - right / 2),
+        (0, 0),
+    ];
+    Tensor::cat(vec![level, below.pad(border, 0.0)], 3)
+}
+
+/// Image to the three numbers of a kernel.
+#[derive(Module, Debug)]
+struct KernelNet {
+    first: Pair,
+    down: Pair,
+    up: Pair,
+    last: Biased,
+}
+
+impl KernelNet {
+    fn init(width: usize, init: &mut Init) -> Self {
+        Self {
+            first: Pair::init(3, width, init),
+            down: Pair::init(width, 8 * width, init),
+            up: Pair::init(9 * width, width, init),
+            last: Biased::init(width, NUMBERS, 1, init),
+        }
+    }
+
+    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        let level = self.first.forward(x);
+        let below = self.down.forward(largest(level.clone(), 2, 2, 0));
+        self.last.forward(self.up.forward(joined(below, level)))
+    }
+}
+
+/// Image and depth to a better depth: a U-Net (Ronneberger et al. 2015) that says how likely each of 401 changes is.
+#[derive(Module, Debug)]
+struct Refinement {
+    first: Pair,
+    down: Vec<Pair>,
+    up: Vec<Pair>,
+    changes: Biased,
+    rest: Biased,
+}
+
+/// Changes of depth that are told apart.
+const CHANGES: usize = 401;
+/// The largest, in metres.
+const LARGEST: f64 = 4.0;
+/// What is added to the mean of the changes is below this, in metres.
+const REST: f64 = 0.04;
+/// Mean and standard deviation of depths that the network reads, in metres.
+const DEPTHS: (f64, f64) = (3.010_474_862_21, 1.079_438_399_77);
+
+impl Refinement {
+    fn init(width: usize, init: &mut Init) -> Self {
+        let widths = [1, 2, 4, 8, 8].map(|times| times * width);
+        let ups = [(16, 4), (8, 2), (4, 1), (2, 1)];
+        Self {
+            first: Pair::init(4, width, init),
+            down: widths
+                .windows(2)
+                .map(|pair| Pair::init(pair[0], pair[1], init))
+                .collect(),
+            up: ups
+                .map(|(from, to)| Pair::init(from * width, to * width, init))
+                .into(),
+            changes: Biased::init(width, CHANGES, 1, init),
+            rest: Biased::init(width, 1, 1, init),
+        }
+    }
+
+    fn forward(&self, images: Tensor<4>, depth: Tensor<3>) -> Tensor<3> {
+        let read = (depth.clone() - DEPTHS.0) / DEPTHS.1;
+        let mut x = self
+            .first
+            .forward(Tensor::cat(vec![images, read.unsqueeze_dim(3)], 3));
+        let mut levels = Vec::new();
+        for down in &self.down {
+            levels.push(x.clone());
+            x = down.forward(largest(x, 2, 2, 0));
+        }
+        for (up, level) in self.up.iter().zip(levels.into_iter().rev()) {
+            x = up.forward(joined(x, level));
+        }
+        let rest = sigmoid(self.rest.forward(x.clone())) * (2.0 * REST) - REST;
+        let likely = softmax(self.changes.forward(x), 3);
+        let step = 2.0 * LARGEST / (CHANGES - 1) as f64;
+        let changes: Vec<f32> = (0..CHANGES)
+            .map(|i| (i as f64 * step - LARGEST) as f32)
+            .collect();
+        let changes = TensorData::new(changes, [1, 1, CHANGES, 1]);
+        let changes = likely.matmul(Tensor::from_data(changes, (&depth.device(), depth.dtype())));
+        depth + (changes + rest).squeeze_dim(3)
+    }
+}

@@ -1,0 +1,256 @@
+//! The systems that the paper compares itself with, trainable here with the same data, protocol, points and budget:
+//! sparse-to-dense, spatial propagation and learned steering kernels. Each sees the image and the measured depths and
+//! says the depth of every pixel; they share no code with the method of this program, whose network never sees a
+//! depth.
+
+mod cspn;
+mod file;
+mod layers;
+mod predictor;
+mod regression;
+mod resnet;
+mod s2d;
+mod start;
+#[cfg(test)]
+mod tests;
+mod training;
+
+mod lsk;
+
+pub use cspn::{Cspn, CspnConfig};
+pub use file::Trained;
+pub use lsk::{KernelsOf, Lsk, LskConfig};
+pub use predictor::Predictor;
+pub use resnet::Depth;
+pub use s2d::{DecoderKind, S2d, S2dConfig};
+pub use start::begin;
+pub use training::trainer;
+
+use burn::module::Module;
+use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
+use lsdc_core::network::NormKind;
+use lsdc_core::weights::Normalisation;
+use lsdc_eval::predict::SystemKind;
+use lsdc_files::error::Result;
+use lsdc_rng::Rng;
+use lsdc_train::model::layers::{FreezeStatistics, Init};
+use lsdc_train::sample::Batch;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A system with its sizes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "method", rename_all = "lowercase")]
+pub enum SystemConfig {
+    /// Sparse-to-dense.
+    S2d(S2dConfig),
+    /// Convolutional spatial propagation.
+    Cspn(CspnConfig),
+    /// Learned steering kernels.
+    Lsk(Box<LskConfig>),
+}
+
+impl SystemConfig {
+    /// Which system it is.
+    pub fn kind(&self) -> SystemKind {
+        match self {
+            Self::S2d(_) => SystemKind::S2d,
+            Self::Cspn(_) => SystemKind::Cspn,
+            Self::Lsk(_) => SystemKind::Lsk,
+        }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check(&self) -> Result<()> {
+        match self {
+            Self::S2d(config) => config.check(),
+            Self::Cspn(config) => config.check(),
+            Self::Lsk(config) => config.check(),
+        }
+    }
+
+    /// The file of weights that its encoder starts from, if there is one.
+    pub fn pretrained(&self) -> Option<&Path> {
+        match self {
+            Self::S2d(config) => config.pretrained.as_deref(),
+            Self::Cspn(config) => config.pretrained.as_deref(),
+            Self::Lsk(_) => None,
+        }
+    }
+
+    /// Parameters that the authors' program counts and never uses.
+    pub fn never_run(&self) -> usize {
+        match self {
+            Self::Cspn(config) => config.never_run(),
+            Self::S2d(_) | Self::Lsk(_) => 0,
+        }
+    }
+
+    /// Fewer parameters than any network of these sizes has: what a file must hold before one is made.
+    pub(crate) fn at_least(&self) -> usize {
+        let squares = |width: usize, times: usize| times * width * width;
+        match self {
+            Self::S2d(S2dConfig { width, .. }) | Self::Cspn(CspnConfig { width, .. }) => {
+                squares(*width, 2500)
+            }
+            Self::Lsk(config) => {
+                let refine = if config.refine {
+                    squares(config.width, 2500)
+                } else {
+                    0
+                };
+                refine
+                    + match config.kernels {
+                        KernelsOf::Published => squares(config.width, 600),
+                        KernelsOf::Ours => {
+                            config.own().hidden.windows(2).map(|w| w[0] * w[1]).sum()
+                        }
+                    }
+            }
+        }
+    }
+
+    /// What happens to colours before the network: sparse-to-dense only divides them by 255.
+    pub fn normalisation(&self, input: [usize; 2]) -> Normalisation {
+        let plain = Normalisation {
+            mean: [0.0; 3],
+            deviation: [1.0; 3],
+            input,
+        };
+        match self {
+            Self::S2d(_) => plain,
+            Self::Cspn(_) | Self::Lsk(_) => Normalisation {
+                input,
+                ..Normalisation::default()
+            },
+        }
+    }
+
+    /// Builds the network with random weights, drawn from the stream of `seed`.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    pub fn init(&self, seed: u64, device: &Device) -> Result<Net> {
+        self.build(Some(Rng::stream(seed, &["weights"])), device)
+    }
+
+    /// Builds the network with weights 0, to be filled.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    pub fn blank(&self, device: &Device) -> Result<Net> {
+        self.build(None, device)
+    }
+
+    fn build(&self, rng: Option<Rng>, device: &Device) -> Result<Net> {
+        self.check()?;
+        let mut init = Init {
+            rng,
+            norm: NormKind::Batch,
+            // That of PyTorch, with which their authors trained them.
+            momentum: 0.1,
+            device: device.clone(),
+        };
+        Ok(match self {
+            Self::S2d(config) => Net::S2d(S2d::init(config, &mut init)),
+            Self::Cspn(config) => Net::Cspn(Cspn::init(config, &mut init)),
+            Self::Lsk(config) => Net::Lsk(Lsk::init(config, &mut init)?),
+        })
+    }
+}
+
+/// What a system sees of frames.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Normalised colours `[n, height, width, 3]`.
+    pub images: Tensor<4>,
+    /// Measured depths `[n, height, width]` in metres; 0 = none.
+    pub sparse: Tensor<3>,
+}
+
+impl Seen {
+    /// The images of a batch with the points of each draw, draw by draw.
+    pub fn of(batch: &Batch) -> Self {
+        let [images, height, width] = batch.maps.dims();
+        let draws = batch.draws.dims()[0] / images;
+        let device = batch.maps.device();
+        let places: Vec<i32> = batch
+            .pixels
+            .iter()
+            .flat_map(|list| list[..batch.points].iter().map(|&p| p as i32))
+            .collect();
+        let places = TensorData::new(places, [images, batch.points]);
+        let places = Tensor::<2, Int>::from_data(places, &device).repeat_dim(0, draws);
+        // What no draw reads adds 0 to the first pixel.
+        let read = batch.measured.clone().repeat_dim(0, draws) * batch.draws.clone();
+        let empty = Tensor::<2>::zeros([draws * images, height * width], &device);
+        let sparse = empty.scatter(1, places, read, IndexingUpdateOp::Add);
+        Self {
+            images: batch.images.clone().repeat_dim(0, draws),
+            sparse: sparse.reshape([draws * images, height, width]),
+        }
+    }
+
+    /// Colours and depths `[n, height, width, 4]`.
+    fn together(&self) -> Tensor<4> {
+        let depths = self.sparse.clone().unsqueeze_dim(3);
+        Tensor::cat(vec![self.images.clone(), depths], 3)
+    }
+}
+
+/// What a system says of frames.
+#[derive(Clone, Debug)]
+pub struct Said {
+    /// Depths `[n, height, width]` in metres, which may be of any sign.
+    pub depth: Tensor<3>,
+    /// The same before the last part of a system of several, which learns of its own errors.
+    pub before: Option<Tensor<3>>,
+}
+
+impl Said {
+    fn alone(depth: Tensor<3>) -> Self {
+        Self {
+            depth,
+            before: None,
+        }
+    }
+}
+
+/// A trainable system: image and measured depths to depth.
+pub trait System {
+    /// The depths of some frames.
+    fn say(&self, seen: &Seen) -> Said;
+}
+
+/// The network of any of the systems.
+#[derive(Module, Debug)]
+#[allow(clippy::large_enum_variant)]
+pub enum Net {
+    /// Sparse-to-dense.
+    S2d(S2d),
+    /// Convolutional spatial propagation.
+    Cspn(Cspn),
+    /// Learned steering kernels.
+    Lsk(Lsk),
+}
+
+impl System for Net {
+    fn say(&self, seen: &Seen) -> Said {
+        match self {
+            Self::S2d(net) => net.say(seen),
+            Self::Cspn(net) => net.say(seen),
+            Self::Lsk(net) => net.say(seen),
+        }
+    }
+}
+
+impl Net {
+    /// Lets batch normalisation use its running statistics from now on.
+    #[must_use]
+    pub fn freeze_statistics(self) -> Self {
+        self.map(&mut FreezeStatistics)
+    }
+}

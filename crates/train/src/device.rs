@@ -1,0 +1,107 @@
+//! Compute devices by name.
+
+pub use burn::tensor::Device;
+use lsdc_files::error::{Error, Result};
+
+/// The names that `device` understands in this build.
+pub fn names() -> Vec<&'static str> {
+    let mut names = vec!["cpu"];
+    if cfg!(feature = "ndarray") {
+        names.push("ndarray");
+    }
+    if cfg!(feature = "wgpu") {
+        names.extend(["wgpu", "wgpu:N", "wgpu:integrated", "wgpu:software"]);
+    }
+    names
+}
+
+/// Opens a device: `cpu` (burn's flex), `ndarray`, `wgpu` (the best GPU), `wgpu:N` (discrete GPU N),
+/// `wgpu:integrated`, `wgpu:software`.
+///
+/// # Errors
+/// An unknown name, or a device that this machine does not have.
+pub fn device(name: &str) -> Result<Device> {
+    let (kind, which) = name.split_once(':').unwrap_or((name, ""));
+    match kind {
+        "cpu" if which.is_empty() => Ok(Device::flex()),
+        #[cfg(feature = "ndarray")]
+        "ndarray" if which.is_empty() => Ok(ndarray()),
+        #[cfg(feature = "wgpu")]
+        "wgpu" => wgpu(name, which),
+        #[cfg(not(feature = "wgpu"))]
+        "wgpu" => Err(without(name, "wgpu")),
+        #[cfg(not(feature = "ndarray"))]
+        "ndarray" if which.is_empty() => Err(without(name, "ndarray")),
+        _ => Err(Error::device(format!("unknown device `{name}`"))
+            .hint(format!("devices of this build: {}", names().join(", ")))),
+    }
+}
+
+/// That a device is not part of this build, and with which command it is.
+#[cfg(not(all(feature = "wgpu", feature = "ndarray")))]
+fn without(name: &str, feature: &str) -> Error {
+    Error::device(format!("this build has no device `{name}`")).hint(format!(
+        "`cargo build --release --features {feature}` makes one that has, `cargo install --path . \
+         --features {feature}` installs it"
+    ))
+}
+
+/// Opens several devices, named with commas between them.
+///
+/// # Errors
+/// As [`device`], for the first that cannot be opened.
+pub fn devices(names: &str) -> Result<Vec<Device>> {
+    names.split(',').map(|name| device(name.trim())).collect()
+}
+
+#[cfg(feature = "ndarray")]
+fn ndarray() -> Device {
+    Device::ndarray()
+}
+
+#[cfg(feature = "wgpu")]
+fn wgpu(name: &str, which: &str) -> Result<Device> {
+    use burn::tensor::DeviceKind;
+    let kind = match which {
+        "" => DeviceKind::DefaultDevice,
+        "integrated" => DeviceKind::IntegratedGpu(0),
+        "software" => DeviceKind::Cpu,
+        number => DeviceKind::DiscreteGpu(number.parse().map_err(|_| {
+            Error::device(format!("unknown device `{name}`"))
+                .hint(format!("devices of this build: {}", names().join(", ")))
+        })?),
+    };
+    Device::wgpu_options()
+        .device_kind(kind)
+        .init()
+        .map_err(|e| {
+            Error::device(format!("no device `{name}` can be opened"))
+                .because(e)
+                .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
+        })
+}
+
+#[cfg(all(test, not(feature = "wgpu")))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_that_was_not_built_names_the_command_that_builds_it() {
+        for name in ["wgpu", "wgpu:1", "wgpu:software"] {
+            let error = device(name).unwrap_err();
+            assert!(error.to_string().contains(name), "{error}");
+            assert!(
+                error.advice().unwrap().contains("--features wgpu"),
+                "{error}"
+            );
+        }
+        assert!(
+            device("cuda")
+                .unwrap_err()
+                .advice()
+                .unwrap()
+                .contains("cpu")
+        );
+        assert!(device("cpu").is_ok());
+    }
+}

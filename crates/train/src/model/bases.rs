@@ -1,0 +1,249 @@
+//! The per-pixel MLP, and basis functions that can be read at any pixel of any output size.
+
+use super::extractor::Seen;
+use super::layers::{Hidden, Init, Linear};
+use super::{encoding, grid};
+use burn::module::Module;
+use burn::tensor::{Int, Tensor, TensorData};
+use lsdc_core::network::NetworkConfig;
+use lsdc_core::network::STEEPEST;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// The MLP from features and position to N basis functions (paper section 3.2).
+#[derive(Module, Debug)]
+pub struct BasisHead {
+    pub(super) hidden: Vec<Hidden>,
+    pub(super) last: Linear,
+    /// To the logarithm of the first function, if that is a map and no backbone predicts it: 0 before training.
+    pub(super) mean: Option<Linear>,
+    #[module(skip)]
+    pub(super) octaves: usize,
+}
+
+impl BasisHead {
+    pub(super) fn init(config: &NetworkConfig, init: &mut Init) -> Self {
+        let mut width = config.extractor.features + encoding::channels(config.octaves);
+        let mut hidden = Vec::new();
+        for &next in &config.hidden {
+            hidden.push(Hidden::init(width, next, init));
+            width = next;
+        }
+        Self {
+            hidden,
+            last: Linear::init(width, config.bases, init),
+            mean: (config.mean && config.extractor.backbone.is_none())
+                .then(|| Linear::zero(width, 1, init)),
+            octaves: config.octaves,
+        }
+    }
+
+    /// The last hidden layer of rows `[rows, features + position]`.
+    fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        self.hidden.iter().fold(x, |x, layer| layer.forward(x))
+    }
+}
+
+/// The basis functions of a batch of images: features `[batch, height / 4, width / 4, channels]`,
+/// and the MLP that turns them into values at any pixel of any output size (paper section 4.5).
+#[derive(Clone, Debug)]
+pub struct Bases {
+    seen: Seen,
+    head: BasisHead,
+}
+
+impl Bases {
+    pub(super) fn new(seen: Seen, head: BasisHead) -> Self {
+        Self { seen, head }
+    }
+
+    /// Values at pixels of an output of `size` (height, width): `[batch, pixels, N + 1]`, the
+    /// first function being the constant 1 or the mean.
+    ///
+    /// `pixels[b]` lists `y * width + x` for image `b`, equally many for each.
+    pub fn at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<3> {
+        self.hidden_at(size, pixels).functions()
+    }
+
+    /// What basis functions at pixels, as in [`Bases::at`], are made from.
+    pub fn hidden_at(&self, size: (usize, usize), pixels: &[Vec<u32>]) -> HiddenBases {
+        let device = self.seen.features.device();
+        let batch = pixels.len();
+        let count = pixels.first().map_or(0, Vec::len);
+        let mut input = grid::sample(self.seen.features.clone(), size, pixels);
+        let logarithm = self.seen.logarithm.clone();
+        let logarithm = logarithm.map(|map| grid::sample(map, size, pixels));
+        let width = encoding::channels(self.head.octaves);
+        if width > 0 {
+            let encode = |list: &Vec<u32>| encoding::encode(size, list, self.head.octaves);
+            let codes: Vec<Vec<f32>> = pixels.par_iter().map(encode).collect();
+            let codes = TensorData::new(codes.concat(), [batch * count, width]);
+            input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
+        }
+        self.hidden(input, logarithm, [batch, count])
+    }
+
+    /// [`Bases::hidden_at`] pixels, and the values of all functions at the first `count` of each image.
+    ///
+    /// Where batch normalisation has fixed statistics, the latter are computed for themselves: the gradient of a part of a
+    /// large tensor is one as large.
+    pub fn hidden_and_first(
+        &self,
+        size: (usize, usize),
+        pixels: &[Vec<u32>],
+        count: usize,
+    ) -> (HiddenBases, Tensor<3>) {
+        let hidden = self.hidden_at(size, pixels);
+        let device = self.seen.features.device();
+        let first = if self.head.hidden.iter().all(|layer| layer.is_fixed(&device)) {
+            let lists = pixels.iter().map(|list| list[..count].to_vec());
+            self.at(size, &lists.collect::<Vec<_>>())
+        } else {
+            hidden.slice(0..count).functions()
+        };
+        (hidden, first)
+    }
+
+    /// Values at places (u, v) of an output of `size` (height, width) of a single image: `[1, places,
+    /// N + 1]`. Places count in pixels from the centre of the first.
+    pub fn at_places(&self, size: (usize, usize), places: &[[f64; 2]]) -> Tensor<3> {
+        let device = self.seen.features.device();
+        let mut input = grid::sample_places(self.seen.features.clone(), size, places);
+        let logarithm = self.seen.logarithm.clone();
+        let logarithm = logarithm.map(|map| grid::sample_places(map, size, places));
+        let width = encoding::channels(self.head.octaves);
+        if width > 0 {
+            let codes = encoding::encode_places(size, places, self.head.octaves);
+            let codes = TensorData::new(codes, [places.len(), width]);
+            input = Tensor::cat(vec![input, Tensor::from_data(codes, &device)], 1);
+        }
+        self.hidden(input, logarithm, [1, places.len()]).functions()
+    }
+
+    /// The MLP on rows of features and position.
+    fn hidden(
+        &self,
+        input: Tensor<2>,
+        logarithm: Option<Tensor<2>>,
+        [batch, count]: [usize; 2],
+    ) -> HiddenBases {
+        let hidden = self.head.forward(input);
+        let width = hidden.dims()[1];
+        HiddenBases {
+            hidden: hidden.reshape([batch, count, width]),
+            logarithm: logarithm.map(|rows| rows.reshape([batch, count, 1])),
+            head: self.head.clone(),
+        }
+    }
+
+    /// Bases x weights over the whole output, for one image: `size.0 * size.1` depths.
+    ///
+    /// Works on strips of rows, so memory does not grow with the output.
+    pub fn combine(&self, size: (usize, usize), weights: &[f32]) -> Vec<f32> {
+        const STRIP: usize = 1 << 15;
+        let device = self.seen.features.device();
+        let column = TensorData::new(weights.to_vec(), [1, weights.len(), 1]);
+        let column = Tensor::<3>::from_data(column, &device);
+        let total = size.0 * size.1;
+        let mut depths = Vec::with_capacity(total);
+        for start in (0..total).step_by(STRIP) {
+            let pixels = (start..(start + STRIP).min(total))
+                .map(|i| i as u32)
+                .collect();
+            let strip = self.hidden_at(size, &[pixels]);
+            let values = strip.combine(column.clone()).into_data();
+            depths.extend(values.iter::<f32>());
+        }
+        depths
+    }
+}
+
+/// The last hidden layer of the MLP at pixels of a batch of images. Basis functions are linear in it, but for the first,
+/// so weighted sums of them need none of them by itself.
+#[derive(Clone, Debug)]
+pub struct HiddenBases {
+    /// `[batch, pixels, width]`
+    hidden: Tensor<3>,
+    /// Of the first function, `[batch, pixels, 1]`, if the extractor yields it.
+    logarithm: Option<Tensor<3>>,
+    head: BasisHead,
+}
+
+impl HiddenBases {
+    /// The same at some of the pixels of each image.
+    #[must_use]
+    pub fn slice(&self, pixels: Range<usize>) -> Self {
+        let batch = self.hidden.dims()[0];
+        Self {
+            hidden: self.hidden.clone().slice([0..batch, pixels.clone()]),
+            logarithm: (self.logarithm.clone()).map(|map| map.slice([0..batch, pixels])),
+            head: self.head.clone(),
+        }
+    }
+
+    /// The same at every `step`th pixel of each image, from the first on.
+    #[must_use]
+    pub fn every(&self, step: usize) -> Self {
+        Self {
+            hidden: every(self.hidden.clone(), step),
+            logarithm: self.logarithm.clone().map(|map| every(map, step)),
+            head: self.head.clone(),
+        }
+    }
+
+    /// The values of all functions, `[batch, pixels, N + 1]`.
+    pub fn functions(&self) -> Tensor<3> {
+        let [batch, pixels, _] = self.hidden.dims();
+        let first = self.first().reshape([batch * pixels, 1]);
+        let values = Tensor::cat(vec![first, self.head.last.forward(self.rows())], 1);
+        let functions = values.dims()[1];
+        values.reshape([batch, pixels, functions])
+    }
+
+    /// The constant or the map, `[batch, pixels, 1]`.
+    fn first(&self) -> Tensor<3> {
+        let [batch, pixels, _] = self.hidden.dims();
+        let logarithm = match (&self.logarithm, &self.head.mean) {
+            (Some(logarithm), _) => logarithm.clone(),
+            (None, Some(mean)) => mean.forward(self.rows()).reshape([batch, pixels, 1]),
+            (None, None) => return Tensor::ones([batch, pixels, 1], &self.hidden.device()),
+        };
+        positive(logarithm)
+    }
+
+    /// Sums of the functions with weights `[batch, N + 1, sums]`: `[batch, pixels, sums]`. As the product of
+    /// [`HiddenBases::functions`] and weights, but `N / sums` times cheaper.
+    pub fn combine(&self, weights: Tensor<3>) -> Tensor<3> {
+        let first = self.first();
+        let functions = weights.dims()[1];
+        let last = self.head.last.weights().unsqueeze::<3>();
+        let (scale, others) = (
+            weights.clone().narrow(1, 0, 1),
+            weights.narrow(1, 1, functions - 1),
+        );
+        self.hidden.clone().matmul(last.matmul(others)) + first * scale
+    }
+
+    fn rows(&self) -> Tensor<2> {
+        self.hidden.clone().flatten(0, 1)
+    }
+}
+
+/// A map from its logarithm.
+fn positive<const D: usize>(logarithm: Tensor<D>) -> Tensor<D> {
+    logarithm.clamp(-STEEPEST, STEEPEST).exp()
+}
+
+/// A map of depth at pixels of images of `size` (height, width), `[batch, pixels]`, from its logarithm `[batch, h, w, 1]`.
+pub(super) fn map_at(logarithm: Tensor<4>, size: (usize, usize), pixels: &[Vec<u32>]) -> Tensor<2> {
+    let rows = grid::sample(logarithm, size, pixels);
+    positive(rows).reshape([pixels.len(), pixels.first().map_or(0, Vec::len)])
+}
+
+/// Every `step`th of the second axis, from the first on.
+pub(crate) fn every<const D: usize>(values: Tensor<D>, step: usize) -> Tensor<D> {
+    let some: Vec<i32> = (0..values.dims()[1] as i32).step_by(step).collect();
+    let some = TensorData::new(some.clone(), [some.len()]);
+    let some = Tensor::<1, Int>::from_data(some, &values.device());
+    values.select(1, some)
+}

@@ -1,0 +1,309 @@
+//! The building blocks: convolution or linear map without bias, normalisation, ReLU.
+
+use crate::ops::conv::{ConvSpec, conv2d, linear};
+use crate::ops::conv_norm::{ConvNormSpec, Fixed, conv_norm, linear_norm};
+use crate::ops::norm::{NormSpec, moments, normalise};
+use burn::module::{Flag, Module, ModuleMapper, Param, RunningState};
+use burn::nn::{GroupNorm, GroupNormConfig};
+use burn::tensor::{Device, Tensor, TensorData};
+use lsdc_core::network::{CHANNELS_PER_GROUP, EPSILON, NormKind};
+use lsdc_rng::Rng;
+
+/// How far the running statistics of batch normalisation follow each batch: slowly, because batches are small.
+pub const MOMENTUM: f64 = 0.01;
+
+/// What every layer needs to be built.
+pub struct Init {
+    /// Source of random weights; without it they are 0.
+    pub rng: Option<Rng>,
+    /// Which normalisation the layers have.
+    pub norm: NormKind,
+    /// Of batch normalisation.
+    pub momentum: f64,
+    /// Where the parameters are.
+    pub device: Device,
+}
+
+impl Init {
+    /// Normal values of the given standard deviation.
+    pub fn normal<const D: usize>(
+        &mut self,
+        shape: [usize; D],
+        deviation: f32,
+    ) -> Param<Tensor<D>> {
+        let count = shape.iter().product();
+        let values: Vec<f32> = match &mut self.rng {
+            None => vec![0.0; count],
+            Some(rng) => (0..count).map(|_| rng.normal() * deviation).collect(),
+        };
+        Param::from_data(TensorData::new(values, shape), &self.device)
+    }
+}
+
+/// Batch normalisation: with the batch's own statistics while `training`, running ones otherwise.
+#[derive(Module, Debug)]
+pub struct BatchNorm {
+    gain: Param<Tensor<1>>,
+    shift: Param<Tensor<1>>,
+    training: Param<Flag>,
+    running_mean: RunningState<Tensor<1>>,
+    running_variance: RunningState<Tensor<1>>,
+    #[module(skip)]
+    momentum: f64,
+}
+
+impl BatchNorm {
+    fn init(channels: usize, momentum: f64, device: &Device) -> Self {
+        let fill = |value: f32| TensorData::new(vec![value; channels], [channels]);
+        Self {
+            gain: Param::from_data(fill(1.0), device),
+            shift: Param::from_data(fill(0.0), device),
+            training: Param::from_bool(true),
+            running_mean: RunningState::new(Tensor::zeros([channels], device)),
+            running_variance: RunningState::new(Tensor::ones([channels], device)),
+            momentum,
+        }
+    }
+
+    fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
+        let fixed = self.fixed(&x.device());
+        let own = fixed.is_none();
+        let Fixed {
+            gain,
+            shift,
+            mean,
+            variance,
+        } = fixed.unwrap_or_else(|| {
+            let (mean, variance) = moments(x.clone());
+            self.follow(&self.running_mean, mean.clone());
+            self.follow(&self.running_variance, variance.clone());
+            Fixed {
+                gain: self.gain.val(),
+                shift: self.shift.val(),
+                mean,
+                variance,
+            }
+        });
+        let spec = NormSpec {
+            epsilon: EPSILON,
+            relu,
+            own,
+        };
+        normalise(x, gain, shift, mean, variance, spec)
+    }
+
+    /// The normalisation by running statistics, unless the network trains with those of each batch.
+    fn fixed(&self, device: &Device) -> Option<Fixed> {
+        let own = device.is_autodiff() && self.training.is_enabled();
+        (!own).then(|| Fixed {
+            gain: self.gain.val(),
+            shift: self.shift.val(),
+            mean: self.running_mean.value().to_device(device),
+            variance: self.running_variance.value().to_device(device),
+        })
+    }
+
+    fn follow(&self, running: &RunningState<Tensor<1>>, now: Tensor<1>) {
+        running.update(running.value() * (1.0 - self.momentum) + now * self.momentum);
+        // Written through at once: a checkpoint must hold the last batch too.
+        running.value_sync();
+    }
+}
+
+/// Switches batch normalisation from the statistics of each batch to the running ones.
+pub struct FreezeStatistics;
+
+impl ModuleMapper for FreezeStatistics {
+    fn map_flag(&mut self, flag: Param<Flag>) -> Param<Flag> {
+        flag.with_value(false)
+    }
+}
+
+/// Either normalisation.
+#[derive(Module, Debug)]
+pub enum Norm {
+    /// By the statistics of batches.
+    Batch(BatchNorm),
+    /// By those of groups of channels.
+    Group(GroupNorm),
+}
+
+impl Norm {
+    /// Gain 1, shift 0.
+    pub fn init(channels: usize, init: &Init) -> Self {
+        match init.norm {
+            NormKind::Batch => Self::Batch(BatchNorm::init(channels, init.momentum, &init.device)),
+            NormKind::Group => {
+                let config = GroupNormConfig::new(channels / CHANNELS_PER_GROUP, channels);
+                Self::Group(config.with_epsilon(EPSILON).init(&init.device))
+            }
+        }
+    }
+
+    /// What a batch normalisation does with fixed statistics, if this is one that has them.
+    fn fixed(&self, device: &Device) -> Option<Fixed> {
+        match self {
+            Self::Batch(norm) => norm.fixed(device),
+            Self::Group(_) => None,
+        }
+    }
+
+    /// `[batch, .., channels]`, followed by ReLU if `relu`.
+    pub fn forward<const D: usize>(&self, x: Tensor<D>, relu: bool) -> Tensor<D> {
+        match self {
+            Self::Batch(norm) => norm.forward(x, relu),
+            Self::Group(norm) => {
+                // burn has the channels second.
+                let x = norm.forward(x.movedim(D - 1, 1)).movedim(1, D - 1);
+                if relu {
+                    burn::tensor::activation::relu(x)
+                } else {
+                    x
+                }
+            }
+        }
+    }
+}
+
+/// Convolution without bias.
+#[derive(Module, Debug)]
+pub struct Conv {
+    weight: Param<Tensor<4>>,
+    #[module(skip)]
+    spec: ConvSpec,
+}
+
+impl Conv {
+    /// Weights of He et al. 2015 (fan-out).
+    pub fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
+        let fan_out = if spec.depthwise { 1 } else { to };
+        let deviation = (2.0 / (kernel * kernel * fan_out) as f32).sqrt();
+        Self {
+            weight: init.normal([to, from, kernel, kernel], deviation),
+            spec,
+        }
+    }
+
+    /// Yields 0 before any training.
+    pub fn zero(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
+        Self {
+            weight: init.normal([to, from, kernel, kernel], 0.0),
+            spec,
+        }
+    }
+
+    /// `[batch, height, width, from]` to `[batch, height', width', to]`.
+    pub fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        conv2d(x, self.weight.val(), self.spec)
+    }
+}
+
+/// Convolution and normalisation, with or without ReLU.
+#[derive(Module, Debug)]
+pub struct ConvNorm {
+    conv: Conv,
+    norm: Norm,
+}
+
+impl ConvNorm {
+    /// As [`Conv::init`].
+    pub fn init(from: usize, to: usize, kernel: usize, spec: ConvSpec, init: &mut Init) -> Self {
+        Self {
+            conv: Conv::init(from, to, kernel, spec, init),
+            norm: Norm::init(to, init),
+        }
+    }
+
+    /// Without ReLU: `[batch, height, width, from]` to `[batch, height', width', to]`.
+    pub fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        self.run(x, false)
+    }
+
+    /// The same with ReLU.
+    pub fn forward_relu(&self, x: Tensor<4>) -> Tensor<4> {
+        self.run(x, true)
+    }
+
+    fn run(&self, x: Tensor<4>, relu: bool) -> Tensor<4> {
+        let Some(fixed) = self.norm.fixed(&x.device()) else {
+            return self.norm.forward(self.conv.forward(x), relu);
+        };
+        let spec = ConvNormSpec {
+            conv: self.conv.spec,
+            epsilon: EPSILON,
+            relu,
+        };
+        conv_norm(x, self.conv.weight.val(), fixed, spec)
+    }
+}
+
+/// Linear map of rows without bias.
+#[derive(Module, Debug)]
+pub struct Linear {
+    weight: Param<Tensor<2>>,
+}
+
+impl Linear {
+    /// Weights of He et al. 2015 (fan-out).
+    pub fn init(from: usize, to: usize, init: &mut Init) -> Self {
+        let deviation = (2.0 / from as f32).sqrt();
+        Self {
+            weight: init.normal([from, to], deviation),
+        }
+    }
+
+    /// Yields 0 before any training.
+    pub fn zero(from: usize, to: usize, init: &mut Init) -> Self {
+        Self {
+            weight: init.normal([from, to], 0.0),
+        }
+    }
+
+    #[cfg(test)]
+    pub(super) fn weight(&self) -> &Param<Tensor<2>> {
+        &self.weight
+    }
+
+    /// `[from, to]`
+    pub fn weights(&self) -> Tensor<2> {
+        self.weight.val()
+    }
+
+    /// `[rows, from]` to `[rows, to]`.
+    pub fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        linear(x, self.weight.val())
+    }
+}
+
+/// Linear map, normalisation, ReLU.
+#[derive(Module, Debug)]
+pub struct Hidden {
+    linear: Linear,
+    norm: Norm,
+}
+
+impl Hidden {
+    /// As [`Linear::init`].
+    pub fn init(from: usize, to: usize, init: &mut Init) -> Self {
+        Self {
+            linear: Linear::init(from, to, init),
+            norm: Norm::init(to, init),
+        }
+    }
+
+    /// Whether rows do not depend on each other: statistics are not those of the batch.
+    pub fn is_fixed(&self, device: &Device) -> bool {
+        match &self.norm {
+            Norm::Batch(norm) => norm.fixed(device).is_some(),
+            Norm::Group(_) => true,
+        }
+    }
+
+    /// `[rows, from]` to `[rows, to]`.
+    pub fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        match self.norm.fixed(&x.device()) {
+            None => self.norm.forward(self.linear.forward(x), true),
+            Some(fixed) => linear_norm(x, self.linear.weights(), fixed, EPSILON, true),
+        }
+    }
+}

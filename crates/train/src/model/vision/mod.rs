@@ -1,0 +1,85 @@
+//! The pretrained encoder on burn's tensors: for devices other than the CPU, and differentiable.
+
+mod blocks;
+#[cfg(test)]
+mod tests;
+
+pub use blocks::LastBlocks;
+
+use super::adapters::Adapters;
+use blocks::{Affine, Source};
+use burn::tensor::{Device, Tensor, TensorData};
+use lsdc_core::WeightsError;
+use lsdc_core::network::{EncoderConfig, PATCH, positions};
+use lsdc_core::weights::Tensor as Table;
+use std::collections::BTreeMap;
+
+/// A vision transformer, as [`lsdc_core::network::Encoder`] computes it, on any device.
+#[derive(Clone, Debug)]
+pub struct VisionTransformer {
+    config: EncoderConfig,
+    patches: Affine,
+    whole: Tensor<3>,
+    /// `[1 + side x side, width]`; interpolated on the host.
+    positions: Vec<f32>,
+    blocks: LastBlocks,
+}
+
+impl VisionTransformer {
+    /// An encoder from tensors by the names that `DINOv2` gives them, on a device.
+    ///
+    /// # Errors
+    /// Tensors that are missing or of the wrong shape.
+    pub fn new(
+        config: EncoderConfig,
+        tensors: &BTreeMap<String, Table>,
+        device: &Device,
+    ) -> Result<Self, WeightsError> {
+        let source = Source { tensors, device };
+        let width = config.width;
+        let count = 1 + config.side * config.side;
+        Ok(Self {
+            patches: source.affine(
+                "patch_embed.proj",
+                (3 * PATCH * PATCH, width),
+                &[width, 3, PATCH, PATCH],
+            )?,
+            whole: {
+                let values = source.values("cls_token", &[1, 1, width])?.to_vec();
+                source.tensor(values, [1, 1, width])
+            },
+            positions: source.values("pos_embed", &[1, count, width])?.to_vec(),
+            blocks: LastBlocks::new(&config, config.blocks, tensors, device)?,
+            config,
+        })
+    }
+
+    /// The features of normalised images `[images, height, width, 3]`, whose sides are multiples of [`PATCH`]: those
+    /// of all taps side by side, `[images, rows, columns, channels]`; with adapters if they are given.
+    pub fn forward(&self, images: Tensor<4>, adapters: Option<&Adapters>) -> Tensor<4> {
+        let [count, height, width, _] = images.dims();
+        let (rows, columns) = (height / PATCH, width / PATCH);
+        let cut: Tensor<6> = images.reshape([count, rows, PATCH, columns, PATCH, 3]);
+        let patches: Tensor<3> =
+            cut.permute([0, 1, 3, 5, 2, 4])
+                .reshape([count, rows * columns, 3 * PATCH * PATCH]);
+        let whole = self.whole.clone().repeat_dim(0, count);
+        let tokens = Tensor::cat(vec![whole, self.patches.forward(patches)], 1);
+        let tokens = tokens + self.places((rows, columns));
+        let features = Tensor::cat(self.blocks.forward(tokens, adapters), 2);
+        features.reshape([count, rows, columns, self.config.channels()])
+    }
+
+    /// The number of blocks.
+    pub(super) fn blocks(&self) -> usize {
+        self.blocks.count()
+    }
+
+    /// The positions of all tokens.
+    fn places(&self, size: (usize, usize)) -> Tensor<3> {
+        let EncoderConfig { width, side, .. } = self.config;
+        let values = positions(&self.positions, side, width, size);
+        let shape = [1, values.len() / width, width];
+        Tensor::from_data(TensorData::new(values, shape), &self.whole.device())
+    }
+}

@@ -1,0 +1,261 @@
+//! Weights between files and burn's tensors.
+
+use super::{BasisNet, InitNetwork as _};
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{DType, Device, Tensor, TensorData};
+use lsdc_core::network::NetworkConfig;
+use lsdc_core::weights::{Normalisation, Tensor as Table, is_statistic};
+use lsdc_core::{Weights, WeightsError};
+use lsdc_files::error::{Error, Result};
+use std::collections::BTreeMap;
+
+/// Takes the weights out of a network.
+pub fn weights_of(net: &BasisNet, network: NetworkConfig, normalisation: Normalisation) -> Weights {
+    let tensors = named(net).into_iter().filter_map(|tensor| {
+        let shape = tensor.data.shape().to_vec();
+        let values = tensor.data.iter::<f32>().collect();
+        Some((tensor.name, Table::new(shape, values)?))
+    });
+    Weights::new(network, normalisation, tensors.collect())
+}
+
+/// Builds the network and fills in the weights.
+///
+/// # Errors
+/// A tensor that is missing, superfluous or of another shape.
+pub fn load(weights: &Weights, device: &Device) -> Result<BasisNet> {
+    let net = weights.network.blank(device)?;
+    let mut filler = Filler::new(weights.tensors.clone());
+    let net = net.map(&mut filler);
+    filler.check()?;
+    Ok(net)
+}
+
+/// Gives a network, which may be another one, the tensors that agree in name and shape; the
+/// others stay as they are. Returns the number of tensors that stayed.
+///
+/// # Errors
+/// Not a single tensor agrees.
+pub fn transfer(weights: &Weights, net: BasisNet) -> Result<(BasisNet, usize)> {
+    let mut filler = Filler::new(weights.tensors.clone());
+    let net = net.map(&mut filler);
+    if filler.filled == 0 {
+        return Err(
+            Error::weights("no tensor of the start weights fits the network")
+                .hint("set `preset` or `network` closer to that of the start weights"),
+        );
+    }
+    Ok((net, filler.wrong.len()))
+}
+
+/// Gives a network these tensors; the others stay as they are.
+///
+/// # Errors
+/// A tensor that the network has not, or of another shape.
+pub fn fill(tensors: BTreeMap<String, Table>, net: BasisNet) -> Result<BasisNet> {
+    let mut filler = Filler::new(tensors);
+    let net = net.map(&mut filler);
+    let shape = |(_, what): &(String, String)| what != MISSING;
+    filler.wrong.retain(shape);
+    filler.check()?;
+    Ok(net)
+}
+
+/// A tensor of a module and its path, such as `extractor.stem.0.conv.weight`.
+pub struct Named {
+    /// The path, its parts joined by dots.
+    pub name: String,
+    /// Its values.
+    pub data: TensorData,
+}
+
+impl Named {
+    /// Whether this is a running statistic, not a trained parameter.
+    pub fn is_statistic(&self) -> bool {
+        is_statistic(&self.name)
+    }
+}
+
+/// All float tensors of a module.
+pub fn named<M: Module>(module: &M) -> Vec<Named> {
+    let mut collector = Collector::default();
+    module.visit(&mut collector);
+    collector.found
+}
+
+#[derive(Default)]
+struct Collector {
+    path: Vec<String>,
+    found: Vec<Named>,
+}
+
+impl ModuleVisitor for Collector {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        self.found.push(Named {
+            name: self.path.join("."),
+            data: param.val().into_data().convert_dtype(DType::F32),
+        });
+    }
+}
+
+/// What is wrong with a tensor that is not there.
+const MISSING: &str = "is missing";
+
+/// Gives a module the tensors that agree in name and shape.
+pub struct Filler {
+    tensors: BTreeMap<String, Table>,
+    path: Vec<String>,
+    filled: usize,
+    wrong: Vec<(String, String)>,
+}
+
+impl Filler {
+    /// Has these tensors to give, by their paths.
+    pub fn new(tensors: BTreeMap<String, Table>) -> Self {
+        Self {
+            tensors,
+            path: Vec::new(),
+            filled: 0,
+            wrong: Vec::new(),
+        }
+    }
+
+    /// Checks that each tensor of the module was there, and no other.
+    pub fn check(self) -> Result<()> {
+        let superfluous = self.tensors.keys().min();
+        let superfluous = superfluous.map(|name| (name.clone(), "is superfluous".to_owned()));
+        match self.wrong.into_iter().next().or(superfluous) {
+            None => Ok(()),
+            Some((name, reason)) => Err(WeightsError::Tensor { name, reason }.into()),
+        }
+    }
+}
+
+/// The values of a table for a parameter, or what is wrong with its shape.
+pub fn fits<const D: usize>(
+    param: &Param<Tensor<D>>,
+    table: &Table,
+) -> std::result::Result<TensorData, String> {
+    let (found, shape) = (table.shape(), param.val().dims());
+    if found == shape {
+        Ok(TensorData::new(table.values().to_vec(), shape))
+    } else {
+        Err(format!("has shape {found:?}, expected {shape:?}"))
+    }
+}
+
+/// A parameter with other values, learned if it was.
+pub fn with_values<const D: usize>(param: Param<Tensor<D>>, data: TensorData) -> Param<Tensor<D>> {
+    let learned = param.is_require_grad();
+    param
+        .map(|tensor| Tensor::from_data(data, &tensor.device()))
+        .set_require_grad(learned)
+}
+
+impl ModuleMapper for Filler {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let name = self.path.join(".");
+        match self.tensors.remove(&name).map(|table| fits(&param, &table)) {
+            Some(Ok(data)) => {
+                self.filled += 1;
+                with_values(param, data)
+            }
+            Some(Err(what)) => {
+                self.wrong.push((name, what));
+                param
+            }
+            None => {
+                self.wrong.push((name, MISSING.to_owned()));
+                param
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lsdc_weights::{Precision, to_bytes};
+
+    fn small() -> Weights {
+        let network = NetworkConfig::small();
+        let net = network.init(0, &Device::flex()).unwrap();
+        weights_of(&net, network, Normalisation::default())
+    }
+
+    /// The name of a running variance, and the tensor with one number replaced.
+    fn with_variance(weights: &mut Weights, value: f32) -> String {
+        let mut names = weights.tensors.keys();
+        let name = names.find(|n| n.contains("running_var")).unwrap().clone();
+        let tensor = &weights.tensors[&name];
+        let mut values = tensor.values().to_vec();
+        values[1] = value;
+        let tensor = Table::new(tensor.shape().to_vec(), values).unwrap();
+        weights.tensors.insert(name.clone(), tensor);
+        name
+    }
+
+    #[test]
+    fn numbers_that_do_not_fit_half_precision_stay() {
+        let mut weights = small();
+        let name = with_variance(&mut weights, 123_456.0);
+        let half = to_bytes(&weights, Precision::Half).unwrap();
+        let read = Weights::from_bytes(&half).unwrap();
+        assert_eq!(read.tensors[&name], weights.tensors[&name]);
+        let single = to_bytes(&weights, Precision::Single).unwrap().len();
+        assert!(2 * half.len() < single + 200_000);
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_refused() {
+        let mut weights = small();
+        let name = with_variance(&mut weights, f32::INFINITY);
+        let bytes = to_bytes(&weights, Precision::Half).unwrap();
+        let error = Weights::from_bytes(&bytes).unwrap_err().to_string();
+        assert!(
+            error.contains("not finite") && error.contains(&name),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn tensors_that_do_not_belong_are_refused() {
+        let device = Device::flex();
+        let whole = small();
+        assert!(load(&whole, &device).is_ok());
+        let name = "head.last.weight".to_owned();
+        for (change, expected) in [
+            (None, "is missing"),
+            (Table::new(vec![1], vec![0.0]), "has shape"),
+        ] {
+            let mut weights = whole.clone();
+            match change {
+                None => weights.tensors.remove(&name),
+                Some(tensor) => weights.tensors.insert(name.clone(), tensor),
+            };
+            let error = load(&weights, &device).unwrap_err().to_string();
+            assert!(error.contains(expected) && error.contains(&name), "{error}");
+        }
+        let mut weights = whole;
+        let more = Table::new(vec![1], vec![0.0]).unwrap();
+        weights.tensors.insert("more".to_owned(), more);
+        let error = load(&weights, &device).unwrap_err().to_string();
+        assert!(error.contains("superfluous"), "{error}");
+    }
+}

@@ -1,0 +1,52 @@
+//! `lsdc-core`'s completer on any device.
+
+mod encoder;
+
+use encoder::encoder_on;
+pub use encoder::{adapted_blocks, first_adapted};
+
+use crate::device::Device;
+use crate::model::{OnDevice, load};
+use lsdc_core::network::NormKind;
+use lsdc_core::{Completer, Weights};
+use lsdc_files::error::Result;
+use lsdc_weights::{are_none, open_weights, weights_fit};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Opens weights from a file, or those that come with the program, on a device; `none` is no network at all.
+///
+/// # Errors
+/// A file that cannot be read or is no weights file.
+pub fn open_completer(weights: Option<&Path>, device: &Device) -> Result<Completer> {
+    if are_none(weights) {
+        return Ok(Completer::without_network(weights_fit(weights)?)?);
+    }
+    completer(&open_weights(weights)?, device)
+}
+
+/// Weights with the fit that they were trained for: prepared for the CPU where that is possible, on
+/// burn's tensors elsewhere.
+///
+/// # Errors
+/// Weights that do not belong to their network.
+pub fn completer(weights: &Weights, device: &Device) -> Result<Completer> {
+    let network = &weights.network;
+    let prepared = network.norm == NormKind::Batch && !network.hidden.is_empty();
+    if *device == Device::flex() && prepared {
+        return lsdc_weights::completer(weights);
+    }
+    plain_completer(weights, device)
+}
+
+/// The same with the network as it was trained: the plain reference of the prepared one.
+///
+/// # Errors
+/// Weights that do not belong to their network.
+pub fn plain_completer(weights: &Weights, device: &Device) -> Result<Completer> {
+    let encoder = encoder_on(&weights.network, device)?;
+    let network = OnDevice::new(load(weights, device)?, encoder, device)?;
+    Ok(Completer::builder(weights)
+        .network(Arc::new(network))
+        .build()?)
+}

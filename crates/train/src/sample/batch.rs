@@ -1,0 +1,157 @@
+//! Samples to tensors.
+
+use super::Said;
+use super::patches::Sample;
+use crate::model::encoded_tensor;
+use burn::tensor::{Device, Tensor, TensorData};
+use image::RgbImage;
+use lsdc_core::network::Encoded;
+use lsdc_files::error::{Error, Result};
+
+/// A batch of equally large samples on a device.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    /// Normalised colours `[batch, height, width, 3]`.
+    pub images: Tensor<4>,
+    /// What a pretrained encoder says of the images, `[batch, rows, columns, channels]`.
+    pub encoded: Option<Tensor<4>>,
+    /// The tokens that enter the first block of the encoder that is trained, `[batch, 1 + rows x columns, width]`.
+    pub entering: Option<Tensor<3>>,
+    /// Rows and columns of the images.
+    pub size: (usize, usize),
+    /// Pixels at which basis functions are needed, for each image.
+    pub pixels: Vec<Vec<u32>>,
+    /// Depths of the candidate points `[batch, points]` in metres; 0 = none.
+    pub measured: Tensor<2>,
+    /// Depths to be found at all of those pixels `[batch, pixels]` in metres; 0 = none.
+    pub depths: Tensor<2>,
+    /// Depths to be found in the whole images `[batch, height, width]` in metres; 0 = none.
+    pub maps: Tensor<3>,
+    /// How much errors count in the whole images `[batch, height, width]`; the same everywhere if there is nothing.
+    pub weights: Option<Tensor<3>>,
+    /// The number of candidate points at the start of `pixels`.
+    pub points: usize,
+    /// Masks of the draws over the candidate points `[draws * batch, points]`, draw by draw.
+    pub draws: Tensor<2>,
+    /// Rows and columns of every patch.
+    pub patch: (usize, usize),
+}
+
+impl Batch {
+    /// Puts samples on a device; colours become (value / 255 - mean) / deviation.
+    ///
+    /// # Errors
+    /// No sample, or samples of different sizes.
+    pub fn new(
+        samples: &[Sample],
+        mean: [f32; 3],
+        deviation: [f32; 3],
+        device: &Device,
+    ) -> Result<Self> {
+        let first = samples
+            .first()
+            .ok_or_else(|| Error::shape("a batch needs a sample"))?;
+        let pixels = first.pixels.len();
+        let points = first.draws.first().map_or(0, Vec::len);
+        let draws = first.draws.len();
+        if samples.iter().any(|s| {
+            s.pixels.len() != pixels || s.patch != first.patch || s.map.len() != first.map.len()
+        }) {
+            return Err(Error::shape("the frames of a batch differ in size")
+                .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
+        }
+        let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
+        let said: Option<Vec<&Said>> = samples.iter().map(|s| s.said.as_ref()).collect();
+        let encoded = said.as_ref().map(|said| {
+            let features: Vec<&Encoded> = said.iter().map(|said| &said.features).collect();
+            encoded_tensor(&features, device)
+        });
+        let all = |of: fn(&Sample) -> &Vec<f32>| -> Vec<f32> {
+            samples.iter().flat_map(|s| of(s).iter().copied()).collect()
+        };
+        let masks: Vec<f32> = (0..draws)
+            .flat_map(|d| samples.iter().flat_map(move |s| s.draws[d].iter().copied()))
+            .collect();
+        let (height, width) = (first.rgb.height() as usize, first.rgb.width() as usize);
+        let whole = |values: Vec<f32>| {
+            Tensor::from_data(
+                TensorData::new(values, [samples.len(), height, width]),
+                device,
+            )
+        };
+        let taught = samples.iter().any(|s| s.weights.is_some());
+        let weights = taught.then(|| {
+            let weights = samples.iter().flat_map(|s| match &s.weights {
+                Some(weights) => weights.clone(),
+                None => vec![1.0; s.map.len()],
+            });
+            whole(weights.collect())
+        });
+        Ok(Self {
+            measured: matrix(all(|s| &s.measured), [samples.len(), points], device),
+            maps: whole(all(|s| &s.map)),
+            weights,
+            images: image_tensor(&images, mean, deviation, device)?,
+            encoded,
+            entering: said.and_then(|said| entering(&said, device)),
+            size: (height, width),
+            pixels: samples.iter().map(|s| s.pixels.clone()).collect(),
+            depths: matrix(all(|s| &s.depths), [samples.len(), pixels], device),
+            points,
+            draws: matrix(masks, [draws * samples.len(), points], device),
+            patch: first.patch,
+        })
+    }
+}
+
+/// The tokens that enter the first block that is trained, if each sample has them.
+fn entering(said: &[&Said], device: &Device) -> Option<Tensor<3>> {
+    let tokens: Vec<&[f32]> = said
+        .iter()
+        .map(|said| said.entering.as_deref())
+        .collect::<Option<_>>()?;
+    let features = &said.first()?.features;
+    let count = 1 + features.rows * features.columns;
+    let values = tokens.concat();
+    let shape = [said.len(), count, values.len() / (said.len() * count)];
+    Some(Tensor::from_data(TensorData::new(values, shape), device))
+}
+
+/// Images to `[batch, height, width, 3]`; colours become (value / 255 - mean) / deviation.
+///
+/// # Errors
+/// No image, or images of different sizes.
+pub fn image_tensor(
+    images: &[&RgbImage],
+    mean: [f32; 3],
+    deviation: [f32; 3],
+    device: &Device,
+) -> Result<Tensor<4>> {
+    let first = images
+        .first()
+        .ok_or_else(|| Error::shape("a batch needs an image"))?;
+    let (width, height) = first.dimensions();
+    if images.iter().any(|i| i.dimensions() != (width, height)) {
+        return Err(Error::shape("the images of a batch differ in size"));
+    }
+    let (width, height) = (width as usize, height as usize);
+    let values = images
+        .iter()
+        .flat_map(|image| image_values(image, mean, deviation))
+        .collect();
+    let shape = [images.len(), height, width, 3];
+    Ok(Tensor::from_data(TensorData::new(values, shape), device))
+}
+
+/// One image as `[height, width, 3]`; colours become (value / 255 - mean) / deviation.
+pub fn image_values(image: &RgbImage, mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
+    let tables: [[f32; 256]; 3] = std::array::from_fn(|c| {
+        std::array::from_fn(|v| (v as f32 / 255.0 - mean[c]) / deviation[c])
+    });
+    let colours = image.as_raw().iter().enumerate();
+    colours.map(|(i, &v)| tables[i % 3][v as usize]).collect()
+}
+
+fn matrix(values: Vec<f32>, shape: [usize; 2], device: &Device) -> Tensor<2> {
+    Tensor::from_data(TensorData::new(values, shape), device)
+}

@@ -1,0 +1,156 @@
+//! Basis functions as the subject of a run.
+
+use super::TrainConfig;
+use super::calibrate;
+use super::learner::{Fitting, Learner};
+use super::record::Record;
+use super::run::{Subject, Trainer};
+use super::setup::{check_network, imitated, start_adapters, with_backbone};
+use crate::device::Device;
+use crate::model::{AnyEncoder, BasisNet, InitNetwork as _, OnDevice, load, transfer, weights_of};
+use crate::predict::{adapted_blocks, completer, first_adapted};
+use crate::sample::Encoding;
+use burn::module::Module as _;
+use lsdc_core::fit::FitConfig;
+use lsdc_core::network::{Encoder, NetworkConfig};
+use lsdc_core::weights::Normalisation;
+use lsdc_core::{Completer, Weights};
+use lsdc_eval::data::{Mixture, write_atomically};
+use lsdc_eval::predict::Completes;
+use lsdc_files::error::Result;
+use lsdc_weights::{Precision, SCORES_NOTE, TRAINING_NOTE, encoder_of, open_weights, to_bytes};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Basis functions, and what belongs to them.
+pub struct BasisFunctions {
+    pub(super) network: NetworkConfig,
+    pub(super) fit: FitConfig,
+    /// The weights of a teacher whose network is compared with.
+    pub(super) imitated: Option<Weights>,
+    /// What the network reads beside the image, if it was made for that.
+    pub(super) encoder: Option<Arc<Encoder>>,
+}
+
+impl Trainer {
+    /// Prepares a run in `folder`, which must exist. Several devices divide every batch among them;
+    /// the first measures and calibrates.
+    ///
+    /// # Errors
+    /// A setting out of range, no device or more than images in a batch, or no frame that can be
+    /// read.
+    pub fn new(
+        folder: &Path,
+        network: NetworkConfig,
+        fit: FitConfig,
+        config: TrainConfig,
+        frames: impl Into<Mixture>,
+        devices: &[Device],
+    ) -> Result<Self> {
+        network.check()?;
+        check_network(&network, &config)?;
+        fit.check()?;
+        let encoder = encoder_of(&network)?;
+        let normal = |input| Normalisation {
+            input,
+            ..Normalisation::default()
+        };
+        let subject = |normalisation: &Normalisation| {
+            Ok(BasisFunctions {
+                imitated: imitated(&config, normalisation)?,
+                encoder: encoder.clone(),
+                network: network.clone(),
+                fit,
+            })
+        };
+        let mut run = Self::of(folder, normal, subject, config.clone(), frames, devices)?;
+        let bases = &run.subject;
+        let encoding = match (&bases.encoder, &bases.imitated) {
+            (None, Some(weights)) => encoder_of(&weights.network)?,
+            _ => bases.encoder.clone(),
+        }
+        .map(|encoder| {
+            let encoding = Encoding::new(encoder, run.normalisation, config.features.clone());
+            encoding.entering(first_adapted(&network))
+        });
+        run.sampler = run.sampler.encoded(encoding);
+        Ok(run)
+    }
+}
+
+impl BasisFunctions {
+    /// The network before the first step, and how many of its tensors the start weights do not have.
+    fn initial(&self, run: &Trainer, device: &Device) -> Result<(BasisNet, usize)> {
+        let net = self.network.init(run.config.seed, device)?;
+        let net = with_backbone(net, &self.network, &run.config.backbone)?;
+        let Some(path) = &run.config.start else {
+            return Ok((net, 0));
+        };
+        let start = open_weights(Some(path))?;
+        start_adapters(&start.network, &self.network)?;
+        transfer(&start, net)
+    }
+}
+
+impl Subject for BasisFunctions {
+    type Net = BasisNet;
+    type Objective = Fitting;
+
+    fn settings(&self) -> Value {
+        json!({ "network": self.network, "fit": self.fit })
+    }
+
+    fn start(&self, run: &Trainer, device: &Device) -> Result<BasisNet> {
+        Ok(self.initial(run, device)?.0)
+    }
+
+    fn learner(&self, run: &Trainer, device: &Device) -> Result<Learner> {
+        let (net, new) = self.initial(run, device)?;
+        if run.config.start.is_some() {
+            tracing::info!(
+                "{new} tensors are not those of the start weights: they begin at random, or with the backbone's"
+            );
+        }
+        let teacher = self.imitated.as_ref();
+        let teacher = teacher.map(|weights| load(weights, run.device()));
+        Ok(Learner::new(net, &self.fit, &run.config)
+            .taught_by(teacher.transpose()?)
+            .adapting(adapted_blocks(&self.network, device)?))
+    }
+
+    fn completes(&self, run: &Trainer, net: &BasisNet) -> Result<Box<dyn Completes>> {
+        let weights = Weights::new(self.network.clone(), run.normalisation, BTreeMap::new());
+        let network = OnDevice::new(
+            net.valid(),
+            self.encoder.clone().map(AnyEncoder::Prepared),
+            run.device(),
+        )?;
+        let completer = Completer::builder(&weights).network(Arc::new(network));
+        Ok(Box::new(completer.fit(self.fit).build()?))
+    }
+
+    fn publish(&self, run: &Trainer, net: &BasisNet, record: Record) -> Result<()> {
+        let mut weights = weights_of(&net.valid(), self.network.clone(), run.normalisation);
+        record.keep(&mut weights.notes, &run.folder)?;
+        weights.notes.insert(TRAINING_NOTE.to_owned(), run.note()?);
+        weights.record_fit(&self.fit);
+        let write = |weights: &Weights| {
+            let bytes = to_bytes(weights, Precision::Half)?;
+            write_atomically(&run.weights_path(), |out| out.write_all(&bytes))
+        };
+        // What was trained is not lost if its calibration fails.
+        write(&weights)?;
+        if run.config.calibrate {
+            let (frames, config) = (run.frames.as_ref(), &run.config);
+            calibrate(&mut weights, frames, config, run.device(), |_, _| {})?;
+        }
+        if let Some(scores) =
+            run.scores_note(|| Ok(Box::new(completer(&weights, run.device())?)))?
+        {
+            weights.notes.insert(SCORES_NOTE.to_owned(), scores);
+        }
+        write(&weights)
+    }
+}

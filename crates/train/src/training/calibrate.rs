@@ -1,0 +1,404 @@
+//! What is learned about basis functions once they are trained: which weights are likely, and how
+//! far predictions are off.
+
+use super::foresight::{Foresight, foresight};
+use super::{Scenes, TrainConfig};
+use crate::predict;
+use burn::tensor::Device;
+use image::RgbImage;
+use image::imageops::flip_horizontal;
+use lsdc_core::fit::{
+    COUNTS, FitConfig, FitMethod, ImageMoments, KNOTS, Lambda, NoisePrior, Prior, PriorKind,
+};
+use lsdc_core::{Completer, Observations, Point, Weights};
+use lsdc_eval::data::{Dataset, DepthMap, Frame};
+use lsdc_eval::metrics::{Metric, Rules, Scores};
+use lsdc_eval::predict::scene;
+use lsdc_eval::sampling::{Pattern, Protocol};
+use lsdc_files::error::{Error, Result};
+use lsdc_rng::{self as rng, Rng};
+use rayon::prelude::*;
+
+/// Training images that a prior is learned from at most, each with its mirror image.
+const IMAGES: usize = 1000;
+/// Points of each, at most.
+const POINTS: usize = 1000;
+/// How many points the size of the covariance counts as much as: images differ.
+const TRUST: f64 = 5.0;
+/// The share of normal errors within one standard deviation.
+const ONE_DEVIATION: f64 = 0.6827;
+
+/// Shares of the variance that training images suggest, among which lambda is chosen for basis
+/// functions beside a field: the fewer the points, the smaller it is.
+const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
+/// Numbers of points for each of which it is chosen, and as many draws that few points make a mean.
+const NUMBERS: [(usize, u64); COUNTS] = [(5, 8), (50, 2), (500, 1)];
+
+/// The shares of errors within intervals of 68.27 and 95.45 %, on scenes or frames left out ([`Scenes::unit`]), for each of
+/// [`NUMBERS`](super::foresight::NUMBERS).
+pub type Held = [(f64, f64); KNOTS];
+
+/// Learns the prior over weights from the frames that `config` trained on (1,000 of them at most) and their
+/// mirror images, the strength of the noise and the scale of standard deviations from those that it held out (from all, if it held out
+/// none; 1,000 at most), with 500 points each, and keeps them in `weights`. Beside a field, what predicts held-out
+/// frames best takes the place of the strength of the noise, for few and for many points, and the
+/// distribution of errors is learned from them too. Returns how well that holds. Calls `progress` with the
+/// number of frames seen and of all.
+///
+/// # Errors
+/// Frames that cannot be read, or fewer than two.
+pub fn calibrate(
+    weights: &mut Weights,
+    frames: &dyn Dataset,
+    config: &TrainConfig,
+    device: &Device,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Option<Held>> {
+    let (mut training, mut held_out) = config.divide(frames)?;
+    if held_out.is_empty() {
+        held_out.clone_from(&training);
+        if held_out.len() > IMAGES {
+            held_out.sort_by_key(|&i| rng::hash(&["held out", &frames.id(i)]));
+        }
+    }
+    if held_out.len() > IMAGES {
+        let count = held_out.len();
+        tracing::info!("errors are measured on {IMAGES} of {count} held-out frames");
+        held_out.truncate(IMAGES);
+    }
+    training.sort_by_key(|&i| rng::hash(&["prior", &frames.id(i)]));
+    if training.len() > IMAGES {
+        let count = training.len();
+        tracing::info!("the prior is learned from {IMAGES} of {count} training frames");
+        training.truncate(IMAGES);
+    }
+    let completer = predict::completer(weights, device)?;
+    let fit = FitConfig {
+        prior: PriorKind::Learned,
+        ..*completer.fit_config()
+    };
+    let plain = FitConfig {
+        prior: PriorKind::Learned,
+        robust: None,
+        ..FitConfig::default()
+    };
+    let completer = completer.with_fit(plain);
+    let total = training.len() + held_out.len();
+    let load = |index: usize| frame(frames, index, &config.protocol);
+
+    let mut images = Vec::with_capacity(2 * training.len());
+    let mut seen = 0;
+    for some in training.chunks(rayon::current_num_threads()) {
+        let found: Vec<[ImageMoments; 2]> = some
+            .par_iter()
+            .map(|&index| moments(&completer, &load(index)?, config.seed))
+            .collect::<Result<_>>()?;
+        images.extend(found.into_iter().flatten());
+        seen += some.len();
+        progress(seen, total);
+    }
+    let prior = Prior::learn(&images)?;
+    let unknown = NoisePrior {
+        mean: prior.noise().mean,
+        deviation: None,
+        trust: TRUST,
+    };
+
+    // With 500 points there is no need to know the noise beforehand.
+    let completer = completer.with_prior(prior.clone().with_noise(unknown));
+    let (fit, measured) = if fit.method == FitMethod::Joint {
+        let scale = prior.noise().mean.exp();
+        let joint = |lambda: Lambda| FitConfig { lambda, ..fit };
+        let mut best = [(f64::INFINITY, 0.0); COUNTS];
+        for lambda in SHARES.map(|share| share * scale) {
+            let completer = completer.with_fit(joint(Lambda::Fixed(lambda)));
+            let errors = errors(&completer, &held_out, &load, config.seed)?;
+            for (best, error) in best.iter_mut().zip(errors) {
+                if error < best.0 {
+                    *best = (error, lambda);
+                }
+            }
+        }
+        let mut chosen = [(0.0, 0.0); COUNTS];
+        for ((chosen, (points, _)), (_, lambda)) in chosen.iter_mut().zip(NUMBERS).zip(best) {
+            *chosen = (points as f64, lambda);
+        }
+        let fit = joint(Lambda::ByCount(chosen));
+        (
+            fit,
+            FitConfig {
+                robust: None,
+                ..fit
+            },
+        )
+    } else {
+        (fit, plain)
+    };
+    let plain = completer.with_fit(plain);
+    let completer = completer.with_fit(measured);
+    let mut lambdas = Vec::new();
+    let mut ratios = Ratios::new(config.seed);
+    for (done, &index) in held_out.iter().enumerate() {
+        let frame = load(index)?;
+        let points = Observations::from_map(&Pattern::Exactly(500).draw(&frame, config.seed)?);
+        let completion = scene(&completer, &frame.rgb)?.complete(&points)?;
+        let few = scene(&plain, &frame.rgb)?.complete(&points)?;
+        lambdas.extend(few.report().lambda.map(f64::ln));
+        let depth = completion.depth()?;
+        let deviations = completion.standard_deviation()?;
+        let pixels = depth.values().iter().zip(deviations.values());
+        for ((depth, deviation), truth) in pixels.zip(frame.depth.values()) {
+            if *truth > 0.0 && *deviation > 0.0 {
+                ratios.add((depth - truth).abs() / deviation);
+            }
+        }
+        progress(seen + done + 1, total);
+    }
+    let noise = NoisePrior {
+        deviation: Some(deviation(&lambdas).max(0.3)),
+        mean: mean(&lambdas),
+        trust: TRUST,
+    };
+    if ratios.seen > RATIOS as u64 {
+        let seen = ratios.seen;
+        tracing::info!("standard deviations are scaled by {RATIOS} of {seen} pixels");
+    }
+    weights.record_prior(
+        &prior.with_noise(noise),
+        ratios.quantile(ONE_DEVIATION),
+        None,
+    );
+    weights.record_fit(&fit);
+    if fit.method == FitMethod::Joint {
+        let scenes = Scenes::of(frames, config.scenes.as_deref())?;
+        let foresight = learn_errors(
+            weights,
+            frames,
+            &held_out,
+            &scenes,
+            config,
+            device,
+            |_, _| {},
+        )?;
+        return Ok(foresight.held);
+    }
+    Ok(None)
+}
+
+/// What the prior is learned from, of a frame and of its mirror image.
+fn moments(completer: &Completer, frame: &Frame, seed: u64) -> Result<[ImageMoments; 2]> {
+    let sparse = Pattern::Exactly(POINTS).draw(frame, seed)?;
+    let (width, height) = (sparse.width(), sparse.height());
+    let opposite = |point: Point| Point {
+        x: width - 1 - point.x,
+        ..point
+    };
+    let opposites: Vec<Point> = sparse.points().map(opposite).collect();
+    let of = |rgb: &RgbImage, sparse: &DepthMap| -> Result<ImageMoments> {
+        Ok(scene(completer, rgb)?.moments(&Observations::from_map(sparse))?)
+    };
+    Ok([
+        of(&frame.rgb, &sparse)?,
+        of(
+            &flip_horizontal(&frame.rgb),
+            &DepthMap::from_points(width, height, &opposites),
+        )?,
+    ])
+}
+
+/// Learns the distribution of the errors of the joint fit from the frames at `which`, which neither the
+/// network nor its prior should have seen, and keeps it in `weights`; all else stays as it is.
+///
+/// # Errors
+/// Weights without a prior, for another fit, or frames that cannot be read.
+pub fn learn_errors(
+    weights: &mut Weights,
+    frames: &dyn Dataset,
+    which: &[usize],
+    scenes: &Scenes,
+    config: &TrainConfig,
+    device: &Device,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Foresight> {
+    let completer = predict::completer(weights, device)?;
+    let fit = FitConfig {
+        robust: None,
+        ..*completer.fit_config()
+    };
+    let Some((prior, calibration)) = weights.prior()?.filter(|_| fit.method == FitMethod::Joint)
+    else {
+        return Err(Error::weights(
+            "the distribution of errors is that of a joint fit with a prior",
+        )
+        .hint("calibrate all, with `--fit joint`"));
+    };
+    let completer = completer.with_fit(fit);
+    let found = foresight(
+        &completer,
+        frames,
+        which,
+        scenes,
+        &config.protocol,
+        config.seed,
+        progress,
+    )?;
+    weights.record_prior(&prior, calibration.deviation, Some(found.model));
+    Ok(found)
+}
+
+/// The mean of the logarithms of errors over frames and draws, for each number of points: of the
+/// root mean square and of the relative error, which weigh far and near.
+fn errors(
+    completer: &Completer,
+    frames: &[usize],
+    load: &(impl Fn(usize) -> Result<Frame> + Sync),
+    seed: u64,
+) -> Result<[f64; COUNTS]> {
+    let errors: Vec<[f64; COUNTS]> = frames
+        .par_iter()
+        .map(|&index| {
+            let frame = load(index)?;
+            let scene = scene(completer, &frame.rgb)?;
+            let mut means = [0.0; COUNTS];
+            for (mean, (points, draws)) in means.iter_mut().zip(NUMBERS) {
+                for draw in 0..draws {
+                    let sparse = Pattern::Exactly(points).draw(&frame, seed + draw)?;
+                    let found = scene.complete(&Observations::from_map(&sparse))?.depth()?;
+                    let scores = Scores::of(&found, &frame.depth, &Rules::default())?;
+                    for metric in [Metric::Rmse, Metric::Rel] {
+                        *mean += scores[metric].max(f64::MIN_POSITIVE).ln() / draws as f64;
+                    }
+                }
+            }
+            Ok(means)
+        })
+        .collect::<Result<_>>()?;
+    let mut sums = [0.0; COUNTS];
+    for image in &errors {
+        for (sum, error) in sums.iter_mut().zip(image) {
+            *sum += error;
+        }
+    }
+    Ok(sums)
+}
+
+fn frame(frames: &dyn Dataset, index: usize, protocol: &Protocol) -> Result<Frame> {
+    let frame = protocol.apply(&frames.load(index)?)?;
+    if frame.depth.count() == 0 {
+        return Err(Error::shape(format!("frame `{}` has no depth", frame.id)));
+    }
+    Ok(frame)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+fn deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    (squares / values.len().saturating_sub(1).max(1) as f64).sqrt()
+}
+
+/// Ratios of errors to their standard deviations: all, or of more than [`RATIOS`] a sample, each as likely to be in it
+/// (algorithm R of Vitter 1985).
+struct Ratios {
+    values: Vec<f32>,
+    seen: u64,
+    rng: Rng,
+}
+
+/// 16 MB, of which a quantile is known to 0.05 %.
+const RATIOS: usize = 1 << 22;
+
+impl Ratios {
+    fn new(seed: u64) -> Self {
+        Self {
+            values: Vec::new(),
+            seen: 0,
+            rng: Rng::stream(seed, &["ratios"]),
+        }
+    }
+
+    fn add(&mut self, ratio: f32) {
+        self.seen += 1;
+        if self.values.len() < RATIOS {
+            self.values.push(ratio);
+            return;
+        }
+        let share = f64::from(self.rng.below(u32::MAX)) / f64::from(u32::MAX);
+        if let Some(value) = self.values.get_mut((share * self.seen as f64) as usize) {
+            *value = ratio;
+        }
+    }
+
+    fn quantile(mut self, share: f64) -> f64 {
+        let at = (self.values.len() as f64 * share) as usize;
+        if at >= self.values.len() {
+            return 1.0;
+        }
+        let (_, found, _) = self.values.select_nth_unstable_by(at, f32::total_cmp);
+        f64::from(*found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mirrored_frame_has_the_moments_of_the_frame() {
+        let rgb = RgbImage::from_fn(32, 24, |x, y| {
+            image::Rgb([(7 * x) as u8, (9 * y) as u8, (x * y) as u8])
+        });
+        let depth = |x: usize, y: usize| 1.0 + 0.1 * x as f32 + 0.03 * (y * y) as f32;
+        let values = |place: &dyn Fn(usize) -> usize| -> Vec<f32> {
+            (0..32 * 24).map(|i| depth(place(i % 32), i / 32)).collect()
+        };
+        let frame = |rgb, values| {
+            Frame::new("f".into(), rgb, DepthMap::new(32, 24, values).unwrap()).unwrap()
+        };
+        let plain = frame(rgb.clone(), values(&|x| x));
+        let mirrored = frame(flip_horizontal(&rgb), values(&|x| 31 - x));
+        let weights = Weights::builtin_small();
+        let completer = predict::completer(&weights, &Device::flex()).unwrap();
+        // All pixels are points: each pair holds the same two images, in the other order.
+        let learned = |frame| {
+            let [own, opposite] = moments(&completer, frame, 0).unwrap();
+            (own, opposite)
+        };
+        let (own, opposite) = learned(&plain);
+        let (their_own, their_opposite) = learned(&mirrored);
+        let expected = Prior::learn(&[own, opposite]).unwrap().numbers();
+        let found = Prior::learn(&[their_opposite, their_own])
+            .unwrap()
+            .numbers();
+        let scale = expected.0.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+        for (a, b) in expected.0.iter().zip(&found.0) {
+            assert!((a - b).abs() < 1e-4 * scale, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn ratios_take_bounded_memory_and_keep_their_quantile() {
+        // Rayleigh: 68.27 % lie below sqrt(-2 ln 0.3173). The second half is three times as wide.
+        let within = |x: f64| 1.0 - 0.5 * ((-x * x / 2.0).exp() + (-x * x / 18.0).exp());
+        let mut ratios = Ratios::new(3);
+        let mut rng = Rng::stream(7, &["test"]);
+        let count = 2 * RATIOS;
+        for i in 0..count {
+            let wide = if i < count / 2 { 1.0 } else { 3.0 };
+            ratios.add(wide * rng.normal().hypot(rng.normal()));
+        }
+        assert_eq!((ratios.values.len(), ratios.seen), (RATIOS, count as u64));
+        let share = within(ratios.quantile(ONE_DEVIATION));
+        assert!((share - ONE_DEVIATION).abs() < 0.002, "{share}");
+        // Nothing is left out of few.
+        let mut ratios = Ratios::new(0);
+        for ratio in [3.0, 1.0, 2.0, 4.0] {
+            ratios.add(ratio);
+        }
+        assert_eq!(ratios.quantile(0.5), 3.0);
+        assert_eq!(Ratios::new(0).quantile(0.5), 1.0);
+    }
+}

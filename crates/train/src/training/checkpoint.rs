@@ -1,0 +1,108 @@
+//! Checkpoints: everything that a run needs to go on bit for bit.
+
+use super::Learner;
+use burn::module::Module;
+use burn::store::ModuleRecord;
+use burn::tensor::Bytes;
+use lsdc_eval::data::{write_atomically, write_folder_atomically};
+use lsdc_files::error::{Cause, Error, Result};
+use std::path::{Path, PathBuf};
+
+/// The checkpoints of a run, one folder per step. A folder is written under a temporary name and
+/// renamed when complete; the last two are kept.
+pub(super) struct Checkpoints {
+    folder: PathBuf,
+}
+
+const KEPT: usize = 2;
+const NETWORK: &str = "network.bpk";
+const OPTIMISER: &str = "optimiser.bpk";
+const AVERAGE: &str = "average.bpk";
+
+impl Checkpoints {
+    pub(super) fn new(run: &Path) -> Self {
+        Self {
+            folder: run.join("checkpoints"),
+        }
+    }
+
+    /// The steps for which there is a checkpoint, in rising order.
+    pub(super) fn steps(&self) -> Vec<usize> {
+        let Ok(entries) = std::fs::read_dir(&self.folder) else {
+            return Vec::new();
+        };
+        let names = entries.filter_map(|e| e.ok()?.file_name().into_string().ok());
+        let mut steps: Vec<usize> = names.filter_map(|name| name.parse().ok()).collect();
+        steps.sort_unstable();
+        steps
+    }
+
+    pub(super) fn save<M: Module, O>(&self, step: usize, learner: &Learner<M, O>) -> Result<()> {
+        let broken = |e: &dyn std::fmt::Display| {
+            Error::new(Cause::Write, format!("cannot encode a checkpoint: {e}"))
+        };
+        let bytes = |net: &M| {
+            let record = net.clone().into_record().into_bytes();
+            record.map_err(|e| broken(&e))
+        };
+        let network = bytes(&learner.net)?;
+        let average = learner
+            .average
+            .as_ref()
+            .map(|(net, _)| bytes(net))
+            .transpose()?;
+        let state = learner.optimiser.into_bytes().map_err(|e| broken(&e))?;
+        let files = [(NETWORK, Some(&network)), (OPTIMISER, Some(&state))];
+        write_folder_atomically(&self.path(step), |folder| {
+            for (name, bytes) in files.into_iter().chain([(AVERAGE, average.as_ref())]) {
+                let Some(bytes) = bytes else { continue };
+                write_atomically(&folder.join(name), |out| out.write_all(bytes))?;
+            }
+            Ok(())
+        })?;
+        let steps = self.steps();
+        for &old in steps.iter().rev().skip(KEPT) {
+            // A checkpoint too many does no harm.
+            let _ = std::fs::remove_dir_all(self.path(old));
+        }
+        Ok(())
+    }
+
+    /// The learner as it was after `step`.
+    pub(super) fn load<M: Module, O>(
+        &self,
+        step: usize,
+        mut learner: Learner<M, O>,
+    ) -> Result<Learner<M, O>> {
+        let read = |name: &str| {
+            let path = self.path(step).join(name);
+            std::fs::read(&path)
+                .map(Bytes::from_bytes_vec)
+                .map_err(|e| Error::read(&path, e))
+        };
+        let foreign = |e: &dyn std::fmt::Display| {
+            Error::weights(format!(
+                "checkpoint `{}` does not belong to this configuration: {e}",
+                self.path(step).display()
+            ))
+            .hint("resume with the `config.toml` of the run folder")
+        };
+        let filled = |net: M, name: &str| {
+            let record = ModuleRecord::from_bytes(read(name)?).map_err(|e| foreign(&e))?;
+            net.try_load_record(record).map_err(|e| foreign(&e))
+        };
+        learner.net = filled(learner.net, NETWORK)?;
+        if let Some((net, decay)) = learner.average {
+            learner.average = Some((filled(net, AVERAGE)?, decay));
+        }
+        learner.optimiser = learner
+            .optimiser
+            .from_bytes(read(OPTIMISER)?)
+            .map_err(|e| foreign(&e))?;
+        Ok(learner)
+    }
+
+    fn path(&self, step: usize) -> PathBuf {
+        self.folder.join(format!("{step:08}"))
+    }
+}

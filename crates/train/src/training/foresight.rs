@@ -1,0 +1,188 @@
+//! The distribution of the errors of completed depth, learned from frames that the network has not seen.
+
+use super::Scenes;
+use lsdc_core::fit::{ErrorModel, KNOTS, Knot, Sample, student};
+use lsdc_core::{Completer, Observation, Observations};
+use lsdc_eval::data::{Dataset, DepthMap, Frame};
+use lsdc_eval::predict::scene;
+use lsdc_eval::sampling::{Pattern, Protocol};
+use lsdc_files::error::{Error, Result};
+use lsdc_rng::{self as rng, Rng};
+use rayon::prelude::*;
+
+/// Numbers of points at which the distribution is learned.
+pub const NUMBERS: [usize; KNOTS] = [5, 50, 500, 5000];
+/// Frames that it is learned from at most.
+const FRAMES: usize = 80;
+/// Pixels of each completion.
+const PIXELS: usize = 300;
+/// Parts that scenes are divided into, to measure on each what was learned from the others.
+const PARTS: u64 = 4;
+
+/// What was learned, and how well it holds on scenes that it was not learned from.
+#[derive(Clone, Debug)]
+pub struct Foresight {
+    /// The distribution learned from all frames.
+    pub model: ErrorModel,
+    /// For each of [`NUMBERS`], the share of errors within intervals of 68.27 and 95.45 %, with exponents
+    /// learned from other [scenes](Scenes::unit); `None` for a single scene.
+    pub held: Option<[(f64, f64); KNOTS]>,
+}
+
+/// The errors of one frame, for each number of points.
+type Errors = [Vec<Sample>; KNOTS];
+
+/// Learns the distribution of errors from some of the frames at `which`, the same number of each scene as far as
+/// there are as many, with points in six ways: drawn at random, on a grid, on lines, at corners, in one half of the
+/// image, and drawn at random with noise of known standard deviations.
+///
+/// # Errors
+/// Frames that cannot be read, or too few to learn from.
+pub(super) fn foresight(
+    completer: &Completer,
+    frames: &dyn Dataset,
+    which: &[usize],
+    scenes: &Scenes,
+    protocol: &Protocol,
+    seed: u64,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Foresight> {
+    let mut chosen = scenes.spread(frames, which, "errors");
+    chosen.truncate(FRAMES);
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let found: Vec<(&str, Errors)> = chosen
+        .par_iter()
+        .map(|&index| {
+            let frame = protocol.apply(&frames.load(index)?)?;
+            let errors = errors(completer, &frame, seed)?;
+            let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            progress(count + 1, chosen.len());
+            Ok((scenes.name(index), errors))
+        })
+        .collect::<Result<_>>()?;
+    let learned = |wanted: &dyn Fn(&str) -> bool| -> Option<ErrorModel> {
+        let mut knots = Vec::new();
+        for (i, number) in NUMBERS.into_iter().enumerate() {
+            let some = found.iter().filter(|(scene, _)| wanted(scene));
+            let samples: Vec<Sample> = some.flat_map(|(_, errors)| errors[i].clone()).collect();
+            knots.push(Knot::learn(number as f64, &samples)?);
+        }
+        knots.try_into().ok().map(ErrorModel)
+    };
+    let model = learned(&|_| true)
+        .ok_or_else(|| Error::config("there are too few depths to learn errors from"))?;
+    let part = |scene: &str| rng::hash(&["part", scene]) % PARTS;
+    let parts: Vec<u64> = (0..PARTS)
+        .filter(|p| found.iter().any(|(scene, _)| part(scene) == *p))
+        .collect();
+    let mut counts = [(0, 0, 0); KNOTS];
+    for &own in parts.iter().filter(|_| parts.len() > 1) {
+        let Some(other) = learned(&|scene| part(scene) != own) else {
+            continue;
+        };
+        for (_, errors) in found.iter().filter(|(scene, _)| part(scene) == own) {
+            for ((count, samples), knot) in counts.iter_mut().zip(errors).zip(&other.0) {
+                let bounds = lsdc_eval::metrics::LEVELS.map(|l| student::bound(l, knot.freedom));
+                for (clues, error) in samples {
+                    let ratio = f64::from(error.abs()) / knot.scale(clues);
+                    count.0 += 1;
+                    count.1 += usize::from(ratio < bounds[0]);
+                    count.2 += usize::from(ratio < bounds[1]);
+                }
+            }
+        }
+    }
+    let share =
+        |(all, one, two): (usize, usize, usize)| (one as f64 / all as f64, two as f64 / all as f64);
+    let measured = counts.iter().all(|count| count.0 > 0);
+    Ok(Foresight {
+        model,
+        held: measured.then(|| counts.map(share)),
+    })
+}
+
+/// The errors at some pixels of a frame, with points in every pattern.
+fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
+    let scene = scene(completer, &frame.rgb)?;
+    let mut found = Errors::default();
+    for (samples, number) in found.iter_mut().zip(NUMBERS) {
+        for (name, points) in arrangements(frame, number, seed)? {
+            if points.count() == 0 {
+                continue;
+            }
+            let points = Observations::from_map(&points);
+            let points = if name == "measured" {
+                measured(&points, &frame.id, seed)
+            } else {
+                points
+            };
+            let completion = scene.complete(&points)?;
+            let (clues, (height, width)) = completion.clues()?;
+            let mean = completion.mean_depth();
+            let mut rng = Rng::stream(seed, &["errors", &frame.id, &number.to_string(), name]);
+            let (rows, columns) = (frame.depth.height(), frame.depth.width());
+            let (mut known, mut places) = (Vec::new(), Vec::new());
+            for _ in 0..PIXELS {
+                let block = rng.below((height * width) as u32) as usize;
+                let across = |at: usize, from: usize, to: usize| {
+                    let place = (at as f64 + 0.5) * to as f64 / from as f64;
+                    (place as usize).min(to - 1)
+                };
+                let x = across(block % width, width, columns);
+                let y = across(block / width, height, rows);
+                if frame.depth.at(x, y) > 0.0 {
+                    known.push((clues[block], frame.depth.at(x, y)));
+                    places.push([x as f64, y as f64]);
+                }
+            }
+            let depths = completion.at(&places)?;
+            let pairs = known.into_iter().zip(depths);
+            samples.extend(
+                pairs.map(|((clues, truth), depth)| {
+                    (clues, (f64::from(depth - truth) / mean) as f32)
+                }),
+            );
+        }
+    }
+    Ok(found)
+}
+
+/// About `number` points of a frame, in different patterns.
+fn arrangements(frame: &Frame, number: usize, seed: u64) -> Result<Vec<(&'static str, DepthMap)>> {
+    let (height, width) = (frame.depth.height(), frame.depth.width());
+    let step = ((height * width) as f64 / number as f64).sqrt() as usize;
+    // A laser scanner of 64 lines has 5,000 points in an image of this kind.
+    let lines = ((number as f64).powf(0.45).round() as usize).max(2);
+    let lines = Pattern::Lines(lines).draw(frame, seed)?;
+    let thinned = |map: DepthMap| {
+        let frame = Frame {
+            depth: map,
+            ..frame.clone()
+        };
+        Pattern::Exactly(number).draw(&frame, seed)
+    };
+    Ok(vec![
+        ("uniform", Pattern::Exactly(number).draw(frame, seed)?),
+        ("grid", Pattern::Grid(step.max(1)).draw(frame, seed)?),
+        ("lines", thinned(lines)?),
+        ("corners", Pattern::Corners(number).draw(frame, seed)?),
+        ("half", Pattern::Half(number).draw(frame, seed)?),
+        ("measured", Pattern::Exactly(number).draw(frame, seed + 1)?),
+    ])
+}
+
+/// The same points as measured with noise of known standard deviations, which differ from point to point.
+fn measured(points: &Observations, id: &str, seed: u64) -> Observations {
+    let mut rng = Rng::stream(seed, &["measured", id]);
+    let relative = 10.0_f32.powf(rng.range(-2.5, -1.0));
+    let noisy = points.iter().map(|point| {
+        let sigma = relative * point.depth * rng.range(0.5, 1.5);
+        let depth = point.depth + sigma * rng.normal();
+        Observation {
+            depth: depth.max(0.5 * point.depth),
+            sigma: Some(sigma),
+            ..*point
+        }
+    });
+    noisy.collect()
+}

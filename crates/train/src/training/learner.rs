@@ -1,0 +1,452 @@
+//! One step of training.
+
+use super::average::follow;
+use super::config::{OptimiserKind, Part};
+use super::imitation::Shown;
+use super::loss::{field_losses, map_losses};
+use super::muon::Flattened;
+use super::parallel::gradients;
+use super::slower::Slower;
+use super::step::Step;
+use super::{LossConfig, Losses, TrainConfig, losses};
+use crate::model::layers::FreezeStatistics;
+use crate::model::{BasisNet, LastBlocks};
+use crate::ops::Reweighting;
+use crate::sample::Batch;
+use burn::grad_clipping::GradientClippingConfig;
+use burn::module::{Module, ParamGroup};
+use burn::optim::decay::WeightDecayConfig;
+use burn::optim::momentum::MomentumConfig;
+use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer, SgdConfig};
+use lsdc_core::fit::FitConfig;
+use lsdc_files::error::{Cause, Error, Result};
+
+/// What a step asks of a network.
+pub trait Objective<M>: Sync {
+    /// The losses of a batch.
+    ///
+    /// # Errors
+    /// A batch without something that the network needs.
+    fn losses(&self, net: &M, batch: &Batch) -> Result<Losses>;
+}
+
+/// Basis functions whose fits are near the depths.
+pub struct Fitting {
+    fit: FitConfig,
+    robust: Option<Reweighting>,
+    loss: LossConfig,
+    part: Part,
+    /// The network of a teacher, which is compared with.
+    teacher: Option<BasisNet>,
+    /// The blocks of the pretrained encoder that adapters change.
+    blocks: Option<LastBlocks>,
+}
+
+impl Fitting {
+    /// A batch whose features are those of the encoder with the adapters of a network; nothing if it has none.
+    fn adapted(&self, net: &BasisNet, batch: &Batch) -> Result<Option<Batch>> {
+        let Some(adapters) = net.adapters() else {
+            return Ok(None);
+        };
+        let seen = batch.encoded.clone().zip(batch.entering.clone());
+        let blocks = self.blocks.as_ref();
+        let blocks = blocks.filter(|blocks| blocks.count() == adapters.config().blocks);
+        let (Some(blocks), Some((encoded, entering))) = (blocks, seen) else {
+            let what = "adapters are trained with the blocks that they change and what enters them";
+            return Err(Error::shape(what));
+        };
+        let blocks = blocks.to_device(&batch.images.device());
+        Ok(Some(Batch {
+            encoded: Some(blocks.features(encoded, entering, adapters)),
+            ..batch.clone()
+        }))
+    }
+}
+
+impl Objective<BasisNet> for Fitting {
+    fn losses(&self, net: &BasisNet, batch: &Batch) -> Result<Losses> {
+        let adapted = self.adapted(net, batch)?;
+        let shown = self.teacher.as_ref().map(|teacher| {
+            let device = batch.images.device().inner();
+            Shown::new(&teacher.clone().to_device(&device), batch, &self.loss)
+        });
+        let (shown, fit, loss) = (shown.as_ref(), &self.fit, &self.loss);
+        let batch = adapted.as_ref().unwrap_or(batch);
+        Ok(match self.part {
+            Part::All | Part::Bases => losses(net, batch, shown, fit, self.robust, loss),
+            Part::Affinities => field_losses(net, batch, shown, fit, loss),
+            Part::Map => map_losses(net, batch, loss)?,
+        })
+    }
+}
+
+/// A network with its optimiser, and what it is to learn.
+pub struct Learner<M = BasisNet, O = Fitting> {
+    pub(super) net: M,
+    pub(super) optimiser: ModuleOptimizer,
+    objective: O,
+    /// The average over steps, and how much of it is kept in one.
+    pub(super) average: Option<(M, f64)>,
+}
+
+impl Learner {
+    /// Starts with a network on an autodiff device, and the optimiser of `config`.
+    pub fn new(net: BasisNet, fit: &FitConfig, config: &TrainConfig) -> Self {
+        let net = match config.part {
+            Part::All => net,
+            // Basis functions read what adapters change.
+            // A map alone runs nothing that is not trained.
+            Part::Affinities | Part::Map => net.fix_adapters(),
+            Part::Bases => net.fix_affinities(),
+        };
+        let objective = Fitting {
+            fit: *fit,
+            robust: config.robust,
+            loss: config.loss,
+            part: config.part,
+            teacher: None,
+            blocks: None,
+        };
+        Self::with(net, objective, config)
+    }
+
+    /// Compares the network with that of a teacher, as far as losses ask for it: one for images of the same size and
+    /// normalisation, not on an autodiff device.
+    #[must_use]
+    pub fn taught_by(mut self, teacher: Option<BasisNet>) -> Self {
+        self.objective.teacher = teacher;
+        self
+    }
+
+    /// Gives adapters the blocks of the pretrained encoder that they change, on an autodiff device.
+    #[must_use]
+    pub fn adapting(mut self, blocks: Option<LastBlocks>) -> Self {
+        self.objective.blocks = blocks;
+        self
+    }
+}
+
+impl<M: Module, O: Objective<M>> Learner<M, O> {
+    /// Starts with a network on an autodiff device, what it is to learn, and the optimiser of `config`.
+    pub fn with(net: M, objective: O, config: &TrainConfig) -> Self {
+        let decay = WeightDecayConfig::new(config.weight_decay);
+        let clip = config.clip.map(GradientClippingConfig::Norm);
+        let adam = AdamConfig::new()
+            .with_epsilon(1e-8)
+            .with_weight_decay(Some(decay.clone()))
+            .with_grad_clipping(clip.clone());
+        let pretrained = Slower {
+            inner: adam.build(),
+            share: config.backbone.rate,
+        };
+        let clipping = clip.as_ref().map(GradientClippingConfig::init);
+        let optimiser = match config.optimiser {
+            OptimiserKind::Adam => adam.init(),
+            OptimiserKind::Sgd => {
+                let momentum = MomentumConfig::new().with_momentum(0.9).with_dampening(0.0);
+                SgdConfig::new()
+                    .with_weight_decay(Some(decay))
+                    .with_momentum(Some(momentum))
+                    .with_gradient_clipping(clip)
+                    .init()
+            }
+            // The name that layers give what they multiply with.
+            OptimiserKind::Muon => {
+                let group = ParamGroup::from_predicate("weight");
+                adam.init().with_group(group, Flattened::new(), None)
+            }
+        };
+        let backbone = ParamGroup::from_predicate("extractor.backbone.");
+        let optimiser = optimiser.with_group(backbone, pretrained, clipping);
+        Self {
+            average: config.average.map(|decay| (net.clone(), decay)),
+            net,
+            optimiser,
+            objective,
+        }
+    }
+
+    /// The network to be used: its average over steps, or as it is now.
+    pub fn net(&self) -> &M {
+        self.average.as_ref().map_or(&self.net, |(net, _)| net)
+    }
+
+    /// Lets batch normalisation use its running statistics from now on.
+    #[must_use]
+    pub fn freeze_statistics(mut self) -> Self {
+        self.net = self.net.map(&mut FreezeStatistics);
+        self
+    }
+
+    /// One step with a learning rate, of this number, counted from 1: on one batch, or on
+    /// shares of it on several devices, the first of them that of the network.
+    ///
+    /// # Errors
+    /// No share, or a loss that is not finite.
+    pub fn step(mut self, shares: &[Batch], rate: f64, number: usize) -> Result<(Self, Step)> {
+        let objective = &self.objective;
+        let (gradients, step) = gradients(&self.net, shares, |net, batch, part| {
+            descent(objective, net, batch, part)
+        })?;
+        self.net = self.optimiser.step(rate, self.net, gradients);
+        self.average = self
+            .average
+            .map(|(average, decay)| (follow(average, &self.net, decay, number), decay));
+        Ok((self, step))
+    }
+}
+
+/// Gradients of the loss times `part`, and the losses.
+fn descent<M: Module>(
+    objective: &impl Objective<M>,
+    net: &M,
+    batch: &Batch,
+    part: f64,
+) -> Result<(GradientsParams, Step)> {
+    let losses = objective.losses(net, batch)?;
+    let step = Step::of(&losses);
+    if [step.loss, step.l1, step.l2].iter().any(|v| !v.is_finite()) {
+        return Err(Error::new(Cause::Fit, "the loss is no longer finite").hint(
+            "lower `train.learning_rate`, set `train.clip`, or give the fit a `ridge`; \
+             training goes on from the last checkpoint",
+        ));
+    }
+    let gradients = (losses.total * part).backward();
+    Ok((GradientsParams::from_grads(gradients, net), step))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::random_encoder::{random_tensors, short};
+    use crate::model::{InitNetwork as _, weights_of};
+    use crate::sample::{AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
+    use burn::tensor::{Device, Tensor, TensorData};
+    use lsdc_core::fit::FitMethod;
+    use lsdc_core::network::{AdapterConfig, BackboneConfig, ExtractorConfig, NetworkConfig};
+    use lsdc_core::weights::Normalisation;
+    use lsdc_core::weights::Tensor as Table;
+    use lsdc_eval::data::{Rooms, RoomsConfig, Split};
+    use lsdc_eval::sampling::Protocol;
+    use lsdc_rng::Rng;
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    fn fit() -> FitConfig {
+        FitConfig {
+            method: FitMethod::Joint,
+            ..FitConfig::default()
+        }
+    }
+
+    fn config(part: Part) -> TrainConfig {
+        TrainConfig {
+            part,
+            loss: LossConfig {
+                regularisation: 0.0,
+                ..LossConfig::default()
+            },
+            ..TrainConfig::default()
+        }
+    }
+
+    /// Two rooms.
+    fn batch(device: &Device) -> Batch {
+        let rooms = RoomsConfig {
+            width: 48,
+            height: 36,
+            ..RoomsConfig::default()
+        };
+        let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
+        let sampler = SamplerConfig {
+            protocol: Protocol::default(),
+            augment: AugmentConfig::none(),
+            views: 0,
+            supervision: SupervisionConfig {
+                points: 40,
+                fewest: 5,
+                ..SupervisionConfig::default()
+            },
+            batch: 2,
+            seed: 0,
+        };
+        let sampler = Sampler::new(rooms, vec![0, 1], sampler).unwrap();
+        let samples = sampler.batch(0).unwrap();
+        let Normalisation {
+            mean, deviation, ..
+        } = Normalisation::default();
+        Batch::new(&samples, mean, deviation, device).unwrap()
+    }
+
+    fn network() -> NetworkConfig {
+        NetworkConfig {
+            extractor: ExtractorConfig {
+                // It begins with zeros, behind which nothing moves in the first step.
+                sharpening: 0,
+                ..ExtractorConfig::slimmer()
+            },
+            hidden: vec![16],
+            bases: 12,
+            affinities: 8,
+            ..NetworkConfig::sharp()
+        }
+    }
+
+    fn tensors(net: &BasisNet, network: &NetworkConfig) -> BTreeMap<String, Table> {
+        weights_of(&net.valid(), network.clone(), Normalisation::default()).tensors
+    }
+
+    #[test]
+    fn basis_functions_are_trained_without_the_affinities() {
+        let (network, device) = (network(), Device::flex().autodiff());
+        let net = network.init(0, &device).unwrap();
+        let before = tensors(&net, &network);
+        let learner = Learner::new(net, &fit(), &config(Part::Bases));
+        let (learner, _) = learner.step(&[batch(&device)], 1e-2, 1).unwrap();
+        let after = tensors(learner.net(), &network);
+        for (name, tensor) in &before {
+            let same = after[name] == *tensor;
+            assert_eq!(same, name.starts_with("edges."), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_map_is_trained_without_the_rest() {
+        let device = Device::flex().autodiff();
+        let mut network = network();
+        network.mean = true;
+        network.extractor.sharpening = 2;
+        network.extractor.backbone = Some(BackboneConfig {
+            stages: 3,
+            decoder: 16,
+        });
+        let mut config = config(Part::Map);
+        assert!(config.check().is_err(), "other losses would have no effect");
+        config.loss = LossConfig::of_map(1.0);
+        let batch = batch(&device);
+        let net = network.init(0, &device).unwrap();
+        let before = tensors(&net, &network);
+        let mut learner = Learner::new(net, &fit(), &config).freeze_statistics();
+        let mut steps = Vec::new();
+        for number in 1..=30 {
+            let step;
+            (learner, step) = learner
+                .step(std::slice::from_ref(&batch), 3e-3, number)
+                .unwrap();
+            steps.push(step);
+        }
+        assert!(steps[29].loss < 0.8 * steps[0].loss, "{steps:?}");
+        assert_eq!(steps[29].l1, 0.0);
+        let after = tensors(learner.net(), &network);
+        for (name, tensor) in &before {
+            let own = name.starts_with("extractor.backbone.")
+                || (name.starts_with("extractor.decoder.") && !name.contains(".features."));
+            assert!(own || after[name] == *tensor, "{name}");
+        }
+        assert_ne!(
+            after["extractor.decoder.map.weight"],
+            before["extractor.decoder.map.weight"]
+        );
+        // It is the first function.
+        let (net, images) = (learner.net(), batch.images.clone());
+        let map = net.map_at(images.clone(), batch.size, &batch.pixels);
+        let bases = net.bases(images, None).at(batch.size, &batch.pixels);
+        let first = bases.narrow(2, 0, 1).squeeze_dim::<2>(2);
+        let off = (map.unwrap() - first).abs().max().into_scalar::<f32>();
+        assert!(off < 1e-5, "{off}");
+    }
+
+    #[test]
+    fn a_backbone_moves_by_its_share_of_the_rate() {
+        let device = Device::flex().autodiff();
+        let mut network = network();
+        network.extractor.backbone = Some(BackboneConfig {
+            stages: 3,
+            decoder: 16,
+        });
+        let net = network.init(0, &device).unwrap();
+        let before = tensors(&net, &network);
+        let mut config = config(Part::Bases);
+        config.optimiser = OptimiserKind::Muon;
+        config.backbone.rate = 0.05;
+        config.weight_decay = 0.0;
+        let mut learner = Learner::new(net, &fit(), &config).freeze_statistics();
+        // In the first step nothing behind it multiplies what it sees.
+        for number in 1..=2 {
+            (learner, _) = learner.step(&[batch(&device)], 1e-2, number).unwrap();
+        }
+        let after = tensors(learner.net(), &network);
+        let mut moved = 0;
+        for (name, tensor) in &before {
+            if !name.starts_with("extractor.backbone.") {
+                continue;
+            }
+            let pairs = tensor.values().iter().zip(after[name].values());
+            let most = pairs.fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()));
+            // The first step of Adam that has a gradient is not larger than the rate.
+            assert!(most < 1.01 * 0.05 * 1e-2, "{name}: {most}");
+            moved += usize::from(most > 0.0);
+        }
+        assert!(moved > 10, "{moved}");
+    }
+
+    #[test]
+    fn adapters_learn_with_the_basis_functions() {
+        let device = Device::flex().autodiff();
+        let mut network = network();
+        network.extractor.encoder = 16;
+        network.adapters = Some(AdapterConfig { blocks: 2, rank: 3 });
+        let blocks = LastBlocks::new(&short(), 2, &random_tensors(), &device).unwrap();
+        let mut rng = Rng::stream(0, &["said"]);
+        let mut normal = |shape: [usize; 3]| {
+            let values: Vec<f32> = (0..shape.iter().product()).map(|_| rng.normal()).collect();
+            Tensor::<3>::from_data(TensorData::new(values, shape), &device)
+        };
+        let (width, channels) = (short().width, short().channels());
+        let batch = Batch {
+            encoded: Some(normal([2, 12, channels]).reshape([2, 3, 4, channels])),
+            entering: Some(normal([2, 13, width])),
+            ..batch(&device)
+        };
+        for part in [Part::All, Part::Bases, Part::Affinities] {
+            let net = network.init(0, &device).unwrap();
+            let before = tensors(&net, &network);
+            let learner = Learner::new(net, &fit(), &config(part)).adapting(Some(blocks.clone()));
+            let (learner, _) = learner.step(std::slice::from_ref(&batch), 1e-2, 1).unwrap();
+            let after = tensors(learner.net(), &network);
+            // The others move once these are not 0 any more.
+            let second = before
+                .keys()
+                .filter(|name| name.starts_with("adapters.") && name.contains(".up."));
+            let mut count = 0;
+            for name in second {
+                assert_eq!(
+                    after[name] == before[name],
+                    part == Part::Affinities,
+                    "{name}"
+                );
+                count += 1;
+            }
+            assert_eq!(count, 4);
+        }
+        // Without what they change, nothing is trained as if there were none.
+        let learner = || {
+            Learner::new(
+                network.init(0, &device).unwrap(),
+                &fit(),
+                &config(Part::All),
+            )
+        };
+        assert!(
+            learner()
+                .step(std::slice::from_ref(&batch), 1e-2, 1)
+                .is_err()
+        );
+        let without = Batch {
+            entering: None,
+            ..batch
+        };
+        let learner = learner().adapting(Some(blocks));
+        assert!(learner.step(&[without], 1e-2, 1).is_err());
+    }
+}

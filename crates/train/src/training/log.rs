@@ -1,0 +1,63 @@
+//! The run's record of numbers: one JSON object a line.
+
+use super::Event;
+use lsdc_eval::data::write_atomically;
+use lsdc_files::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+const FILE: &str = "metrics.jsonl";
+
+/// A line of `metrics.jsonl`.
+#[derive(Debug, Serialize, Deserialize)]
+struct Line {
+    step: usize,
+    #[serde(flatten)]
+    rest: serde_json::Map<String, serde_json::Value>,
+}
+
+/// The sum of the times of all steps of a run.
+pub(super) fn seconds(run: &Path) -> Result<f64> {
+    let path = run.join(FILE);
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
+    let lines = text.lines();
+    let lines = lines.filter_map(|line| serde_json::from_str::<Line>(line).ok());
+    Ok(lines
+        .filter_map(|line| line.rest.get("seconds")?.as_f64())
+        .sum())
+}
+
+/// Appends to `metrics.jsonl`.
+pub(super) struct Log {
+    path: PathBuf,
+    file: std::fs::File,
+}
+
+impl Log {
+    /// Opens the log of a run that goes on after `step`; later lines are dropped.
+    pub(super) fn open(run: &Path, step: usize) -> Result<Self> {
+        let path = run.join(FILE);
+        if let Ok(text) = std::fs::read_to_string(&path) {
+            let kept = |line: &&str| {
+                serde_json::from_str::<Line>(line).is_ok_and(|line| line.step <= step)
+            };
+            let lines: Vec<&str> = text.lines().filter(kept).collect();
+            write_atomically(&path, |out| {
+                lines.iter().try_for_each(|line| writeln!(out, "{line}"))
+            })?;
+        }
+        let file = std::fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .map_err(|e| Error::write(&path, e))?;
+        Ok(Self { path, file })
+    }
+
+    pub(super) fn add(&mut self, event: &Event) -> Result<()> {
+        let write = |e: std::io::Error| Error::write(&self.path, e);
+        let line = serde_json::to_string(event).map_err(|e| write(e.into()))?;
+        writeln!(self.file, "{line}").map_err(write)
+    }
+}

@@ -1,0 +1,381 @@
+//! The three losses of the paper (section 3.4), on the pixels of a batch.
+
+use super::affinities::steps;
+use super::compare::{Counts, compared};
+use super::imitation::Shown;
+use crate::model::BasisNet;
+use crate::ops::{Reweighting, joint, lstsq, reweighted};
+use crate::sample::Batch;
+use burn::tensor::{Int, Tensor, TensorData};
+use lsdc_core::fit::{FitConfig, FitMethod};
+use lsdc_files::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// Weights of the losses.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LossConfig {
+    /// Mean absolute depth error in metres.
+    pub l1: f64,
+    /// Mean squared depth error in square metres.
+    pub l2: f64,
+    /// Root of the mean squared error of each fit, averaged, in metres: what evaluations report.
+    /// Images that are far off by nature count less than in `l2`.
+    pub rmse: f64,
+    /// The reverse Huber loss (Laina et al. 2016): the absolute error, or where it is above a fifth of the largest of the
+    /// batch a parabola that joins it smoothly; in metres.
+    pub berhu: f64,
+    /// Mean absolute error of the differences between neighbouring pixels, in metres.
+    pub gradient: f64,
+    /// How far the map that the network suggests (`network.mean`) is from the depth, up to scale: the absolute and the
+    /// root mean squared differences of their logarithms, without their mean (Eigen et al. 2014).
+    pub mean: f64,
+    /// Mean absolute weight of a basis function, in metres.
+    pub regularisation: f64,
+    /// The absolute and root mean squared errors of a fit to n points are multiplied by (n / `supervision.points`)
+    /// to this power, so that fits to few points, whose errors are larger by nature, do not drown the others.
+    pub balance: f64,
+    /// How unlikely the steps of the true depth are, if edges say how far neighbours may differ;
+    /// for fits with a field.
+    #[serde(alias = "edges")]
+    pub affinities: f64,
+    /// Mean squared logarithm of the ratio of affinities to those of the teacher's network; for fits with a field.
+    pub teacher_affinities: f64,
+    /// The share of the basis functions of the teacher's network that the network's own cannot represent, in squares,
+    /// each function counting the same: from 0 to 1.
+    pub teacher_span: f64,
+}
+
+impl Default for LossConfig {
+    fn default() -> Self {
+        Self {
+            l1: 1.0,
+            l2: 1.0,
+            rmse: 0.0,
+            berhu: 0.0,
+            gradient: 1.0,
+            mean: 0.0,
+            regularisation: 1e-3,
+            balance: 0.0,
+            affinities: 0.0,
+            teacher_affinities: 0.0,
+            teacher_span: 0.0,
+        }
+    }
+}
+
+impl LossConfig {
+    /// The loss of the map that the network suggests, and no other.
+    pub(super) fn of_map(mean: f64) -> Self {
+        Self {
+            l1: 0.0,
+            l2: 0.0,
+            gradient: 0.0,
+            mean,
+            regularisation: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// Whether the network of a teacher is compared with.
+    pub fn imitates(&self) -> bool {
+        self.teacher_affinities > 0.0 || self.teacher_span > 0.0
+    }
+
+    pub(super) fn check(&self) -> Result<()> {
+        let all = [
+            self.l1,
+            self.l2,
+            self.rmse,
+            self.berhu,
+            self.gradient,
+            self.mean,
+            self.regularisation,
+            self.affinities,
+            self.teacher_affinities,
+            self.teacher_span,
+        ];
+        if all.iter().all(|w| *w >= 0.0 && w.is_finite())
+            && (0.0..=1.0).contains(&self.balance)
+            && (self.l1 + self.l2 + self.rmse + self.berhu + self.mean + self.affinities > 0.0
+                || self.imitates())
+        {
+            Ok(())
+        } else {
+            Err(Error::config(
+                "`loss`: weights must be at least 0, `balance` from 0 to 1, and `l1`, `l2`, `rmse`, \
+                 `berhu`, `mean`, `affinities` or those of a teacher above 0",
+            ))
+        }
+    }
+}
+
+/// The losses of a batch, each a scalar `[1]`.
+#[derive(Clone, Debug)]
+pub struct Losses {
+    /// The weighted sum, to be differentiated.
+    pub total: Tensor<1>,
+    /// Mean absolute error in metres.
+    pub l1: Tensor<1>,
+    /// Mean squared error in square metres.
+    pub l2: Tensor<1>,
+}
+
+impl Losses {
+    /// A loss that is not one of depths.
+    fn only(total: Tensor<1>) -> Self {
+        let nothing = total.zeros_like();
+        Self {
+            total,
+            l1: nothing.clone(),
+            l2: nothing,
+        }
+    }
+}
+
+/// Runs the network once and one fit per draw, and compares with the depths of the batch, and with what the network
+/// of a teacher shows, if there is one.
+pub fn losses(
+    net: &BasisNet,
+    batch: &Batch,
+    shown: Option<&Shown>,
+    fit: &FitConfig,
+    robust: Option<Reweighting>,
+    config: &LossConfig,
+) -> Losses {
+    if fit.method == FitMethod::Field {
+        return field_losses(net, batch, shown, fit, config);
+    }
+    let [images, _] = batch.depths.dims();
+    let points = batch.points;
+    let draws = batch.draws.dims()[0] / images;
+    let bases = net.bases(batch.images.clone(), batch.encoded.clone());
+    let (bases, at_points) = bases.hidden_and_first(batch.size, &batch.pixels, points);
+    let spans = shown.and_then(|shown| shown.span_loss(&bases, &batch.depths, config));
+
+    let at_points = at_points.repeat_dim(0, draws);
+    let functions = at_points.dims()[2];
+    let mean = (config.mean > 0.0).then(|| {
+        let first = TensorData::new(first_of(images, functions), [images, functions, 1]);
+        let map = bases.combine(Tensor::from_data(first, &at_points.device()));
+        up_to_scale(map.squeeze_dim(2), batch.depths.clone()) * config.mean
+    });
+    let (depths, draw) = (
+        batch.measured.clone().repeat_dim(0, draws),
+        batch.draws.clone(),
+    );
+    let solver = fit.solver();
+    let (weights, field) = match (fit.method, robust) {
+        (FitMethod::Joint, _) => {
+            let edges = net.affinities(batch.images.clone(), batch.encoded.clone());
+            let places = candidates(batch);
+            let found = joint(at_points, depths, draw, edges.clone(), places, fit);
+            let field = at_pixels(found.field, &batch.pixels);
+            (found.weights, Some((field, edges)))
+        }
+        (_, None) => (lstsq(at_points, depths, draw, solver), None),
+        (_, Some(settings)) => {
+            let found = reweighted(at_points, depths, draw, solver, settings);
+            (found.0, None)
+        }
+    };
+    let weights = weights
+        .reshape([draws, images, functions])
+        .permute([1, 2, 0]);
+    // [images, pixels, draws]
+    let mut fitted = bases.combine(weights.clone());
+    if let Some((field, _)) = &field {
+        fitted = fitted + field.clone();
+    }
+    let flat = batch.weights.clone().map(|weights| weights.flatten(1, 2));
+    let counts = Counts {
+        fits: shares(batch, config),
+        pixels: flat.map(|weights| at_pixels(weights, &batch.pixels)),
+    };
+    let mut losses = compared(
+        fitted,
+        &batch.depths,
+        &counts,
+        (points, batch.patch),
+        config,
+    );
+    let affinities = field.map(|(_, edges)| of_affinities(&edges, batch, shown, config));
+    let more = affinities.into_iter().flatten().chain(spans).chain(mean);
+    losses.total = more.fold(losses.total, |sum, loss| sum + loss);
+    if config.regularisation > 0.0 {
+        losses.total = losses.total + weights.abs().mean() * config.regularisation;
+    }
+    losses
+}
+
+/// Weights `[images, functions, 1]` of the first function alone.
+fn first_of(images: usize, functions: usize) -> Vec<f32> {
+    let one = |i: usize| f32::from(u8::from(i.is_multiple_of(functions)));
+    (0..images * functions).map(one).collect()
+}
+
+/// The absolute and root mean squared differences of the logarithms of maps and depths `[images, pixels]` without their
+/// mean, averaged over images; depths of 0 are not known.
+fn up_to_scale(maps: Tensor<2>, depths: Tensor<2>) -> Tensor<1> {
+    let known = depths.clone().greater_elem(0.0).float();
+    let counts = known.clone().sum_dim(1).clamp_min(1.0);
+    let off = (maps.log() - depths.clamp_min(1e-6).log()) * known.clone();
+    let mean = off.clone().sum_dim(1) / counts.clone();
+    let off = (off - mean) * known;
+    let absolute = off.clone().abs().sum_dim(1) / counts.clone();
+    let squared = off.square().sum_dim(1) / counts;
+    (absolute + (squared + 1e-8).sqrt()).mean()
+}
+
+/// Compares the map that the backbone of a network suggests with the depths of a batch, at the pixels of its patches and
+/// points; nothing else of the network is run.
+///
+/// # Errors
+/// The network has no backbone that predicts such a map.
+pub(super) fn map_losses(net: &BasisNet, batch: &Batch, config: &LossConfig) -> Result<Losses> {
+    let map = net.map_at(batch.images.clone(), batch.size, &batch.pixels);
+    let map = map.ok_or_else(map_of_backbone)?;
+    let loss = up_to_scale(map, batch.depths.clone()) * config.mean;
+    Ok(Losses::only(loss))
+}
+
+/// What is missing when a map alone is to be trained.
+pub(super) fn map_of_backbone() -> Error {
+    Error::config("`train.part = \"map\"` is for networks whose backbone predicts a map of depth")
+        .hint("set `preset = \"lite\"`")
+}
+
+/// The same for a field alone, at every pixel: basis functions are not computed.
+pub(super) fn field_losses(
+    net: &BasisNet,
+    batch: &Batch,
+    shown: Option<&Shown>,
+    fit: &FitConfig,
+    config: &LossConfig,
+) -> Losses {
+    let [images, height, width] = batch.maps.dims();
+    let points = batch.points;
+    let draws = batch.draws.dims()[0] / images;
+    let edges = net.affinities(batch.images.clone(), batch.encoded.clone());
+    let device = edges.device();
+    let mut losses = if config.l1 + config.l2 + config.rmse + config.berhu + config.gradient > 0.0 {
+        let found = joint(
+            Tensor::zeros([draws * images, points, 1], &device),
+            batch.measured.clone().repeat_dim(0, draws),
+            batch.draws.clone(),
+            edges.clone(),
+            candidates(batch),
+            &FitConfig {
+                joint: fit.joint.alone(),
+                ..*fit
+            },
+        );
+        let field = found.field.reshape([draws, images, height * width]);
+        let maps = batch.maps.clone().reshape([images, height * width]);
+        let weights = batch.weights.clone();
+        let counts = Counts {
+            fits: shares(batch, config),
+            pixels: weights.map(|weights| weights.reshape([images, height * width, 1])),
+        };
+        let field = field.permute([1, 2, 0]);
+        compared(field, &maps, &counts, (0, (height, width)), config)
+    } else {
+        Losses::only(Tensor::zeros([1], &device))
+    };
+    let more = of_affinities(&edges, batch, shown, config).into_iter();
+    losses.total = more.fold(losses.total, |sum, loss| sum + loss);
+    losses
+}
+
+/// Compares predicted depths `[draws * images, height, width]` with those of a batch. The errors are those of the first
+/// map; the losses of all maps are added.
+pub fn depth_losses(
+    depth: Tensor<3>,
+    others: impl IntoIterator<Item = Tensor<3>>,
+    batch: &Batch,
+    config: &LossConfig,
+) -> Losses {
+    let [images, height, width] = batch.maps.dims();
+    let pixels = height * width;
+    let weights = batch.weights.clone();
+    let counts = Counts {
+        fits: shares(batch, config),
+        pixels: weights.map(|weights| weights.reshape([images, pixels, 1])),
+    };
+    let maps = batch.maps.clone().reshape([images, pixels]);
+    let beside = |depth: Tensor<3>| {
+        let draws = depth.dims()[0] / images;
+        let depth = depth.reshape([draws, images, pixels]).permute([1, 2, 0]);
+        compared(depth, &maps, &counts, (0, (height, width)), config)
+    };
+    let mut losses = beside(depth);
+    for other in others {
+        losses.total = losses.total + beside(other).total;
+    }
+    losses
+}
+
+/// The weighted losses of affinities themselves, as far as they are asked for.
+fn of_affinities(
+    edges: &Tensor<4>,
+    batch: &Batch,
+    shown: Option<&Shown>,
+    config: &LossConfig,
+) -> Vec<Tensor<1>> {
+    let truth = (config.affinities > 0.0).then(|| steps(edges, &batch.maps) * config.affinities);
+    let teacher = shown.and_then(|shown| shown.affinity_loss(edges, config));
+    truth.into_iter().chain(teacher).collect()
+}
+
+/// The pixels of the candidate points of each image.
+fn candidates(batch: &Batch) -> Vec<Vec<u32>> {
+    let lists = batch.pixels.iter();
+    lists.map(|list| list[..batch.points].to_vec()).collect()
+}
+
+/// What the errors of each fit are multiplied by, `[images, 1, draws]`; nothing if all count the same.
+fn shares(batch: &Batch, config: &LossConfig) -> Option<Tensor<3>> {
+    if config.balance == 0.0 {
+        return None;
+    }
+    let images = batch.maps.dims()[0];
+    let problems = batch.draws.dims()[0];
+    let counts = batch.draws.clone().sum_dim(1) / batch.points as f64;
+    let shares = counts.clamp_min(1e-6).powf_scalar(config.balance);
+    let shares = shares.reshape([problems / images, images, 1]);
+    Some(shares.permute([1, 2, 0]))
+}
+
+/// Fields `[draws * images, height * width]` at pixels of each image: `[images, pixels, draws]`.
+fn at_pixels(field: Tensor<2>, pixels: &[Vec<u32>]) -> Tensor<3> {
+    let [problems, _] = field.dims();
+    let (images, count) = (pixels.len(), pixels.first().map_or(0, Vec::len));
+    let draws = problems / images;
+    let places: Vec<i32> = pixels.iter().flatten().map(|&p| p as i32).collect();
+    let places = TensorData::new(places, [images, count]);
+    let places = Tensor::<2, Int>::from_data(places, &field.device()).repeat_dim(0, draws);
+    let values = field.gather(1, places);
+    values.reshape([draws, images, count]).permute([1, 2, 0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::Device;
+
+    #[test]
+    fn maps_are_compared_up_to_scale_where_depth_is_known() {
+        let device = Device::flex();
+        let tensor = |values: [[f32; 4]; 2]| Tensor::<2>::from_data(values, &device);
+        let loss = |maps, depths| up_to_scale(tensor(maps), tensor(depths)).into_scalar::<f32>();
+        let depths = [[1.0, 2.0, 4.0, 0.0], [3.0, 3.0, 3.0, 3.0]];
+        let alike = [[0.5, 1.0, 2.0, 9.0], [7.0, 7.0, 7.0, 7.0]];
+        assert!(loss(alike, depths) < 1e-3);
+        // Logarithms are off by 1, 0 and 2 in the first image: by -1, 0 and 1 without their mean, so that the absolute
+        // difference is 2 / 3 and its square is the root mean squared one.
+        let e = std::f32::consts::E;
+        let off = [[e, 2.0, 4.0 * e * e, 1.0], [1.0, 1.0, 1.0, 1.0]];
+        let expected = f32::midpoint(2.0 / 3.0, (2.0_f32 / 3.0).sqrt());
+        assert!((loss(off, depths) - expected).abs() < 1e-3);
+    }
+}

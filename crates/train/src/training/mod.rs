@@ -1,0 +1,40 @@
+//! Training: losses, steps, checkpoints, the run, and what is learned once it is over.
+
+mod affinities;
+mod average;
+mod basis_functions;
+mod calibrate;
+mod checkpoint;
+mod compare;
+mod config;
+mod efficientnet;
+mod foresight;
+mod imitation;
+mod learner;
+mod log;
+mod loss;
+mod muon;
+mod parallel;
+mod publish;
+mod record;
+mod run;
+mod scenes;
+mod schedule;
+mod setup;
+mod slower;
+mod step;
+mod teacher;
+
+pub use basis_functions::BasisFunctions;
+pub use calibrate::{Held, calibrate, learn_errors};
+pub use config::{BackboneTraining, Division, OptimiserKind, Part, TrainConfig};
+pub use foresight::{Foresight, NUMBERS};
+pub use imitation::Shown;
+pub use learner::{Fitting, Learner, Objective};
+pub use loss::{LossConfig, Losses, depth_losses, losses};
+pub use record::Record;
+pub use run::{Event, Outcome, Subject, Trainer};
+pub use scenes::Scenes;
+pub use schedule::Schedule;
+pub use step::Step;
+pub use teacher::{Lesson, TeacherConfig};

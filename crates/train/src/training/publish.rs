@@ -1,0 +1,65 @@
+//! What a run measures, and what its weights file holds beside the network.
+
+use super::record::Record;
+use super::run::{Subject, Trainer};
+use lsdc_eval::metrics::{Rules, Scores, Tally};
+use lsdc_eval::predict::Completes;
+use lsdc_eval::sampling::Pattern;
+use lsdc_files::error::{Cause, Error, Result};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+impl<S: Subject> Trainer<S> {
+    /// The scores on the frames kept out of training.
+    ///
+    /// # Errors
+    /// Frames that cannot be read or completed.
+    pub(super) fn measure(&self, method: &dyn Completes) -> Result<Scores> {
+        let mut tally = Tally::default();
+        for &index in &self.held_out {
+            let frame = self.config.protocol.apply(&self.frames.load(index)?)?;
+            let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
+            let depth = method.depth(&frame.rgb, &sparse)?;
+            tally.add(&Scores::of(&depth, &frame.depth, &Rules::default())?);
+        }
+        Ok(tally.mean().unwrap_or_default())
+    }
+
+    /// The same as weights files hold them; nothing if no frame is kept out.
+    ///
+    /// # Errors
+    /// Those of the method, or frames that cannot be read or completed.
+    pub fn scores_note(
+        &self,
+        method: impl FnOnce() -> Result<Box<dyn Completes>>,
+    ) -> Result<Option<String>> {
+        if self.held_out.is_empty() {
+            return Ok(None);
+        }
+        let scores = self.measure(&*method()?)?;
+        serde_json::to_string(&scores)
+            .map(Some)
+            .map_err(|e| Error::new(Cause::Write, "cannot encode the scores").because(e))
+    }
+
+    /// The file of the result.
+    pub fn weights_path(&self) -> PathBuf {
+        self.folder.join("weights.safetensors")
+    }
+
+    /// The settings of the training, as weights files hold them.
+    ///
+    /// # Errors
+    /// None for a checked configuration.
+    pub fn note(&self) -> Result<String> {
+        serde_json::to_string(&self.config)
+            .map_err(|e| Error::new(Cause::Write, "cannot encode the settings").because(e))
+    }
+
+    /// What weights files tell of the run, whose subject has these settings.
+    pub(super) fn record(&self, mut settings: Value) -> Result<Record> {
+        settings["train"] = json!(self.config);
+        settings["devices"] = json!(self.devices.len());
+        Record::new(&self.config, self.data.clone(), settings)
+    }
+}

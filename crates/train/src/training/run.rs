@@ -1,0 +1,335 @@
+//! A training run: its folder, its loop, stopping and going on.
+
+use super::basis_functions::BasisFunctions;
+use super::checkpoint::Checkpoints;
+use super::learner::Objective;
+use super::log::Log;
+use super::record::Record;
+use super::setup::{input_size, sampler};
+use super::{Learner, TrainConfig};
+use crate::device::Device;
+use crate::sample::{Batch, Loader, Sample, Sampler};
+use burn::module::Module;
+use lsdc_core::weights::Normalisation;
+use lsdc_eval::data::{Dataset, Mixture, Shard, frames_record};
+use lsdc_eval::metrics::Scores;
+use lsdc_eval::predict::Completes;
+use lsdc_files::error::{Error, Result};
+use serde::Serialize;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// What happens during a run; also the lines of `metrics.jsonl`.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "lowercase", untagged)]
+pub enum Event {
+    /// A step was made.
+    Step {
+        /// Steps so far.
+        step: usize,
+        /// The weighted sum of the losses.
+        loss: f64,
+        /// Mean absolute error in metres.
+        l1: f64,
+        /// Root of the mean squared error in metres, over the batch.
+        rmse: f64,
+        /// The learning rate.
+        rate: f64,
+        /// Duration of the step.
+        seconds: f64,
+    },
+    /// The frames kept out of training were completed from 500 points.
+    Measured {
+        /// Steps so far.
+        step: usize,
+        /// Mean scores.
+        held_out: Scores,
+    },
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// All steps were made; `weights.safetensors` is written.
+    Finished,
+    /// Stopped on request after this many steps; a checkpoint is written.
+    Stopped(usize),
+}
+
+/// What a run trains, beside its frames and settings.
+pub trait Subject: Sized {
+    /// The network.
+    type Net: Module;
+    /// What it learns.
+    type Objective: Objective<Self::Net>;
+
+    /// Its settings, for the record in the weights file.
+    fn settings(&self) -> Value;
+
+    /// The network before the first step.
+    ///
+    /// # Errors
+    /// A file of weights that cannot be read, or that does not fit the network.
+    fn start(&self, run: &Trainer<Self>, device: &Device) -> Result<Self::Net>;
+
+    /// The network with its optimiser, on an autodiff device.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    fn learner(
+        &self,
+        run: &Trainer<Self>,
+        device: &Device,
+    ) -> Result<Learner<Self::Net, Self::Objective>>;
+
+    /// What completes depth with the network as it is now.
+    ///
+    /// # Errors
+    /// A network that cannot be used.
+    fn completes(&self, run: &Trainer<Self>, net: &Self::Net) -> Result<Box<dyn Completes>>;
+
+    /// Writes [`weights_path`](Trainer::weights_path) once all steps are made.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    fn publish(&self, run: &Trainer<Self>, net: &Self::Net, record: Record) -> Result<()>;
+}
+
+/// Trains a network in a run folder.
+pub struct Trainer<S = BasisFunctions> {
+    pub(super) folder: PathBuf,
+    pub(super) subject: S,
+    pub(super) config: TrainConfig,
+    /// What the network is measured and calibrated on.
+    pub(super) frames: Arc<dyn Dataset>,
+    /// All frames that are learned from, in words that change with their names.
+    pub(super) data: Value,
+    /// The frames that are learned from, and what is drawn of them.
+    pub(super) sampler: Sampler,
+    /// Frames that are kept out of training.
+    pub(super) held_out: Vec<usize>,
+    pub(super) normalisation: Normalisation,
+    /// At least one.
+    pub(super) devices: Vec<Device>,
+}
+
+impl<S: Subject> Trainer<S> {
+    /// Prepares a run of a subject, which is made from the normalisation of its images, which is that of their height and
+    /// width.
+    ///
+    /// # Errors
+    /// As [`Trainer::new`], or those of the subject.
+    pub fn of(
+        folder: &Path,
+        normalisation: impl FnOnce([usize; 2]) -> Normalisation,
+        subject: impl FnOnce(&Normalisation) -> Result<S>,
+        config: TrainConfig,
+        frames: impl Into<Mixture>,
+        devices: &[Device],
+    ) -> Result<Self> {
+        let mixture = frames.into();
+        check(&config, &mixture, devices)?;
+        let frames = mixture.first().clone();
+        let normalisation = normalisation(input_size(&config.protocol, frames.as_ref())?);
+        let (_, held_out) = config.divide(frames.as_ref())?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            subject: subject(&normalisation)?,
+            data: frames_record(&mixture),
+            sampler: sampler(mixture, &config)?,
+            held_out,
+            normalisation,
+            config,
+            frames,
+            devices: devices.to_vec(),
+        })
+    }
+
+    /// Computes what the run keeps in files of the frames of a shard: the answers of its teacher, and what its
+    /// encoder says of their views. Returns whether all was done before `stop` was set; calls `progress` with the
+    /// number of frames done and of all.
+    ///
+    /// # Errors
+    /// Settings by which nothing is kept, frames that cannot be read, or files that cannot be written.
+    pub fn prepare(
+        &self,
+        shard: Shard,
+        stop: &AtomicBool,
+        progress: impl Fn(usize, usize),
+    ) -> Result<bool> {
+        let config = &self.config;
+        let features = self.sampler.is_encoded() && config.features.is_some() && config.views > 0;
+        let answers = config
+            .completing()
+            .is_some_and(|teacher| teacher.folder.is_some());
+        if !features && !answers {
+            return Err(Error::config("by these settings, nothing is kept in files").hint(
+                "set `train.teacher.folder`, or for networks with an encoder `train.features` and `train.views`",
+            ));
+        }
+        let frames = self.sampler.frames(shard);
+        for (done, &index) in frames.iter().enumerate() {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(false);
+            }
+            self.sampler.prepare(index)?;
+            progress(done + 1, frames.len());
+        }
+        Ok(true)
+    }
+
+    /// Trains from the last checkpoint of the folder, or from the start, until all steps are made
+    /// or `stop` is set. The same seed gives the same bits, interrupted or not.
+    ///
+    /// # Errors
+    /// Unreadable frames, an unwritable folder, or a loss that is not finite.
+    pub fn run(&self, stop: &AtomicBool, report: impl FnMut(&Event)) -> Result<Outcome> {
+        let device = self.device().clone().autodiff();
+        // Before the first step: files that it names may be gone after the last.
+        let record = self.record(self.subject.settings())?;
+        let learner = self.subject.learner(self, &device)?;
+        let (learner, outcome) = self.go_on(learner, stop, report)?;
+        if outcome == Outcome::Finished {
+            self.subject.publish(self, learner.net(), record)?;
+        }
+        Ok(outcome)
+    }
+
+    /// All steps that are left.
+    fn go_on(
+        &self,
+        mut learner: Learner<S::Net, S::Objective>,
+        stop: &AtomicBool,
+        mut report: impl FnMut(&Event),
+    ) -> Result<(Learner<S::Net, S::Objective>, Outcome)> {
+        let checkpoints = Checkpoints::new(&self.folder);
+        let mut step = 0;
+        if let Some(&last) = checkpoints.steps().last() {
+            learner = checkpoints.load(last, learner)?;
+            step = last;
+        }
+        let mut log = Log::open(&self.folder, step)?;
+        let mut tell = |event: Event| -> Result<()> {
+            report(&event);
+            log.add(&event)
+        };
+        let held_out = &self.held_out;
+        let mut loader = Loader::start(&self.sampler, step, self.config.workers)?;
+        while step < self.config.steps {
+            let started = Instant::now();
+            let samples = loader.next_batch()?;
+            let shares = self.divided(&samples)?;
+            let rate = self.rate(step);
+            if step as f64 >= self.config.freeze_statistics * self.config.steps as f64 {
+                learner = learner.freeze_statistics();
+            }
+            let (next, made) = learner.step(&shares, rate, step + 1)?;
+            learner = next;
+            step += 1;
+            tell(Event::Step {
+                step,
+                loss: made.loss,
+                l1: made.l1,
+                rmse: made.l2.sqrt(),
+                rate,
+                seconds: started.elapsed().as_secs_f64(),
+            })?;
+            let last = step == self.config.steps;
+            if !held_out.is_empty() && (step.is_multiple_of(self.config.measure_every) || last) {
+                let held_out = self.measure(&*self.subject.completes(self, learner.net())?)?;
+                tell(Event::Measured { step, held_out })?;
+            }
+            let stopping = stop.load(Ordering::Relaxed);
+            if step.is_multiple_of(self.config.save_every) || last || stopping {
+                checkpoints.save(step, &learner)?;
+            }
+            if stopping && !last {
+                return Ok((learner, Outcome::Stopped(step)));
+            }
+        }
+        Ok((learner, Outcome::Finished))
+    }
+
+    /// The folder of the run.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &TrainConfig {
+        &self.config
+    }
+
+    /// How images are normalised, and their size.
+    pub fn normalisation(&self) -> Normalisation {
+        self.normalisation
+    }
+
+    /// The device that measures and calibrates.
+    pub fn device(&self) -> &Device {
+        &self.devices[0]
+    }
+
+    /// Whether no checkpoint was written yet.
+    pub fn is_new(&self) -> bool {
+        Checkpoints::new(&self.folder).steps().is_empty()
+    }
+
+    /// A batch, divided among the devices as evenly as can be.
+    fn divided(&self, samples: &[Sample]) -> Result<Vec<Batch>> {
+        let Normalisation {
+            mean, deviation, ..
+        } = self.normalisation;
+        let count = self.devices.len();
+        let bound = |i: usize| i * samples.len() / count;
+        let devices = self.devices.iter().enumerate();
+        devices
+            .map(|(i, device)| {
+                let share = &samples[bound(i)..bound(i + 1)];
+                Batch::new(share, mean, deviation, &device.clone().autodiff())
+            })
+            .collect()
+    }
+
+    /// Whether all that a new run starts from can be read.
+    ///
+    /// # Errors
+    /// A file of weights that cannot be read, or that does not fit the network.
+    pub fn check_start(&self) -> Result<()> {
+        self.subject.start(self, self.device()).map(drop)
+    }
+
+    fn rate(&self, step: usize) -> f64 {
+        let progress = (step + 1) as f64 / self.config.steps as f64;
+        self.config.learning_rate * self.config.schedule.factor(progress)
+    }
+}
+
+/// Checks what all runs have in common.
+fn check(config: &TrainConfig, mixture: &Mixture, devices: &[Device]) -> Result<()> {
+    config.check()?;
+    if !(1..=config.batch).contains(&devices.len()) {
+        return Err(Error::config(format!(
+            "{} devices cannot divide a batch of {}",
+            devices.len(),
+            config.batch
+        ))
+        .hint("give one device at least, and at most `train.batch`"));
+    }
+    if !mixture.measured() && config.completing().is_none() {
+        return Err(Error::config(
+            "images without depths teach nothing without a teacher's depths",
+        )
+        .hint("set `train.teacher`, its `target` to \"images\", \"fill\" or \"all\", or `data.folder.depth`"));
+    }
+    if !mixture.first().measured() && (config.held_out > 0 || config.calibrate) {
+        return Err(
+            Error::config("the first dataset has no depths to measure and calibrate on")
+                .hint("name one with depths first, and images alone in `data.more`"),
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,455 @@
+//! What a trained network says of training frames: depth where none was measured.
+
+use crate::predict::completer;
+use crate::sample::Halves;
+use burn::tensor::Device;
+use lsdc_core::Completer;
+use lsdc_eval::data::{Dataset, DepthMap, Frame, FrameId, Target};
+use lsdc_eval::fit_settings::FitSettings;
+use lsdc_eval::predict::complete;
+use lsdc_eval::sampling::{Pattern, Protocol};
+use lsdc_files::error::{Error, Result};
+use lsdc_rng::hash;
+use lsdc_weights::ANYTHING;
+use lsdc_weights::{open_weights, weights_hash};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// What is learned from a teacher.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Lesson {
+    /// Measured depths, and the teacher's where there are none.
+    #[default]
+    Fill,
+    /// The teacher's depths everywhere.
+    All,
+    /// The teacher's depths of images that have none; other frames keep their holes.
+    Images,
+    /// Measured depths alone: the teacher is asked for no depths, and only its network is compared with.
+    Measured,
+}
+
+/// A network that completes training frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TeacherConfig {
+    /// Its weights: a file, or a name of the program.
+    pub weights: PathBuf,
+    /// How it fits: what differs from the fit of its weights.
+    pub fit: FitSettings,
+    /// The number of measured depths of a frame that it is given, drawn at random; absent: all.
+    pub points: Option<usize>,
+    /// What is learned from it.
+    pub target: Lesson,
+    /// The ratio of its standard deviation to its depth at which an error counts half: one of r times that counts
+    /// 1 / (1 + r^2). Errors at measured depths count 1.
+    pub tolerance: f32,
+    /// The folder where its answers are kept, for any number of runs: 4 bytes per pixel of a scaled frame. Absent:
+    /// it is asked once in every run.
+    pub folder: Option<PathBuf>,
+}
+
+impl Default for TeacherConfig {
+    fn default() -> Self {
+        Self {
+            weights: "anything".into(),
+            fit: FitSettings::default(),
+            points: None,
+            target: Lesson::Fill,
+            tolerance: 0.1,
+            folder: None,
+        }
+    }
+}
+
+impl TeacherConfig {
+    pub(super) fn check(&self) -> Result<()> {
+        if self.points == Some(0) {
+            return Err(Error::config("`train.teacher.points` must be above 0")
+                .hint("leave it out to give the teacher all depths"));
+        }
+        if self.tolerance > 0.0 && self.tolerance.is_finite() {
+            return Ok(());
+        }
+        Err(Error::config("`train.teacher.tolerance` must be above 0"))
+    }
+
+    /// What its answers depend on beside the frames: the weights, the fit, and the numerics of the program. Answers are
+    /// rounded to half precision, so machines with other instruction sets share them.
+    ///
+    /// # Errors
+    /// Weights that cannot be read, or a fit out of range.
+    pub fn identity(&self) -> Result<Value> {
+        let weights = open_weights(Some(&self.weights))?;
+        let fit = self.fit.over(&weights.fit()?.unwrap_or_default())?;
+        let encoder = weights.network.extractor.encoder > 0;
+        Ok(json!({
+            "numerics": lsdc_weights::golden(),
+            "weights": weights_hash(Some(&self.weights))?,
+            "encoder": encoder.then_some(ANYTHING.identity),
+            "fit": fit,
+        }))
+    }
+}
+
+/// A dataset whose frames were scaled by a protocol and then seen by a teacher: each has a depth at every pixel, the
+/// measured one where there is one, and a target.
+pub(super) struct Taught {
+    frames: Arc<dyn Dataset>,
+    protocol: Protocol,
+    teacher: Teacher,
+}
+
+impl Taught {
+    /// Lets a teacher see all frames of a dataset, when they are loaded.
+    ///
+    /// # Errors
+    /// Weights that cannot be read or used.
+    pub(super) fn new(
+        frames: Arc<dyn Dataset>,
+        protocol: Protocol,
+        config: &TeacherConfig,
+    ) -> Result<Self> {
+        Ok(Self {
+            frames,
+            protocol,
+            teacher: Teacher::new(config)?,
+        })
+    }
+}
+
+impl Dataset for Taught {
+    fn about(&self) -> String {
+        let weights = self.teacher.config.weights.display();
+        format!("{}, completed by `{weights}`", self.frames.about())
+    }
+
+    fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn id(&self, index: usize) -> FrameId {
+        self.frames.id(index)
+    }
+
+    fn files(&self, index: usize) -> Vec<PathBuf> {
+        self.frames.files(index)
+    }
+
+    fn load(&self, index: usize) -> Result<Frame> {
+        self.teacher
+            .teach(self.protocol.scale(&self.frames.load(index)?)?)
+    }
+}
+
+struct Teacher {
+    completer: Completer,
+    config: TeacherConfig,
+    /// Changes with the teacher.
+    identity: String,
+    kept: Halves,
+}
+
+/// Depths and their standard deviations in metres, row by row.
+struct Answer {
+    depths: Vec<f32>,
+    deviations: Vec<f32>,
+}
+
+impl Teacher {
+    fn new(config: &TeacherConfig) -> Result<Self> {
+        // Asked by the threads that load frames, whatever the device of the training.
+        let completer = completer(&open_weights(Some(&config.weights))?, &Device::flex())?;
+        let fit = config.fit.over(completer.fit_config())?;
+        Ok(Self {
+            completer: completer.with_fit(fit),
+            identity: config.identity()?.to_string(),
+            kept: Halves::new(config.folder.clone()),
+            config: config.clone(),
+        })
+    }
+
+    /// Gives a frame depths at every pixel and a target, if the teacher is to be asked about it.
+    fn teach(&self, mut frame: Frame) -> Result<Frame> {
+        let (width, height) = (frame.depth.width(), frame.depth.height());
+        let (count, fill) = (frame.depth.count(), self.config.target != Lesson::All);
+        let asked = match self.config.target {
+            Lesson::All => true,
+            Lesson::Fill => count < width * height,
+            Lesson::Images => count == 0,
+            Lesson::Measured => false,
+        };
+        if !asked {
+            return Ok(frame);
+        }
+        let Answer { depths, deviations } = self.answer(&frame)?;
+        let measured = frame.depth.values();
+        let pairs = measured.iter().zip(&depths);
+        let filled: Vec<f32> = pairs.map(|(&m, &d)| if m > 0.0 { m } else { d }).collect();
+        let weights = (0..width * height).map(|i| {
+            if fill && measured[i] > 0.0 {
+                return 1.0;
+            }
+            let ratio = deviations[i] / (self.config.tolerance * depths[i]);
+            // Neither where there is no depth.
+            if ratio.is_finite() {
+                1.0 / (1.0 + ratio * ratio)
+            } else {
+                0.0
+            }
+        });
+        let weights = weights.collect();
+        let map = |values| DepthMap::new(width, height, values);
+        let depth = map(filled)?;
+        frame.target = Some(Target {
+            depth: if fill { depth.clone() } else { map(depths)? },
+            weights,
+        });
+        frame.depth = depth;
+        Ok(frame)
+    }
+
+    fn answer(&self, frame: &Frame) -> Result<Answer> {
+        let points = match self.config.points {
+            // The same in every run.
+            Some(count) => Pattern::Exactly(count).draw(frame, 0)?,
+            None => frame.depth.clone(),
+        };
+        let pixels = points.values().len();
+        let key = self.key(frame, &points);
+        let mut depths = self
+            .kept
+            .get(key, 2 * pixels, || self.compute(frame, &points))?;
+        let deviations = depths.split_off(pixels);
+        Ok(Answer { depths, deviations })
+    }
+
+    /// Depths, then standard deviations. Of an image without depths, what the teacher makes of a single one in its
+    /// centre, with a mean depth of 1: results do not depend on scale.
+    fn compute(&self, frame: &Frame, points: &DepthMap) -> Result<Vec<f32>> {
+        let (width, height) = (points.width(), points.height());
+        let alone = points.count() == 0;
+        let observed = if alone {
+            let mut values = vec![0.0; width * height];
+            values[height / 2 * width + width / 2] = 1.0;
+            &DepthMap::new(width, height, values)?
+        } else {
+            points
+        };
+        let located = |e: Error| {
+            let what = format!("the teacher cannot complete frame `{}`", frame.id);
+            Error::new(e.cause(), what).because(e)
+        };
+        let found = complete(&self.completer, &frame.rgb, observed).map_err(located)?;
+        let deviation = found.standard_deviation().map_err(|e| located(e.into()))?;
+        let depth = found.depth()?;
+        let mut values = [depth.values(), deviation.values()].concat();
+        if alone {
+            let sum: f64 = depth.values().iter().map(|&d| f64::from(d)).sum();
+            let mean = (sum / (width * height) as f64) as f32;
+            for value in &mut values {
+                *value /= mean;
+            }
+        }
+        Ok(values)
+    }
+
+    /// A number that changes with everything that an answer depends on.
+    fn key(&self, frame: &Frame, points: &DepthMap) -> u64 {
+        let depths = points.values().iter().flat_map(|d| d.to_le_bytes());
+        let depths: Vec<u8> = depths.collect();
+        hash(&[
+            self.identity.as_bytes(),
+            &frame.rgb.width().to_le_bytes(),
+            frame.rgb.as_raw(),
+            &depths,
+        ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgb;
+    use lsdc_eval::data::{Rooms, RoomsConfig, Split};
+
+    fn config() -> TeacherConfig {
+        TeacherConfig {
+            weights: "small".into(),
+            ..TeacherConfig::default()
+        }
+    }
+
+    fn room() -> Frame {
+        let rooms = RoomsConfig {
+            width: 48,
+            height: 36,
+            ..RoomsConfig::default()
+        };
+        let rooms = Rooms::new(Split::Train, &rooms).unwrap();
+        rooms.load(0).unwrap()
+    }
+
+    fn map(of: &Frame, depth: impl Fn(usize, f32) -> f32) -> DepthMap {
+        let values = of.depth.values().iter().enumerate();
+        let values = values.map(|(i, &d)| depth(i, d)).collect();
+        DepthMap::new(of.depth.width(), of.depth.height(), values).unwrap()
+    }
+
+    /// With a hole of every second pixel.
+    fn holed() -> Frame {
+        let whole = room();
+        Frame {
+            depth: map(&whole, |i, d| if i % 2 == 0 { 0.0 } else { d }),
+            ..whole
+        }
+    }
+
+    fn taught(config: &TeacherConfig, frame: Frame) -> Frame {
+        Teacher::new(config).unwrap().teach(frame).unwrap()
+    }
+
+    /// Within the 11 bits of half precision.
+    fn close(a: f32, b: f32) -> bool {
+        (a - b).abs() <= b.abs() / 1024.0
+    }
+
+    #[test]
+    fn holes_are_filled_and_count_by_the_standard_deviation() {
+        let frame = holed();
+        let found = taught(&config(), frame.clone());
+        let weights = open_weights(Some("small".as_ref())).unwrap();
+        let completer = completer(&weights, &Device::flex()).unwrap();
+        let completion = complete(&completer, &frame.rgb, &frame.depth).unwrap();
+        let (depth, deviation) = (
+            completion.depth().unwrap(),
+            completion.standard_deviation().unwrap(),
+        );
+        let target = found.target.unwrap();
+        assert_eq!(target.depth, found.depth);
+        for (i, &measured) in frame.depth.values().iter().enumerate() {
+            let (value, weight) = (found.depth.values()[i], target.weights[i]);
+            if measured > 0.0 {
+                assert_eq!((value, weight), (measured, 1.0));
+            } else {
+                let ratio = deviation.values()[i] / depth.values()[i] / 0.1;
+                assert!(close(value, depth.values()[i]));
+                assert!((weight - 1.0 / (1.0 + ratio * ratio)).abs() < 1e-3);
+            }
+        }
+
+        let all = TeacherConfig {
+            target: Lesson::All,
+            points: Some(20),
+            tolerance: 0.2,
+            ..config()
+        };
+        let found = taught(&all, frame.clone());
+        let points = Pattern::Exactly(20).draw(&frame, 0).unwrap();
+        let depth = complete(&completer, &frame.rgb, &points).unwrap();
+        let depth = depth.depth().unwrap();
+        let target = found.target.unwrap();
+        let pairs = target.depth.values().iter().zip(depth.values());
+        assert!(pairs.clone().all(|(a, b)| close(*a, *b)));
+        assert!(target.weights.iter().all(|w| *w > 0.0 && *w < 1.0));
+        // Points are still drawn from what was measured.
+        assert_eq!(found.depth.values()[1], frame.depth.values()[1]);
+        assert!(close(found.depth.values()[0], depth.values()[0]));
+
+        let whole = room();
+        let found = taught(&config(), whole.clone());
+        assert_eq!((found.depth, found.target), (whole.depth, None));
+
+        let images = TeacherConfig {
+            target: Lesson::Images,
+            ..config()
+        };
+        let found = taught(&images, frame.clone());
+        assert_eq!((found.depth, found.target), (frame.depth, None));
+    }
+
+    #[test]
+    fn an_image_without_depths_has_a_mean_depth_of_one() {
+        let whole = room();
+        let frame = Frame {
+            depth: map(&whole, |_, _| 0.0),
+            ..whole
+        };
+        let images = TeacherConfig {
+            target: Lesson::Images,
+            ..config()
+        };
+        let found = taught(&images, frame.clone());
+        let filled = taught(&config(), frame);
+        assert_eq!(
+            (&found.depth, &found.target),
+            (&filled.depth, &filled.target)
+        );
+        let depths = found.depth.values();
+        assert_eq!(found.depth.count(), depths.len());
+        let mean = depths.iter().sum::<f32>() / depths.len() as f32;
+        assert!((mean - 1.0).abs() < 1e-3, "{mean}");
+        let weights = found.target.unwrap().weights;
+        assert!(weights.iter().all(|w| *w > 0.0 && *w < 1.0));
+    }
+
+    #[test]
+    fn answers_are_kept_until_something_changes_that_they_depend_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let kept = TeacherConfig {
+            folder: Some(folder.path().into()),
+            ..config()
+        };
+        let files = || std::fs::read_dir(folder.path()).unwrap().count();
+        let first = taught(&kept, holed());
+        assert_eq!(files(), 1);
+        // Neither the name of the frame nor how its answer is used matters.
+        let renamed = Frame {
+            id: "other".into(),
+            ..holed()
+        };
+        let used = TeacherConfig {
+            target: Lesson::All,
+            tolerance: 0.5,
+            ..kept.clone()
+        };
+        assert_eq!(taught(&kept, renamed.clone()).depth, first.depth);
+        taught(&used, renamed);
+        assert_eq!(files(), 1);
+
+        let mut coloured = holed();
+        coloured.rgb.put_pixel(3, 3, Rgb([1, 2, 3]));
+        let mut moved = holed();
+        moved.depth = map(&moved, |i, d| if i == 5 { 2.0 * d } else { d });
+        let fit = toml::from_str("method = \"lse\"").unwrap();
+        let lse = TeacherConfig {
+            fit,
+            ..kept.clone()
+        };
+        let other = TeacherConfig {
+            weights: "default".into(),
+            ..kept.clone()
+        };
+        let fewer = TeacherConfig {
+            points: Some(30),
+            ..kept.clone()
+        };
+        let changes = [
+            (&kept, coloured),
+            (&kept, moved),
+            (&lse, holed()),
+            (&other, holed()),
+            (&fewer, holed()),
+        ];
+        for (count, (config, frame)) in changes.into_iter().enumerate() {
+            assert_ne!(taught(config, frame).depth, first.depth, "{count}");
+            assert_eq!(files(), count + 2);
+        }
+        // Read, not computed.
+        assert_eq!(taught(&kept, holed()).target, first.target);
+        assert_eq!(files(), 6);
+    }
+}

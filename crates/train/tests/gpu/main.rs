@@ -1,0 +1,146 @@
+//! The GPU against the CPU: kernels, whole completions, and training.
+//!
+//! Without an adapter these tests say so and pass; with `LSDC_REQUIRE_GPU` set they fail. A
+//! software driver (lavapipe) is enough. `LSDC_DEVICE` names another device.
+#![cfg(feature = "wgpu")]
+#![allow(clippy::unwrap_used, clippy::print_stderr)]
+
+mod layers;
+mod lstsq;
+
+use burn::tensor::Device;
+use lsdc_core::fit::FitConfig;
+use lsdc_core::network::{ExtractorConfig, NetworkConfig};
+use lsdc_core::weights::Normalisation;
+use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
+use lsdc_eval::predict::complete;
+use lsdc_eval::sampling::{Pattern, Protocol};
+use lsdc_train::model::InitNetwork as _;
+use lsdc_train::predict::open_completer;
+use lsdc_train::sample::{self, AugmentConfig, Sampler, SamplerConfig, SupervisionConfig};
+use lsdc_train::training::{Learner, TrainConfig};
+use std::sync::{Arc, LazyLock};
+
+/// The GPU, or a software driver in its place.
+fn gpu() -> Option<Device> {
+    static FOUND: LazyLock<Option<Device>> = LazyLock::new(|| {
+        let named = std::env::var("LSDC_DEVICE").ok();
+        let names = named.map_or(vec!["wgpu".into(), "wgpu:software".into()], |name| {
+            vec![name]
+        });
+        names
+            .iter()
+            .find_map(|name| lsdc_train::device::device(name).ok())
+    });
+    if FOUND.is_none() {
+        let required = std::env::var_os("LSDC_REQUIRE_GPU").is_some();
+        assert!(
+            !required,
+            "LSDC_REQUIRE_GPU is set, but there is no adapter"
+        );
+        eprintln!("skipped: this machine has no GPU and no software driver for one");
+    }
+    FOUND.clone()
+}
+
+/// The largest difference over the largest value.
+fn off(found: &[f64], expected: &[f64]) -> f64 {
+    assert_eq!(found.len(), expected.len());
+    assert!(found.iter().all(|v| v.is_finite()));
+    let scale = expected.iter().fold(1e-30, |m: f64, v| m.max(v.abs()));
+    let pairs = found.iter().zip(expected);
+    pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / scale
+}
+
+#[test]
+fn completion_agrees() {
+    let Some(gpu) = gpu() else { return };
+    let rooms = Rooms::new(Split::Val, &RoomsConfig::default()).unwrap();
+    let frame = rooms.load(0).unwrap();
+    let sparse = Pattern::Exactly(300).draw(&frame, 0).unwrap();
+    let on = |device: &Device| {
+        let completer = open_completer(None, device).unwrap();
+        let completer = completer.with_working_size(57, 76).unwrap();
+        complete(&completer, &frame.rgb, &sparse)
+            .unwrap()
+            .depth()
+            .unwrap()
+    };
+    let (here, there) = (on(&Device::flex()), on(&gpu));
+    let squares = here
+        .values()
+        .iter()
+        .zip(there.values())
+        .map(|(a, b)| f64::from(a - b).powi(2));
+    let rms = (squares.sum::<f64>() / here.values().len() as f64).sqrt();
+    assert!(rms < 2e-3, "{rms} m");
+}
+
+#[test]
+fn a_batch_divided_between_cpu_and_gpu_teaches_the_same() {
+    let Some(gpu) = gpu() else { return };
+    let rooms = RoomsConfig {
+        width: 64,
+        height: 48,
+        ..RoomsConfig::default()
+    };
+    let rooms = Arc::new(Rooms::new(Split::Train, &rooms).unwrap());
+    let config = SamplerConfig {
+        protocol: Protocol::default(),
+        augment: AugmentConfig::none(),
+        views: 0,
+        supervision: SupervisionConfig {
+            points: 200,
+            fewest: 100,
+            draws: 2,
+            patches: 4,
+            patch: 8,
+        },
+        batch: 3,
+        seed: 0,
+    };
+    let sampler = Sampler::new(rooms, vec![0, 1, 2], config).unwrap();
+    let network = NetworkConfig {
+        extractor: ExtractorConfig {
+            sharpening: 1,
+            ..ExtractorConfig::slim()
+        },
+        hidden: vec![32],
+        bases: 16,
+        affinities: 0,
+        ..NetworkConfig::sharp()
+    };
+    let fit = FitConfig {
+        ridge: 1e-3,
+        ..FitConfig::default()
+    };
+    let here = Device::flex().autodiff();
+    let losses = |devices: &[&Device]| {
+        let net = network.init(0, &here).unwrap().freeze_statistics();
+        let mut learner = Some(Learner::new(net, &fit, &TrainConfig::default()));
+        (0..3)
+            .map(|step| {
+                let samples = sampler.batch(step).unwrap();
+                let share = samples.len() / devices.len();
+                let shares: Vec<_> = samples
+                    .chunks(samples.len() - share * (devices.len() - 1))
+                    .zip(devices)
+                    .map(|(part, device)| {
+                        let colours = Normalisation::default();
+                        sample::Batch::new(part, colours.mean, colours.deviation, device).unwrap()
+                    })
+                    .collect();
+                assert_eq!(shares.len(), devices.len());
+                let old = learner.take().unwrap();
+                let (next, made) = old.step(&shares, 1e-2, step + 1).unwrap();
+                learner = Some(next);
+                made.loss
+            })
+            .collect::<Vec<f64>>()
+    };
+    let (alone, divided) = (losses(&[&here]), losses(&[&here, &gpu.autodiff()]));
+    for (a, b) in alone.iter().zip(&divided) {
+        assert!((a - b).abs() < 5e-3 * a, "{alone:?} {divided:?}");
+    }
+    assert!((alone[0] - alone[2]).abs() > 1e-2 * alone[0], "{alone:?}");
+}

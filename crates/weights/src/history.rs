@@ -1,0 +1,176 @@
+//! What weights were made from: a record inside their file, with an entry for every command that made or changed them.
+
+use crate::error::{Error, Result};
+use crate::{open_weights, provenance, weights_hash};
+use lsdc_core::Weights;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fmt::{Display, Formatter};
+use std::path::Path;
+
+/// The note of a weights file that holds the entries, the oldest first.
+const NOTE: &str = "history";
+
+/// What one command did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Made {
+    /// The command.
+    pub by: String,
+    /// The program and its numerics.
+    pub program: Value,
+    /// The weights that it began with or asked.
+    #[serde(default)]
+    pub of: Vec<Source>,
+    /// The frames.
+    #[serde(default)]
+    pub data: Value,
+    /// All settings, seeds among them.
+    #[serde(default)]
+    pub settings: Value,
+    /// The seconds that were computed for, without interruptions.
+    #[serde(default)]
+    pub seconds: f64,
+    /// When it was over, as ISO 8601 in UTC.
+    pub ended: String,
+}
+
+/// Weights that others were made from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Source {
+    /// What they were: `start`, `teacher`, `backbone`.
+    pub role: String,
+    /// How they were called: a file, or a name of the program.
+    pub weights: String,
+    /// Changes with every bit of them.
+    pub contents: String,
+    /// What they were made from, unless the entries before this one tell.
+    #[serde(default)]
+    pub history: Vec<Made>,
+}
+
+impl Made {
+    /// What a command did that is over now.
+    pub fn now(by: &str) -> Self {
+        Self {
+            by: by.to_owned(),
+            program: provenance::program(),
+            of: Vec::new(),
+            data: Value::Null,
+            settings: Value::Null,
+            seconds: 0.0,
+            ended: provenance::now(),
+        }
+    }
+}
+
+impl Source {
+    /// Weights of that name without what they were made from, which the entries before tell.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn told_before(role: &str, path: Option<&Path>) -> Result<Self> {
+        let name = path.unwrap_or(Path::new("default"));
+        Ok(Self {
+            role: role.to_owned(),
+            weights: name.display().to_string(),
+            contents: weights_hash(path)?,
+            history: Vec::new(),
+        })
+    }
+
+    /// Weights of that name.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or is no weights file.
+    pub fn open(role: &str, path: &Path) -> Result<Self> {
+        Ok(Self {
+            history: of(&open_weights(Some(path))?.notes)?,
+            ..Self::told_before(role, Some(path))?
+        })
+    }
+}
+
+/// The entries among the notes of weights, the oldest first; none if they tell nothing.
+///
+/// # Errors
+/// A record that cannot be read.
+pub fn of(notes: &BTreeMap<String, String>) -> Result<Vec<Made>> {
+    let Some(json) = notes.get(NOTE) else {
+        return Ok(Vec::new());
+    };
+    serde_json::from_str(json).map_err(|e| {
+        Error::weights("the record of what the weights were made from cannot be read").because(e)
+    })
+}
+
+/// Adds entries to those that there are.
+///
+/// # Errors
+/// A record that cannot be read.
+pub fn add(
+    notes: &mut BTreeMap<String, String>,
+    made: impl IntoIterator<Item = Made>,
+) -> Result<()> {
+    let mut history = of(notes)?;
+    history.extend(made);
+    let json = serde_json::to_string(&history)
+        .map_err(|e| Error::weights("the record cannot be written as JSON").because(e))?;
+    notes.insert(NOTE.to_owned(), json);
+    Ok(())
+}
+
+/// The entry of a command that changed weights, which it read from `path`.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn changed(by: &str, path: Option<&Path>, weights: &Weights) -> Result<Made> {
+    let fit = weights.fit()?;
+    Ok(Made {
+        of: vec![Source::told_before("start", path)?],
+        settings: serde_json::json!({ "fit": fit }),
+        ..Made::now(by)
+    })
+}
+
+/// The entries as lines, those of other weights below the entry that they took part in.
+pub fn lines(history: &[Made]) -> Vec<String> {
+    let mut lines = Vec::new();
+    for made in history {
+        lines.push(made.to_string());
+        for source in &made.of {
+            let below = self::lines(&source.history).into_iter();
+            lines.extend(below.map(|line| format!("  {}: {line}", source.role)));
+        }
+    }
+    lines
+}
+
+impl Display for Made {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}, {}", self.ended, self.by)?;
+        if let Some(version) = self.program["version"].as_str() {
+            write!(f, ", lsdc {version}")?;
+        }
+        let train = &self.settings["train"];
+        if let (Some(steps), Some(batch)) = (train["steps"].as_u64(), train["batch"].as_u64()) {
+            write!(f, ", {steps} steps of {batch} images")?;
+        }
+        let seed = train["seed"].as_u64().or(self.settings["seed"].as_u64());
+        if let Some(seed) = seed {
+            write!(f, ", seed {seed}")?;
+        }
+        if let (Some(found), Some(frames)) =
+            (self.data["found"].as_str(), self.data["frames"].as_u64())
+        {
+            write!(f, ", {frames} frames of {found}")?;
+        }
+        for source in &self.of {
+            write!(f, ", {} `{}`", source.role, source.weights)?;
+        }
+        if self.seconds > 0.0 {
+            write!(f, ", {:.0} s", self.seconds)?;
+        }
+        Ok(())
+    }
+}

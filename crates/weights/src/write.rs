@@ -1,0 +1,84 @@
+//! Writing weights files: safetensors, with metadata on what they belong to.
+
+use crate::error::{Error, Result};
+use lsdc_core::Weights;
+use lsdc_core::weights::{NETWORK, NORMALISATION, TABLE, Tensor, VERSION};
+use safetensors::tensor::{Dtype, TensorView};
+use std::collections::{BTreeMap, HashMap};
+
+/// How the numbers of a network lie in a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// Two bytes each (IEEE 754 binary16), but for tensors with numbers that do not fit: variances of
+    /// features are large where weights have grown.
+    #[default]
+    Half,
+    /// Four bytes each.
+    Single,
+}
+
+impl Precision {
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Half => "f16",
+            Self::Single => "f32",
+        }
+    }
+}
+
+/// The bytes of a safetensors file with the network's tensors of that precision, and f32 tables.
+///
+/// # Errors
+/// A record that cannot be written as JSON.
+pub fn to_bytes(weights: &Weights, precision: Precision) -> Result<Vec<u8>> {
+    let broken =
+        |e: &dyn std::fmt::Display| Error::weights(format!("the weights cannot be written: {e}"));
+    let mut metadata: HashMap<String, String> = weights.notes.clone().into_iter().collect();
+    let network = serde_json::to_string(&weights.network).map_err(|e| broken(&e))?;
+    let normalisation = serde_json::to_string(&weights.normalisation).map_err(|e| broken(&e))?;
+    metadata.insert(VERSION.into(), env!("CARGO_PKG_VERSION").into());
+    metadata.insert(NETWORK.into(), network);
+    metadata.insert(NORMALISATION.into(), normalisation);
+    let tensors = weights.tensors.iter();
+    let tensors = tensors.map(|(name, tensor)| (name.clone(), tensor, precision));
+    let tables = weights.tables.iter();
+    let tables = tables.map(|(name, table)| (format!("{TABLE}{name}"), table, Precision::Single));
+    stored_bytes(tensors.chain(tables), metadata)
+}
+
+/// The bytes of a safetensors file of named tensors, each of its precision, with metadata.
+///
+/// # Errors
+/// More bytes than a file can hold.
+#[expect(clippy::implicit_hasher, reason = "the map that safetensors takes")]
+pub fn stored_bytes<'a>(
+    tensors: impl Iterator<Item = (String, &'a Tensor, Precision)>,
+    metadata: HashMap<String, String>,
+) -> Result<Vec<u8>> {
+    let broken =
+        |e: &dyn std::fmt::Display| Error::weights(format!("the weights cannot be written: {e}"));
+    let tensors = tensors.map(|(name, tensor, precision)| (name, stored(tensor, precision)));
+    let all: BTreeMap<String, (Dtype, &[usize], Vec<u8>)> = tensors.collect();
+    let views = all
+        .iter()
+        .map(|(name, (dtype, shape, bytes))| {
+            let view = TensorView::new(*dtype, shape.to_vec(), bytes);
+            view.map(|view| (name, view)).map_err(|e| broken(&e))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    safetensors::serialize(views, Some(metadata)).map_err(|e| broken(&e))
+}
+
+/// Type, shape and bytes of a tensor in a file.
+fn stored(tensor: &Tensor, precision: Precision) -> (Dtype, &[usize], Vec<u8>) {
+    let values = tensor.values().iter();
+    let fit = values.clone().all(|v| v.abs() <= half::f16::MAX.to_f32());
+    if precision == Precision::Half && fit {
+        let halves = values.map(|v| half::f16::from_f32(*v));
+        let bytes = halves.flat_map(half::f16::to_le_bytes).collect();
+        return (Dtype::F16, tensor.shape(), bytes);
+    }
+    let bytes = values.flat_map(|v| v.to_le_bytes()).collect();
+    (Dtype::F32, tensor.shape(), bytes)
+}

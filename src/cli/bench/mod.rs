@@ -1,0 +1,241 @@
+//! `lsdc bench`: how fast is it on this machine.
+
+#[cfg(feature = "train")]
+mod training;
+
+use super::args::{Bench, Model, Settings};
+
+use super::network::{open_completer, open_system};
+use super::{Exit, ui};
+use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
+use lsdc_eval::evaluation::{Times, median_ms, time, time_deviations};
+use lsdc_eval::predict::{Completes as _, Method, complete_classic};
+use lsdc_eval::sampling::{Pattern, Size};
+use lsdc_files::error::{Error, Result};
+use lsdc_kernels::simd::Level;
+use serde::Serialize;
+use std::time::Instant;
+
+/// What a time depends on.
+#[derive(Debug, Serialize)]
+struct Setting {
+    device: String,
+    threads: usize,
+    instructions: &'static str,
+    width: usize,
+    height: usize,
+    runs: usize,
+}
+
+/// What completing costs.
+#[derive(Debug, Serialize)]
+struct Completing {
+    #[serde(flatten)]
+    times: Times,
+    /// The standard deviation of every pixel, which the total does not contain.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    deviation_ms: Option<f64>,
+    points: usize,
+    /// The most memory that the process has held, where the system tells.
+    peak_mb: Option<f64>,
+    #[serde(flatten)]
+    setting: Setting,
+}
+
+/// What completing by a method without stages costs.
+#[derive(Debug, Serialize)]
+struct InOnePiece {
+    total_ms: f64,
+    points: usize,
+    peak_mb: Option<f64>,
+    #[serde(flatten)]
+    setting: Setting,
+}
+
+pub(super) fn run(args: &Bench) -> Result<Exit> {
+    if args.runs == 0 {
+        return Err(Error::config("`--runs` must be above 0"));
+    }
+    if is_given(&args.settings) && !args.training {
+        return Err(
+            Error::config("`--config` and `--set` are settings of training steps")
+                .hint("add `--training`"),
+        );
+    }
+    if args.training && args.fit.given().next().is_some() {
+        return Err(Error::config(
+            "options of the fit are for completion; steps are fitted by their configuration",
+        )
+        .hint("set `fit.method` and others by `--set`, or leave the options out"));
+    }
+    if args.method != Method::Lsdc {
+        return in_one_piece(args, size(args, 640, 480));
+    }
+    if args.training {
+        #[cfg(feature = "train")]
+        return training::run(args);
+        #[cfg(not(feature = "train"))]
+        return Err(Error::config("this build cannot train")
+            .hint("it was built without the feature `train`; `cargo install lsdc` has it"));
+    }
+    let outcome = complete(args, size(args, 640, 480))?;
+    let mut lines = vec![work(
+        &outcome.setting,
+        &ui::counted(outcome.points, "point"),
+    )];
+    for (name, value) in [
+        ("network", outcome.times.network_ms),
+        ("fit", outcome.times.fit_ms),
+        ("- field", outcome.times.field_ms),
+        ("dense", outcome.times.dense_ms),
+        ("total", outcome.times.total_ms),
+    ] {
+        lines.push(format!("{name:<9} {value:8.2} ms"));
+    }
+    if let Some(value) = outcome.deviation_ms {
+        lines.push(format!(
+            "deviation {value:8.2} ms (of every pixel, beside the total)"
+        ));
+    }
+    report(args.json, &outcome, lines, outcome.peak_mb)
+}
+
+fn size(args: &Bench, width: usize, height: usize) -> Size {
+    args.size.unwrap_or(Size { height, width })
+}
+
+fn rooms(split: Split, size: Size) -> Result<Rooms> {
+    let config = RoomsConfig {
+        width: size.width,
+        height: size.height,
+        ..RoomsConfig::default()
+    };
+    Rooms::new(split, &config)
+}
+
+fn setting(model: &Model, size: Size, runs: usize) -> Setting {
+    Setting {
+        device: model.device.clone(),
+        threads: rayon::current_num_threads(),
+        instructions: Level::here().name(),
+        width: size.width,
+        height: size.height,
+        runs,
+    }
+}
+
+fn complete(args: &Bench, size: Size) -> Result<Completing> {
+    let completer = open_completer(args.model.weights.as_deref(), &args.model.device)?;
+    let mut settings = *completer.fit_config();
+    args.fit.apply(&mut settings);
+    let mut completer = completer.with_fit(settings);
+    if args.full {
+        completer = completer.with_working_size(size.height, size.width)?;
+    }
+    let frame = rooms(Split::Val, size)?.load(0)?;
+    let points = Pattern::Exactly(args.points);
+    Ok(Completing {
+        times: time(&completer, &frame, &points, args.runs)?,
+        // Before standard deviations, which most completions do without.
+        peak_mb: peak_memory(),
+        deviation_ms: time_deviations(&completer, &frame, &points, args.runs)?,
+        points: args.points,
+        setting: setting(&args.model, size, args.runs),
+    })
+}
+
+/// Completes by a method that looks at image and points together.
+fn in_one_piece(args: &Bench, size: Size) -> Result<Exit> {
+    let name = args.method.name();
+    if args.training || args.full || args.fit.given().next().is_some() {
+        return Err(Error::config(format!(
+            "`--training`, `--full` and options of the fit need method `lsdc`, not `{name}`"
+        )));
+    }
+    let predictor = match args.method {
+        Method::System(kind) => Some(open_system(
+            kind,
+            args.model.weights.as_deref(),
+            &args.model.device,
+        )?),
+        _ => None,
+    };
+    let frame = rooms(Split::Val, size)?.load(0)?;
+    let sparse = Pattern::Exactly(args.points).draw(&frame, 0)?;
+    let mut times = Vec::with_capacity(args.runs);
+    for run in 0..=args.runs {
+        let started = Instant::now();
+        match (&predictor, args.method) {
+            (Some(predictor), _) => drop(predictor.depth(&frame.rgb, &sparse)?),
+            (None, Method::Classic(method)) => {
+                drop(complete_classic(method, &frame.rgb, &sparse)?);
+            }
+            (None, _) => {}
+        }
+        if run > 0 {
+            times.push(started.elapsed());
+        }
+    }
+    let outcome = InOnePiece {
+        total_ms: median_ms(times.into_iter())?,
+        points: args.points,
+        peak_mb: peak_memory(),
+        setting: setting(&args.model, size, args.runs),
+    };
+    let lines = vec![
+        work(
+            &outcome.setting,
+            &format!("{name}, {}", ui::counted(args.points, "point")),
+        ),
+        format!("{:<9} {:8.2} ms", "total", outcome.total_ms),
+    ];
+    report(args.json, &outcome, lines, outcome.peak_mb)
+}
+
+fn is_given(settings: &Settings) -> bool {
+    settings.config.is_some() || !settings.set.is_empty()
+}
+
+fn work(setting: &Setting, what: &str) -> String {
+    format!(
+        "machine   {}, {} threads, {}\nwork      {}x{}, {what}, median of {} runs",
+        setting.device,
+        setting.threads,
+        setting.instructions,
+        setting.width,
+        setting.height,
+        setting.runs
+    )
+}
+
+fn report(
+    json: bool,
+    outcome: &impl Serialize,
+    lines: Vec<String>,
+    peak: Option<f64>,
+) -> Result<Exit> {
+    if json {
+        ui::print(
+            &serde_json::to_string(outcome)
+                .map_err(|e| Error::config("the outcome cannot be written as JSON").because(e))?,
+        );
+        return Ok(Exit::Done);
+    }
+    for line in lines {
+        ui::print(&line);
+    }
+    if let Some(peak) = peak {
+        ui::print(&format!("memory    {peak:8.1} MB at most"));
+    }
+    Ok(Exit::Done)
+}
+
+/// The most memory that this process has held, in megabytes.
+fn peak_memory() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kilobytes: f64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(kilobytes * 1024.0 / 1e6)
+}

@@ -1,0 +1,56 @@
+//! Networks prepared for the CPU: all that a build without burn has.
+
+use image::RgbImage;
+use lsdc_core::Completer;
+use lsdc_eval::data::DepthMap;
+use lsdc_eval::evaluation::Candidate;
+use lsdc_eval::predict::{Completes, SystemKind};
+use lsdc_eval::sampling::Size;
+use lsdc_files::error::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Opens weights by name, on the one device of this build.
+pub(in crate::cli) fn open_completer(weights: Option<&Path>, name: &str) -> Result<Completer> {
+    if name == "cpu" {
+        return lsdc_weights::open_completer(weights);
+    }
+    Err(Error::device(format!("this build has no device `{name}`"))
+        .hint("`cargo install lsdc --features wgpu` installs one that has; this one has `cpu`"))
+}
+
+/// No system: there is none in this build.
+#[derive(Clone, Debug)]
+pub(in crate::cli) enum NoSystem {}
+
+impl NoSystem {
+    pub(in crate::cli) fn candidate(self, _: Option<Size>) -> Candidate {
+        match self {}
+    }
+}
+
+impl Completes for NoSystem {
+    fn depth(&self, _: &RgbImage, _: &DepthMap) -> Result<DepthMap> {
+        match *self {}
+    }
+}
+
+/// Says that a system needs another build.
+pub(in crate::cli) fn open_system(kind: SystemKind, _: Option<&Path>, _: &str) -> Result<NoSystem> {
+    Err(missing(kind.name()))
+}
+
+/// The same of the systems of `--system`, if there are any.
+pub(in crate::cli) fn system_candidates(
+    files: &[(Option<String>, PathBuf)],
+    _: &str,
+) -> Result<Vec<(String, Candidate)>> {
+    match files {
+        [] => Ok(Vec::new()),
+        [(_, path), ..] => Err(missing(&path.display().to_string())),
+    }
+}
+
+fn missing(what: &str) -> Error {
+    Error::config(format!("this build cannot use the system `{what}`"))
+        .hint("it was built without the feature `train`; `cargo install lsdc` has it")
+}

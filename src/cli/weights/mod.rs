@@ -1,0 +1,190 @@
+//! `lsdc weights`: what weights there are, what they are, and in which precision.
+
+#[cfg(feature = "train")]
+mod system;
+
+use super::args::{Convert, WeightsCommand};
+use super::{Exit, install, ui};
+use lsdc_core::network::AdapterConfig;
+use lsdc_eval::data::{check_output, write_atomically};
+use lsdc_eval::metrics::{Metric, Scores};
+use lsdc_files::error::{Error, Result};
+use lsdc_weights::history::{self, Made};
+use lsdc_weights::is_system;
+use lsdc_weights::to_bytes;
+use lsdc_weights::{KNOWN, Store, how_to_install};
+use lsdc_weights::{SCORES_NOTE, TRAINING_NOTE};
+use lsdc_weights::{embedded, open_weights, weights_name};
+use serde_json::{Value, json};
+use std::path::Path;
+
+pub(super) fn run(command: &WeightsCommand) -> Result<Exit> {
+    match command {
+        WeightsCommand::List { print_folder: true } => {
+            ui::print(&Store::open()?.folder().display().to_string());
+        }
+        WeightsCommand::List { .. } => list()?,
+        #[cfg(feature = "download")]
+        WeightsCommand::Get(args) => install::get(args)?,
+        WeightsCommand::Add(args) => install::add(args)?,
+        WeightsCommand::Info { file, json } => info(file.as_deref(), *json)?,
+        WeightsCommand::Convert(args) => convert(args)?,
+    }
+    Ok(Exit::Done)
+}
+
+/// A line of each: name, size, licence, where it is, what it is.
+fn list() -> Result<()> {
+    let line = |name: &str, bytes: u64, licence: &str, place: &str, about: &str| {
+        let megabytes = format!("{:.1} MB", bytes as f64 / 1e6);
+        ui::print(&format!(
+            "{name:<9} {megabytes:<8} {licence:<18} {place:<14} {about}"
+        ));
+    };
+    let on_encoder = |name: &str| KNOWN.iter().any(|known| known.weights == name);
+    for weights in embedded()
+        .iter()
+        .filter(|weights| !on_encoder(weights.name))
+    {
+        let bytes = weights.bytes.len() as u64;
+        let (licence, about) = (weights.licence, weights.about);
+        line(weights.name, bytes, licence, "built in", about);
+    }
+    let store = Store::open()?;
+    let mut remarks = Vec::new();
+    for known in &KNOWN {
+        let path = store.path(known);
+        let place = match store.load(known) {
+            Ok(_) => {
+                remarks.push(format!("`{}` is in {}", known.weights, path.display()));
+                "installed"
+            }
+            Err(_) if !path.exists() => {
+                remarks.push(how_to_install(known));
+                "not installed"
+            }
+            Err(error) => {
+                remarks.push(error.with_causes());
+                "damaged"
+            }
+        };
+        let about = format!("on {}; {}", known.name, known.cost);
+        line(known.weights, known.bytes(), known.licence, place, &about);
+    }
+    for remark in remarks {
+        ui::say(&remark);
+    }
+    Ok(())
+}
+
+pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
+    if let Some(path) = file
+        && std::fs::read(path).is_ok_and(|bytes| is_system(&bytes))
+    {
+        #[cfg(feature = "train")]
+        return system::info(path, as_json);
+        #[cfg(not(feature = "train"))]
+        return Err(Error::weights(format!(
+            "`{}` holds a system that this build cannot use",
+            path.display()
+        ))
+        .hint("it was built without the feature `train`; `cargo install lsdc` has it"));
+    }
+    let weights = open_weights(file)?;
+    let fit = weights.fit()?.unwrap_or_default();
+    let calibration = weights.prior()?.map(|(_, calibration)| calibration);
+    let notes = &weights.notes;
+    let training: Option<Value> = parsed(notes.get(TRAINING_NOTE))?;
+    let scores: Option<Scores> = parsed(notes.get(SCORES_NOTE))?;
+    let history = history::of(notes)?;
+    if as_json {
+        let value = json!({
+            "parameters": weights.parameters(),
+            "network": weights.network,
+            "normalisation": weights.normalisation,
+            "fit": fit,
+            "calibration": calibration,
+            "training": training,
+            "held_out": scores,
+            "history": history,
+        });
+        ui::print(&pretty(&value)?);
+        return Ok(());
+    }
+    let [height, width] = weights.normalisation.input;
+    let network = &weights.network;
+    ui::print(&format!("weights    {}", weights_name(file)?));
+    ui::print(&format!(
+        "network    {} parameters, {} basis functions{}",
+        weights.parameters(),
+        network.bases,
+        if network.affinities > 0 {
+            ", learned affinities"
+        } else {
+            ""
+        }
+    ));
+    if let Some(AdapterConfig { blocks, rank }) = network.adapters {
+        ui::print(&format!(
+            "encoder    changed in its last blocks ({blocks}), by adapters of rank {rank}"
+        ));
+    }
+    ui::print(&format!("input      {width}x{height}"));
+    ui::print(&format!("fit        {fit}"));
+    trained(training.as_ref(), scores);
+    made(&history);
+    Ok(())
+}
+
+/// What weights were made from, the oldest first.
+fn made(history: &[Made]) {
+    for line in history::lines(history) {
+        ui::print(&format!("made       {line}"));
+    }
+}
+
+/// How weights were trained, and what they reached.
+fn trained(training: Option<&Value>, scores: Option<Scores>) {
+    if let Some(training) = training {
+        ui::print(&format!(
+            "training   {} steps of {} images, peak learning rate {}, seed {}",
+            training["steps"], training["batch"], training["learning_rate"], training["seed"]
+        ));
+    }
+    if let Some(scores) = scores {
+        ui::print(&format!(
+            "held out   RMSE {:.4} m, REL {:.4} at 500 points, on frames kept out of training",
+            scores[Metric::Rmse],
+            scores[Metric::Rel]
+        ));
+    }
+}
+
+fn parsed<T: serde::de::DeserializeOwned>(note: Option<&String>) -> Result<Option<T>> {
+    let parse = |json: &String| {
+        serde_json::from_str(json)
+            .map_err(|e| Error::weights("a record of the weights cannot be read").because(e))
+    };
+    note.map(parse).transpose()
+}
+
+fn pretty(value: &Value) -> Result<String> {
+    serde_json::to_string_pretty(value)
+        .map_err(|e| Error::weights("the record cannot be written as JSON").because(e))
+}
+
+fn convert(args: &Convert) -> Result<()> {
+    check_output(&args.output, args.force)?;
+    let mut weights = open_weights(Some(&args.input))?;
+    let by = format!("weights convert --precision {}", args.precision.name());
+    let made = history::changed(&by, Some(&args.input), &weights)?;
+    history::add(&mut weights.notes, [made])?;
+    let bytes = to_bytes(&weights, args.precision)?;
+    write_atomically(&args.output, |out| out.write_all(&bytes))?;
+    ui::print(&format!(
+        "written   {}, {:.1} MB",
+        args.output.display(),
+        bytes.len() as f64 / 1e6
+    ));
+    Ok(())
+}
