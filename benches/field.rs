@@ -3,8 +3,8 @@
 //!     cargo bench --bench field
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lsdc_core::bilinear::Taps;
-use lsdc_core::field::{FieldPrior, Grid, Kriged, MOST, Observations, Observed};
+use lsdc_core::bilinear::InterpolationWeights;
+use lsdc_core::field::{FieldPrior, Grid, CovarianceSolver, MOST, Observations, PrecisionSolver};
 use lsdc_rng::Rng;
 use std::hint::black_box;
 
@@ -39,7 +39,7 @@ fn field(criterion: &mut Criterion) {
             .collect();
         let mut pixels: Vec<u32> = (0..(height * width) as u32).collect();
         rng.choose(&mut pixels, points);
-        let taps: Vec<Taps> = pixels[..points].iter().map(|&p| Taps::pixel(p)).collect();
+        let taps: Vec<InterpolationWeights> = pixels[..points].iter().map(|&p| InterpolationWeights::pixel(p)).collect();
         let weights = vec![100.0; points];
         let seen = Observations {
             taps: &taps,
@@ -51,14 +51,14 @@ fn field(criterion: &mut Criterion) {
             criterion.benchmark_group(format!("field, {points} points, {count} columns"));
         group.sample_size(20);
         group.bench_function("factorise", |bencher| {
-            bencher.iter(|| Observed::new(black_box(&grid), &taps, &weights));
+            bencher.iter(|| PrecisionSolver::new(black_box(&grid), &taps, &weights));
         });
         if points <= MOST {
             group.bench_function("add points to that without", |bencher| {
-                bencher.iter(|| Kriged::new(black_box(&prior), &seen));
+                bencher.iter(|| CovarianceSolver::new(black_box(&prior), &seen));
             });
         }
-        let Some(field) = Observed::new(&grid, &taps, &weights) else {
+        let Some(field) = PrecisionSolver::new(&grid, &taps, &weights) else {
             continue;
         };
         let targets = vec![1.0; points];

@@ -9,7 +9,7 @@ use lsdc_eval::data::{DataConfig, DatasetKind, Split};
 use lsdc_eval::report::write_page;
 use lsdc_eval::sampling::Preset;
 use lsdc_files::error::Result;
-use lsdc_paper::experiment::{self, Event, Experiment, Lab, Recipe, SystemRecipe};
+use lsdc_paper::experiment::{self, Event, Experiment, ExperimentContext, Recipe, SystemRecipe};
 use lsdc_train::device::device;
 use lsdc_train::predict::completer;
 use lsdc_train::training::TrainConfig;
@@ -128,7 +128,7 @@ fn system_recipes(shared: &TrainConfig) -> Result<Vec<SystemRecipe>> {
 /// How long a part is tried before the time for all is announced.
 const TRIAL: Duration = Duration::from_secs(1);
 
-fn lab(args: &Experiments) -> Result<Lab> {
+fn lab(args: &Experiments) -> Result<ExperimentContext> {
     let path = args.settings.config.as_deref().unwrap_or(Path::new(RECIPE));
     let mut config = Config::load(Some(path), &args.settings.set)?;
     args.source.apply(&mut config.data);
@@ -155,7 +155,7 @@ fn lab(args: &Experiments) -> Result<Lab> {
     let mut fit = config.fit.over(&FitConfig::default())?;
     fit.method = FitMethod::Lse;
     let data = config.data.clone();
-    Ok(Lab {
+    Ok(ExperimentContext {
         folder: args.output.clone(),
         dataset: format!("{} {}", config.data.dataset.name(), args.draws.split.name()),
         frames,

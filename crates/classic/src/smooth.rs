@@ -8,8 +8,8 @@
 use crate::error::{Error, Result};
 use image::RgbImage;
 use lsdc_core::DepthMap;
-use lsdc_core::bilinear::Taps;
-use lsdc_core::field::{Grid, Observed};
+use lsdc_core::bilinear::InterpolationWeights;
+use lsdc_core::field::{Grid, PrecisionSolver};
 
 /// Difference in colour (of 255 a channel) at which a weight is half. This and the next were chosen
 /// on training frames of NYU Depth v2.
@@ -35,11 +35,11 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         };
         pixels.map(strength).collect()
     };
-    let (taps, depths): (Vec<Taps>, Vec<f64>) = sparse
+    let (taps, depths): (Vec<InterpolationWeights>, Vec<f64>) = sparse
         .points()
         .map(|point| {
             let pixel = (point.y * width + point.x) as u32;
-            (Taps::pixel(pixel), f64::from(point.depth))
+            (InterpolationWeights::pixel(pixel), f64::from(point.depth))
         })
         .unzip();
     let grid = Grid {
@@ -49,7 +49,7 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         down: &joined(width, &|i| i + width >= width * height),
         level: 0.0,
     };
-    let field = Observed::new(&grid, &taps, &vec![DATA; taps.len()]).ok_or(Error::Singular)?;
+    let field = PrecisionSolver::new(&grid, &taps, &vec![DATA; taps.len()]).ok_or(Error::Singular)?;
     let values = field.extend(&depths).into_iter().map(|v| v as f32);
     Ok(DepthMap::new(width, height, values.collect())?)
 }

@@ -13,14 +13,14 @@ pub fn neighbours(place: f64, from: usize, to: usize) -> (usize, usize, f64) {
 /// The pixels of a grid that a position is interpolated from, and their weights, which add up to 1 (but for those
 /// of a difference). A position at a pixel's centre uses that pixel alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Taps {
+pub struct InterpolationWeights {
     /// Pixels `y * width + x`, the first `count` of them, none twice.
     pixels: [u32; 4],
     shares: [f64; 4],
     count: usize,
 }
 
-impl Taps {
+impl InterpolationWeights {
     /// The taps of a position (u, v) in an image of `size` (height, width), on a grid of another size.
     pub fn new([u, v]: [f64; 2], size: (usize, usize), grid: (usize, usize)) -> Self {
         let (left, right, across) = neighbours(u, size.1, grid.1);
@@ -145,10 +145,10 @@ mod tests {
             .map(|(x, y)| plane((x + 0.5) * 1.5 - 0.5, (y + 0.5) * 1.5 - 0.5))
             .collect();
         for place in [[7.25, 3.5], [20.0, 31.125], [58.0, 43.0]] {
-            let taps = Taps::new(place, (45, 60), grid);
+            let taps = InterpolationWeights::new(place, (45, 60), grid);
             assert!((taps.read(&values) - plane(place[0], place[1])).abs() < 1e-12);
         }
-        let on_a_centre = Taps::new([12.0, 9.0], grid, grid);
+        let on_a_centre = InterpolationWeights::new([12.0, 9.0], grid, grid);
         assert_eq!(on_a_centre.single(), Some(9 * 40 + 12));
     }
 }

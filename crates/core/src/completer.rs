@@ -4,7 +4,7 @@ use crate::depth_guide::DepthGuide;
 use crate::error::{Result, SettingsError};
 use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
 use crate::image::Image;
-use crate::network::{ColoursAlone, Encoder, Network, Prepared};
+use crate::network::{ColourAffinity, Encoder, Network, Prepared};
 use crate::scene::Scene;
 use crate::weights::{Calibration, Normalisation, Weights};
 use lsdc_kernels::simd::Level;
@@ -261,7 +261,7 @@ impl Completer {
             trust: 0.0,
         };
         Ok(Self {
-            network: Arc::new(ColoursAlone),
+            network: Arc::new(ColourAffinity),
             normalisation: Normalisation::default(),
             fit,
             prior: Some(Arc::new(Prior::new(&[1.0], &[0.0], unknown)?)),

@@ -1,9 +1,9 @@
 //! A fit and what is derived from it: depth at any position, residuals, outliers. Its standard deviations are in
 //! `uncertainty`.
 
-use crate::detail::{Detail, Rests};
+use crate::detail::{Detail, PixelResiduals};
 use crate::error::{FitError, Result};
-use crate::fit::{Fit, FitMethod, Judgement, RANGE, Smooth, root_mean_square};
+use crate::fit::{Fit, FitMethod, InlierPosterior, RANGE, Smooth, root_mean_square};
 use crate::image::{check_rows, check_size};
 use crate::map::DepthMap;
 use crate::scene::Scene;
@@ -138,7 +138,7 @@ impl Completion {
         let detail = scene.upsampling().and_then(|upsampling| {
             let (places, depths) = (&usable.places, usable.fitted());
             scene.completer().run(|| {
-                let rests = Rests::new(
+                let rests = PixelResiduals::new(
                     upsampling.size(),
                     places,
                     &fit.residuals,
@@ -377,7 +377,7 @@ impl Completion {
     }
 
     /// What dense observations leave to be followed, where they are dense.
-    fn rests(&self) -> Option<(&Rests, &Upsampling)> {
+    fn rests(&self) -> Option<(&PixelResiduals, &Upsampling)> {
         let Inner { scene, detail, .. } = &*self.0;
         Some((detail.as_ref()?.rests(), scene.upsampling()?))
     }
@@ -421,7 +421,7 @@ impl Completion {
             scene, fit, usable, ..
         } = &*self.0;
         let judged = scene.judge(usable)?.into_iter().enumerate();
-        let outlier = |(i, found): (usize, Judgement)| Outlier {
+        let outlier = |(i, found): (usize, InlierPosterior)| Outlier {
             index: usable.which[i],
             probability: 1.0 - found.right,
             score: found.error / found.scale,

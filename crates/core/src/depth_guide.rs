@@ -1,6 +1,6 @@
 //! A dense prediction of depth by other means, as more basis functions.
 
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use crate::error::{ImageError, Result};
 use crate::image::check_size;
 use rayon::prelude::*;
@@ -129,7 +129,7 @@ impl DepthGuide {
         pairs.for_each(|(row, &place)| {
             row[0] = 1.0;
             let (own, products) = row[1..].split_at_mut(*count);
-            for (pixel, share) in Taps::new(place, size, (*height, *width)).iter() {
+            for (pixel, share) in InterpolationWeights::new(place, size, (*height, *width)).iter() {
                 let values = &functions[pixel as usize * count..][..*count];
                 let sums = own.iter_mut().zip(values);
                 sums.for_each(|(sum, value)| *sum += share as f32 * value);

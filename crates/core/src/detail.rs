@@ -2,7 +2,7 @@
 //! many of its pixels are observed, several of them share a pixel of the grid, and a map that is read from it can
 //! follow only their mean. Here the map follows each, and their neighbours by likeness.
 
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use crate::fit::Smooth;
 use crate::upsampling::{Cell, Upsampling};
 use rayon::prelude::*;
@@ -19,16 +19,16 @@ const NOTHING: f32 = 0.01;
 
 /// The mean residual of the observations in a pixel, and their weight.
 #[derive(Clone, Copy, Debug, Default)]
-struct Rest {
+struct PixelResidual {
     value: f32,
     weight: f32,
 }
 
 /// What dense observations leave to be followed pixel by pixel.
 #[derive(Debug)]
-pub(crate) struct Rests {
+pub(crate) struct PixelResiduals {
     /// One for each pixel of the image.
-    values: Vec<Rest>,
+    values: Vec<PixelResidual>,
     height: usize,
     width: usize,
     /// The weight of a pixel of the window by the square of its distance.
@@ -38,7 +38,7 @@ pub(crate) struct Rests {
 /// What is added to a map, and the limits of the sum.
 #[derive(Debug)]
 pub(crate) struct Detail {
-    rests: Rests,
+    rests: PixelResiduals,
     added: Smooth,
     /// The nearest and the farthest depth observed around each pixel that is not observed itself: following these, a
     /// map goes no farther.
@@ -48,7 +48,7 @@ pub(crate) struct Detail {
 /// No limits.
 const ANY: [f32; 2] = [f32::NEG_INFINITY, f32::INFINITY];
 
-impl Rests {
+impl PixelResiduals {
     /// Residuals and weights (0 to 1) of observations at `places` of an image of `size` (height, width); `None` if they
     /// are nowhere dense.
     pub(crate) fn new(
@@ -67,7 +67,7 @@ impl Rests {
         }
         let dense = |pixel: u32| {
             let (mut count, mut all) = (0_u32, 0_u32);
-            Window::new(pixel as usize, width, height).each(|_, other, _| {
+            Neighbourhood::new(pixel as usize, width, height).each(|_, other, _| {
                 count += u32::from(observed[other]);
                 all += 1;
             });
@@ -82,7 +82,7 @@ impl Rests {
             return None;
         }
         order.par_sort_unstable();
-        let mut values = vec![Rest::default(); height * width];
+        let mut values = vec![PixelResidual::default(); height * width];
         for same in order.chunk_by_mut(|a, b| a.0 == b.0) {
             // By residual, so that the order of the observations does not matter.
             same.sort_unstable_by(|a, b| {
@@ -94,7 +94,7 @@ impl Rests {
             let total: f64 = own().map(|i| weights[i]).sum();
             let sum: f64 = own().map(|i| weights[i] * residuals[i]).sum();
             if total > 0.0 {
-                values[same[0].0 as usize] = Rest {
+                values[same[0].0 as usize] = PixelResidual {
                     value: (sum / total) as f32,
                     weight: total as f32,
                 };
@@ -115,7 +115,7 @@ impl Rests {
         &self,
         upsampling: &Upsampling,
         pixel: usize,
-        own: Rest,
+        own: PixelResidual,
         (shift, cell): (f32, Option<&Cell>),
     ) -> f32 {
         let weight = own.weight.min(1.0);
@@ -138,7 +138,7 @@ impl Rests {
         pixel: usize,
         mut visit: impl FnMut([usize; 2], f32, f32),
     ) {
-        Window::new(pixel, self.width, self.height).each(|place, other, square| {
+        Neighbourhood::new(pixel, self.width, self.height).each(|place, other, square| {
             let rest = self.values[other];
             if rest.weight > 0.0 && other != pixel {
                 let alike = upsampling.likeness(pixel, other);
@@ -221,12 +221,12 @@ impl Rests {
         let weight = weight as f32;
         let others = all.weight - weight;
         let own = if others > 1e-3 * all.weight {
-            Rest {
+            PixelResidual {
                 value: (all.weight * all.value - weight * residual as f32) / others + shift,
                 weight: others,
             }
         } else {
-            Rest::default()
+            PixelResidual::default()
         };
         let cell = upsampling.cell(pixel);
         error - f64::from(self.correction(upsampling, pixel, own, (shift, Some(&cell))))
@@ -238,7 +238,7 @@ impl Detail {
     /// is observed with weight 1 gets its mean residual.
     pub(crate) fn new(
         upsampling: &Upsampling,
-        rests: Rests,
+        rests: PixelResiduals,
         places: &[[f64; 2]],
         depths: &[f32],
     ) -> Self {
@@ -255,7 +255,7 @@ impl Detail {
                 return (added, ANY);
             }
             let mut limits = ranges[pixel];
-            Window::new(pixel, size.1, size.0).each(|_, other, _| {
+            Neighbourhood::new(pixel, size.1, size.0).each(|_, other, _| {
                 if rests.values[other].weight > 0.0 {
                     let [low, high] = ranges[other];
                     limits = [limits[0].min(low), limits[1].max(high)];
@@ -272,7 +272,7 @@ impl Detail {
     }
 
     /// What the observations leave.
-    pub(crate) fn rests(&self) -> &Rests {
+    pub(crate) fn rests(&self) -> &PixelResiduals {
         &self.rests
     }
 
@@ -296,7 +296,7 @@ impl Detail {
     /// The depth at a place of the image where it is `depth` without this.
     pub(crate) fn at(&self, place: [f64; 2], depth: f64) -> f64 {
         let size = self.added.size();
-        let added = self.added.read(&Taps::new(place, size, size));
+        let added = self.added.read(&InterpolationWeights::new(place, size, size));
         let limits = self.limits[pixel(place, size)];
         f64::from(limited(depth as f32, added as f32, limits))
     }
@@ -314,14 +314,14 @@ fn pixel([u, v]: [f64; 2], (height, width): (usize, usize)) -> usize {
 }
 
 /// The pixels around one.
-struct Window {
+struct Neighbourhood {
     pixel: (usize, usize),
     width: usize,
     columns: std::ops::RangeInclusive<usize>,
     rows: std::ops::RangeInclusive<usize>,
 }
 
-impl Window {
+impl Neighbourhood {
     fn new(pixel: usize, width: usize, height: usize) -> Self {
         let (x, y) = (pixel % width, pixel / width);
         Self {
@@ -364,7 +364,7 @@ mod tests {
 
     /// What is added to a map of 5 m, whose observations are off by these residuals.
     fn detail(places: &[[f64; 2]], residuals: &[f64], weights: &[f64]) -> Option<Detail> {
-        let rests = Rests::new(SIZE, places, residuals, weights)?;
+        let rests = PixelResiduals::new(SIZE, places, residuals, weights)?;
         let depths: Vec<f32> = residuals.iter().map(|r| (5.0 + r) as f32).collect();
         Some(Detail::new(&upsampling(), rests, places, &depths))
     }
@@ -411,7 +411,7 @@ mod tests {
             .map(|i| [(i % SIZE.1) as f64, (i / SIZE.1) as f64])
             .collect();
         let (nothing, ones) = (vec![0.1; places.len()], vec![1.0; places.len()]);
-        let rests = Rests::new(SIZE, &places, &nothing, &ones).unwrap();
+        let rests = PixelResiduals::new(SIZE, &places, &nothing, &ones).unwrap();
         let count = places.len() as f64;
         let errors = (0..places.len()).map(|i| (i * 7 % places.len()) as f64 / count);
         let errors: Vec<f64> = errors.collect();

@@ -2,14 +2,14 @@
 
 mod again;
 
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use crate::completer::Completer;
 use crate::completion::Completion;
 use crate::depth_guide::DepthGuide;
 use crate::error::{FitError, Result};
 use crate::field;
 use crate::fit::{
-    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, Judgement, Points, Prior,
+    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, InlierPosterior, Points, Prior,
     PriorKind, Scene as Placed, dot, fit, judge,
 };
 use crate::image::Image;
@@ -295,15 +295,15 @@ impl Scene {
 
     /// The pixels of the field, which has `grid` (height, width), that a position (u, v) of the image is read
     /// from.
-    pub(crate) fn taps(&self, place: [f64; 2], grid: (usize, usize)) -> Taps {
+    pub(crate) fn taps(&self, place: [f64; 2], grid: (usize, usize)) -> InterpolationWeights {
         match self.upsampling() {
             Some(upsampling) => upsampling.taps(place, self.size()),
-            None => Taps::new(place, self.size(), grid),
+            None => InterpolationWeights::new(place, self.size(), grid),
         }
     }
 
     /// What the other observations say of each.
-    pub(crate) fn judge(&self, usable: &Usable) -> Result<Vec<Judgement>> {
+    pub(crate) fn judge(&self, usable: &Usable) -> Result<Vec<InlierPosterior>> {
         let inner = &*self.0;
         let (config, prior) = (inner.completer.fit_config(), inner.completer.prior());
         inner.completer.run(|| {
@@ -333,8 +333,8 @@ impl Inner {
     /// The functions at the pixels of the grid around each position, weighted as a map there is read.
     fn read(&self, upsampling: &Upsampling, size: (usize, usize), places: &[[f64; 2]]) -> Vec<f32> {
         let taps = places.iter().map(|&place| upsampling.taps(place, size));
-        let taps: Vec<Taps> = taps.collect();
-        let around = taps.iter().flat_map(Taps::iter);
+        let taps: Vec<InterpolationWeights> = taps.collect();
+        let around = taps.iter().flat_map(InterpolationWeights::iter);
         let mut pixels: Vec<u32> = around.map(|(pixel, _)| pixel).collect();
         pixels.sort_unstable();
         pixels.dedup();

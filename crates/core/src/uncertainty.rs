@@ -3,8 +3,8 @@
 
 use crate::completion::Completion;
 use crate::error::{FitError, Result, SettingsError};
-use crate::fit::student::{self, ONE_DEVIATION};
-use crate::fit::{Affinities, Clues, FitMethod, Knot, LocalNoise, Smooth, Window};
+use crate::fit::student_t::{self, ONE_DEVIATION};
+use crate::fit::{Affinities, PixelFeatures, FitMethod, CalibrationNode, LocalNoise, Smooth, Window};
 use crate::image::check_size;
 use crate::map::DepthMap;
 use crate::nearest::Cells;
@@ -56,7 +56,7 @@ impl Completion {
             );
         }
         let freedom = self.freedom().unwrap_or(NORMAL);
-        Ok(student::bound(level, freedom) / student::bound(ONE_DEVIATION, freedom))
+        Ok(student_t::bound(level, freedom) / student_t::bound(ONE_DEVIATION, freedom))
     }
 
     /// The degrees of freedom of the distribution of errors; `None` if it is taken to be normal, because the
@@ -65,7 +65,7 @@ impl Completion {
         self.error_model().map(|knot| knot.freedom)
     }
 
-    fn error_model(&self) -> Option<Knot> {
+    fn error_model(&self) -> Option<CalibrationNode> {
         let joint = self.report().method == FitMethod::Joint;
         let model = self.scene().completer().errors().filter(|_| joint)?;
         Some(model.at(self.report().used))
@@ -76,7 +76,7 @@ impl Completion {
             return self.normal_deviations(size);
         };
         let (clues, from) = self.clues()?;
-        let unit = student::bound(ONE_DEVIATION, knot.freedom) * self.mean_depth();
+        let unit = student_t::bound(ONE_DEVIATION, knot.freedom) * self.mean_depth();
         let scales: Vec<f64> = clues
             .par_iter()
             .map(|clues| unit * knot.scale(clues))
@@ -92,7 +92,7 @@ impl Completion {
     /// # Errors
     /// A fit without a field, or too few observations.
     #[doc(hidden)]
-    pub fn clues(&self) -> Result<(Vec<Clues>, (usize, usize))> {
+    pub fn clues(&self) -> Result<(Vec<PixelFeatures>, (usize, usize))> {
         /// Standard deviation of the window of affinities, as a share of the root of the number of blocks.
         const WINDOW: f64 = 1.0 / 64.0;
         /// Less than these tell no more: relief and noise over the mean depth, and the variance that weights add.
@@ -130,7 +130,7 @@ impl Completion {
             let local = noise.at(x * right, y * down).sqrt() / whole;
             near.find(place, 1, nearest);
             let away = nearest[0].0.sqrt() / spacing;
-            let clues: Clues = [
+            let clues: PixelFeatures = [
                 1.0,
                 level,
                 0.5 * log(variances.field[block].max(LEAST_FIELD)),

@@ -5,7 +5,7 @@
 //! plane is interpolated bilinearly where colours are even, and where they are not, each side of an edge is read
 //! from its own side.
 
-use crate::bilinear::{Taps, neighbours};
+use crate::bilinear::{InterpolationWeights, neighbours};
 use lsdc_kernels::schedule::InTasks;
 use lsdc_kernels::simd::Level;
 use rayon::prelude::*;
@@ -101,7 +101,7 @@ impl Upsampling {
 
     /// The pixels of the grid that a position (u, v) is read from, in an image of `size` (height, width), which
     /// need not be that of the image whose edges are followed: the colour is that of its pixel at this position.
-    pub fn taps(&self, [u, v]: [f64; 2], size: (usize, usize)) -> Taps {
+    pub fn taps(&self, [u, v]: [f64; 2], size: (usize, usize)) -> InterpolationWeights {
         let row = containing(v, size.0, self.size.0);
         let column = containing(u, size.1, self.size.1);
         let here = colour(&self.image, row * self.size.1 + column);
@@ -109,7 +109,7 @@ impl Upsampling {
             let there = colour(&self.colours, pixel as usize);
             f64::from(likeness(square(here, there)))
         };
-        Taps::new([u, v], size, self.grid).weighted(alike)
+        InterpolationWeights::new([u, v], size, self.grid).weighted(alike)
     }
 
     /// A map of the grid at every pixel of an image of `size` (height, width), as [`Self::taps`] read it.
@@ -314,7 +314,7 @@ mod tests {
                 assert!((value - expected).abs() < 0.05, "{edge} {x}: {value}");
             }
             // Bilinear interpolation is half a metre off beside the edge.
-            let plain = Taps::new([15.0, 11.0], SIZE, GRID);
+            let plain = InterpolationWeights::new([15.0, 11.0], SIZE, GRID);
             let values: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
             assert!(plain.read(&values) > 2.4);
         }

@@ -1,6 +1,6 @@
 //! Answers on their way out.
 
-use crate::crew::Place;
+use crate::worker_pool::QueueSlot;
 use crate::encode::Encoded;
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, Response, StatusCode, header};
@@ -17,7 +17,7 @@ const PIECE: usize = 64 << 10;
 pub(crate) const REPORT: HeaderName = HeaderName::from_static("lsdc-report");
 
 /// The answer of a completion, which holds its place until it has been fetched.
-pub(crate) fn of(encoded: Encoded, place: Place) -> Response<Body> {
+pub(crate) fn of(encoded: Encoded, place: QueueSlot) -> Response<Body> {
     let form = encoded.form;
     let mut response = Response::new(Body::new(Held {
         left: encoded.bytes.into(),
@@ -55,7 +55,7 @@ pub(crate) fn text(media: &'static str, text: impl Into<Body>) -> Response<Body>
 /// Bytes that go out piece by piece, as the client takes them, and a place that is held until the last.
 struct Held {
     left: Bytes,
-    _place: Place,
+    _place: QueueSlot,
 }
 
 impl hyper::body::Body for Held {

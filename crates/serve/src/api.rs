@@ -9,7 +9,7 @@ use crate::frame::{Frame, check_points};
 use crate::options::Options;
 use crate::points;
 use crate::receive::{Receiver, Request};
-use crate::scenes::Kept;
+use crate::scenes::CachedScene;
 use crate::task::{Part, Task};
 use crate::upload::Upload;
 use axum::body::Body;
@@ -85,7 +85,7 @@ pub(crate) async fn create(State(app): State<Arc<App>>, headers: HeaderMap, body
             let (frame, _) = task.part(Part::Read, read)?;
             let network = || Ok(own.completer.scene(&frame.image()?)?);
             let (scene, _) = task.part(Part::Network, network)?;
-            Ok(Kept { frame, scene })
+            Ok(CachedScene { frame, scene })
         };
         work().map_err(|fault| upload.named(fault))
     };
@@ -117,13 +117,13 @@ pub(crate) async fn forget(State(app): State<Arc<App>>, Path(name): Path<String>
 }
 
 /// The points of a request to a scene, and what they are read with.
-enum Sent {
+enum RequestBody {
     /// Points and options, to be parsed by the thread that computes.
     Json(Vec<u8>),
     Form(Upload, Options),
 }
 
-impl Sent {
+impl RequestBody {
     fn read(body: &mut Receiver<'_>) -> Result<Self, Fault> {
         if body.is_json() {
             return Ok(Self::Json(body.whole()?));
@@ -164,12 +164,12 @@ pub(crate) async fn again(
         if form == Form::Ply && kept.frame.camera.is_none() {
             return Err(no_camera());
         }
-        Ok((kept, Sent::read(body)?))
+        Ok((kept, RequestBody::read(body)?))
     };
     let ((kept, sent), place) = request.read(read).await?;
     let own = app.clone();
     let work = move |task: &Task| {
-        let Kept { frame, scene } = &*kept;
+        let CachedScene { frame, scene } = &*kept;
         let ((points, options), reading) = task.part(Part::Read, || sent.points(frame, &own))?;
         let fit = own.completer.fit_config().changed(&options.changes());
         let scene = scene.with_fit(fit)?;
@@ -205,7 +205,7 @@ fn options(upload: &Upload) -> Result<Options, Fault> {
 }
 
 /// A scene, but for its name.
-fn described(app: &App, kept: &Kept) -> Value {
+fn described(app: &App, kept: &CachedScene) -> Value {
     let camera = kept.frame.camera.as_ref().map(|camera| {
         let [fx, fy, cx, cy] = camera.intrinsics();
         json!({ "fx": fx, "fy": fy, "cx": cx, "cy": cy })

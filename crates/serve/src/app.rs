@@ -1,7 +1,7 @@
 //! What all requests share.
 
 use crate::config::Config;
-use crate::crew::Crew;
+use crate::worker_pool::WorkerPool;
 use crate::guard::Guard;
 use crate::metrics::Metrics;
 use crate::page::Index;
@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub(crate) struct App {
     pub(crate) completer: Completer,
     pub(crate) config: Config,
-    pub(crate) crew: Crew,
+    pub(crate) crew: WorkerPool,
     pub(crate) scenes: Scenes,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) guard: Guard,
@@ -36,7 +36,7 @@ impl App {
     ) -> std::io::Result<Self> {
         let metrics = Arc::new(Metrics::default());
         let limits = &config.limits;
-        let crew = Crew::new(limits.workers, limits.queue, metrics.clone())?;
+        let crew = WorkerPool::new(limits.workers, limits.queue, metrics.clone())?;
         Ok(Self {
             completer,
             crew,

@@ -24,7 +24,7 @@ mod app;
 mod body;
 mod complete;
 mod config;
-mod crew;
+mod worker_pool;
 mod encode;
 mod error;
 mod fault;

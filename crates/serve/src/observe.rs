@@ -30,7 +30,7 @@ pub(crate) async fn observe(
 ) -> Response<Body> {
     let name = name(request.headers());
     let route = request.extensions().get::<MatchedPath>();
-    let mut seen = Seen {
+    let mut seen = ObservedRequest {
         app: &app,
         started: Instant::now(),
         method: request.method().to_string(),
@@ -124,7 +124,7 @@ fn name(headers: &HeaderMap) -> String {
 }
 
 /// A request that is being answered. It is counted and logged at its end, also if its client goes before.
-struct Seen<'a> {
+struct ObservedRequest<'a> {
     app: &'a App,
     started: Instant,
     method: String,
@@ -133,7 +133,7 @@ struct Seen<'a> {
     ended: bool,
 }
 
-impl Seen<'_> {
+impl ObservedRequest<'_> {
     fn end(&mut self, status: u16, fault: Option<Kind>) {
         self.ended = true;
         let time = self.started.elapsed();
@@ -159,7 +159,7 @@ impl Seen<'_> {
     }
 }
 
-impl Drop for Seen<'_> {
+impl Drop for ObservedRequest<'_> {
     fn drop(&mut self) {
         /// What others log where a client has gone.
         const GONE: u16 = 499;

@@ -2,7 +2,7 @@
 
 use crate::app::App;
 use crate::body::Incoming;
-use crate::crew::Place;
+use crate::worker_pool::QueueSlot;
 use crate::encode::Form;
 use crate::fault::{Fault, Kind};
 use crate::upload::Upload;
@@ -18,7 +18,7 @@ pub(crate) struct Request {
     app: Arc<App>,
     content_type: String,
     body: Incoming,
-    place: Place,
+    place: QueueSlot,
 }
 
 impl Request {
@@ -51,7 +51,7 @@ impl Request {
     pub(crate) async fn read<T: Send + 'static>(
         self,
         work: impl FnOnce(&mut Receiver<'_>) -> Result<T, Fault> + Send + 'static,
-    ) -> Result<(T, Place), Fault> {
+    ) -> Result<(T, QueueSlot), Fault> {
         let Self {
             app,
             content_type,
@@ -111,7 +111,7 @@ impl Receiver<'_> {
     }
 }
 
-fn checked(app: &App, headers: &HeaderMap, body: &Incoming) -> Result<(Form, Place), Fault> {
+fn checked(app: &App, headers: &HeaderMap, body: &Incoming) -> Result<(Form, QueueSlot), Fault> {
     let accept = headers.get(header::ACCEPT);
     let form = Form::accepted(accept.map(|value| value.to_str().unwrap_or_default()))?;
     let length = headers.get(header::CONTENT_LENGTH);

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// A scene with the image that it was made of.
-pub(crate) struct Kept {
+pub(crate) struct CachedScene {
     pub(crate) frame: Frame,
     pub(crate) scene: Scene,
 }
@@ -27,20 +27,20 @@ pub(crate) fn bytes(width: usize, height: usize) -> u64 {
 
 /// The scenes by their names, which cannot be guessed.
 pub(crate) struct Scenes {
-    shelf: Mutex<Shelf>,
+    shelf: Mutex<SceneCache>,
     most: u64,
     expiry: Duration,
     metrics: Arc<Metrics>,
 }
 
 #[derive(Default)]
-struct Shelf {
+struct SceneCache {
     scenes: HashMap<String, Entry>,
     bytes: u64,
 }
 
 struct Entry {
-    kept: Arc<Kept>,
+    kept: Arc<CachedScene>,
     bytes: u64,
     used: Instant,
 }
@@ -60,7 +60,7 @@ impl Scenes {
         self.expiry
     }
 
-    fn lock(&self) -> MutexGuard<'_, Shelf> {
+    fn lock(&self) -> MutexGuard<'_, SceneCache> {
         self.shelf.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -68,7 +68,7 @@ impl Scenes {
     ///
     /// # Errors
     /// A scene that is larger than all that may be kept.
-    pub(crate) fn keep(&self, kept: Kept) -> Result<String, Fault> {
+    pub(crate) fn keep(&self, kept: CachedScene) -> Result<String, Fault> {
         let (width, height) = kept.frame.size();
         let bytes = bytes(width, height);
         if bytes > self.most {
@@ -99,7 +99,7 @@ impl Scenes {
     ///
     /// # Errors
     /// There is none, or no longer.
-    pub(crate) fn get(&self, name: &str) -> Result<Arc<Kept>, Fault> {
+    pub(crate) fn get(&self, name: &str) -> Result<Arc<CachedScene>, Fault> {
         self.expire(Instant::now());
         let mut shelf = self.lock();
         let entry = shelf.scenes.get_mut(name).ok_or_else(gone)?;
@@ -130,12 +130,12 @@ impl Scenes {
         self.count(&shelf);
     }
 
-    fn count(&self, shelf: &Shelf) {
+    fn count(&self, shelf: &SceneCache) {
         self.metrics.set_scenes(shelf.scenes.len(), shelf.bytes);
     }
 }
 
-impl Shelf {
+impl SceneCache {
     fn remove(&mut self, name: &str) -> bool {
         let found = self.scenes.remove(name);
         self.bytes -= found.as_ref().map_or(0, |entry| entry.bytes);

@@ -5,7 +5,7 @@ mod evaluation;
 #[cfg(feature = "train")]
 mod experiment;
 mod fit;
-mod looking;
+mod inspect;
 mod recorded;
 mod reports;
 #[cfg(feature = "serve")]
@@ -20,7 +20,7 @@ pub(super) use evaluation::{Eval, Export};
 #[cfg(feature = "train")]
 pub(super) use experiment::{Chosen, Experiments};
 use fit::FitFlags;
-pub(super) use looking::{Completions, Inspect, Manual};
+pub(super) use inspect::{Completions, Inspect, Manual};
 pub(super) use recorded::Recorded;
 pub(super) use reports::{Curves, Merge, ReportCommand, Runs};
 #[cfg(feature = "serve")]

@@ -1,7 +1,7 @@
 //! Whether points lie where the images show them, in the first of several frames. One alone hardly ever tells.
 
 use super::frame::Completed;
-use super::inputs::Loaded;
+use super::loaded::Loaded;
 use super::recorded::Recorded;
 use crate::cli::args::Complete;
 use lsdc_core::{Alignment, Comparison, Observations, Scene};

@@ -2,7 +2,7 @@
 
 use super::failures::Failures;
 use super::frame::{Completed, Engine, Fitted, Prepared};
-use super::inputs::Loaded;
+use super::loaded::Loaded;
 use lsdc_files::error::{Cause, Error, Result};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,6 +1,6 @@
 //! One frame: an image and its points to depth, and what belongs to it.
 
-use super::inputs::Loaded as Frame;
+use super::loaded::Loaded as Frame;
 use crate::cli::args::{Complete, Format, Model};
 use crate::cli::network::{open_completer, open_system};
 use image::RgbImage;

@@ -2,12 +2,12 @@
 
 use super::Complete;
 use super::failures::Failures;
+use super::loaded::Loaded;
 use super::recorded::Recorded;
 use crate::cli::args::Format;
 use crate::cli::ui;
-use image::RgbImage;
-use lsdc_core::{DepthGuide, DepthNoise};
-use lsdc_eval::data::{self, Camera, Colmap, Sparse, StoredAs, Unit, Upright, View, check_foreign};
+use lsdc_core::DepthGuide;
+use lsdc_eval::data::{self, Colmap, Sparse, StoredAs, Upright, View, check_foreign};
 use lsdc_files::error::{Error, Result};
 use lsdc_recordings::Frame;
 use serde_json::json;
@@ -48,77 +48,6 @@ impl Input<'_> {
             Self::Frame(recorded, _) => recorded.path(),
         }
     }
-}
-
-/// A frame in memory.
-pub(super) struct Loaded {
-    pub(super) rgb: RgbImage,
-    pub(super) points: Sparse,
-    /// Points that were left out before, as it is not known when or where they were measured.
-    pub(super) unplaced: usize,
-    /// Whether all points count at the stamp of their cloud, though those of other frames do not.
-    pub(super) skewed: bool,
-    pub(super) camera: Option<Camera>,
-    pub(super) guide: Option<DepthGuide>,
-    pub(super) noise: Option<Noise>,
-    pub(super) reading: Duration,
-}
-
-/// The noise of a depth camera, and how many points have their standard deviations from it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Noise {
-    pub(super) model: DepthNoise,
-    pub(super) points: usize,
-}
-
-impl Loaded {
-    /// The same with the noise that is asked for, and doubts about the size of the result.
-    ///
-    /// # Errors
-    /// Noise in metres for depths in an unknown unit.
-    pub(super) fn with_options(mut self, args: &Complete) -> Result<Self> {
-        if let Some(model) = args.noise {
-            let Sparse { unit, guessed, .. } = self.points;
-            if guessed || unit == Unit::MODEL {
-                let what = if guessed {
-                    format!("but the unit of the depths is a guess: {unit}")
-                } else {
-                    "but the depths are in the unit of the model".to_owned()
-                };
-                return Err(Error::config(format!("`--noise` is in metres, {what}"))
-                    .hint("give --depth-unit, as in --depth-unit mm"));
-            }
-            let points;
-            (self.points.points, points) = model.applied(&self.points.points);
-            if points == 0 {
-                let what = "--noise is not used: all points have standard deviations of their own";
-                self.points.remarks.push(what.to_owned());
-            }
-            self.noise = Some(Noise { model, points });
-        }
-        let size = (self.rgb.width() as usize, self.rgb.height() as usize);
-        let wanted = args.size.map(|size| (size.width, size.height));
-        self.points
-            .remarks
-            .extend(wanted.and_then(|wanted| stretched(size, wanted)));
-        Ok(self)
-    }
-}
-
-/// That a result has another shape than the image.
-fn stretched(image: (usize, usize), wanted: (usize, usize)) -> Option<String> {
-    // A side that is rounded to a pixel is no other shape.
-    let fits = |(a, b): (usize, usize), (c, d): (usize, usize)| {
-        (b as f64 * c as f64 / a as f64 - d as f64).abs() <= 1.0
-    };
-    let turned = |(a, b)| (b, a);
-    let same = fits(image, wanted) || fits(turned(image), turned(wanted));
-    (!same).then(|| {
-        format!(
-            "--size {}x{} stretches the image of {}x{}, which has another shape",
-            wanted.0, wanted.1, image.0, image.1
-        )
-    })
 }
 
 impl Job {

@@ -1,7 +1,9 @@
 //! The files of a result.
 
 use super::frame::{Completed, Diagnostics};
-use super::inputs::{Job, Loaded};
+use super::formats::{Forms, Png, formats};
+use super::inputs::Job;
+use super::loaded::Loaded;
 use super::record;
 use super::summary::Summary;
 use crate::cli::args::{Complete, Format};
@@ -9,14 +11,6 @@ use lsdc_eval::data::{self, Cloud, DepthMap, Unit};
 use lsdc_eval::report::{colour_map, usual_range};
 use lsdc_files::error::{Error, Result};
 use std::path::{Path, PathBuf};
-
-/// What is written without `--formats`.
-const USUAL: [Format; 3] = [Format::Npy, Format::Png, Format::Color];
-
-/// The formats that are asked for.
-pub(super) fn formats(args: &Complete) -> &[Format] {
-    args.formats.as_deref().unwrap_or(&USUAL)
-}
 
 /// The files of a result.
 pub(super) struct Outputs<'a> {
@@ -242,23 +236,6 @@ impl<'a> Outputs<'a> {
             _ => Ok(()),
         }
     }
-}
-
-/// What the formats make of a result, and what is lost with it.
-#[derive(Default)]
-pub(super) struct Forms {
-    /// Depths of the first and the last colour of a colour map.
-    pub(super) range: Option<(f32, f32)>,
-    pub(super) png: Option<Png>,
-    pub(super) cloud: Option<Cloud>,
-}
-
-/// A 16-bit PNG.
-#[derive(Clone, Copy)]
-pub(super) struct Png {
-    pub(super) unit: Unit,
-    /// Pixels nearer than half a unit, which are written as one.
-    pub(super) raised: usize,
 }
 
 /// What goes into the files.

@@ -1,8 +1,8 @@
 //! What the results of a frame were made from: kept below their folder, so that a later run uses only
 //! those again that it would make itself.
 
+use super::formats::formats;
 use super::inputs::{Input, Job};
-use super::outputs::formats;
 use super::recorded;
 use super::summary::Summary;
 use crate::cli::args::{Complete, Format, Model};

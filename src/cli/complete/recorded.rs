@@ -1,6 +1,6 @@
 //! Frames of a recording.
 
-use super::inputs::Loaded;
+use super::loaded::Loaded;
 use crate::cli::args::{self, Complete};
 use crate::cli::ui;
 use lsdc_core::Observations;

@@ -1,8 +1,8 @@
 //! A completed frame in numbers, as reports have it; `lines` puts it into words.
 
+use super::formats::Forms;
 use super::frame::{Completed, LeftEmpty};
-use super::inputs::{Loaded, Noise};
-use super::outputs::Forms;
+use super::loaded::{Loaded, Noise};
 use crate::cli::ui::counted;
 use lsdc_eval::data::Unit;
 use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};

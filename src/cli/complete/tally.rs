@@ -12,7 +12,7 @@ pub(super) struct Tally<'a> {
     bar: &'a ProgressBar,
     json: bool,
     /// What holds for many frames is said of the first, and counted. By the remark without its numbers.
-    said: BTreeMap<String, Said>,
+    said: BTreeMap<String, RepeatedWarning>,
     count: usize,
     unusual_png_units: BTreeMap<String, usize>,
     png_raised: usize,
@@ -24,7 +24,7 @@ pub(super) struct Tally<'a> {
 
 /// A remark of one frame or more.
 #[derive(Default)]
-struct Said {
+struct RepeatedWarning {
     frames: usize,
     /// The first frame, and what was said of it.
     first: String,
@@ -110,7 +110,7 @@ impl<'a> Tally<'a> {
         tell(&format!(
             "frames    {done} completed, {there} there already, {failed} failed"
         ));
-        for Said { frames, first } in self.said.values().filter(|said| said.frames > 1) {
+        for RepeatedWarning { frames, first } in self.said.values().filter(|said| said.frames > 1) {
             tell(&format!("remarked  of {frames} frames, the first {first}"));
         }
         if let Some(points) = left_out_of_points(self.left_out_of_points) {

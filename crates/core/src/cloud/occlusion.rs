@@ -27,7 +27,7 @@ const BOUNDS: (f64, f64) = (1.5, 12.0);
 /// Pintus, Gobbetti and Agus 2011, "Real-time rendering of massive unstructured raw point clouds using
 /// screen-space operators"), unless they lie on a slope with it.
 pub(super) fn remove_hidden(width: usize, depths: &mut [f32]) -> usize {
-    let window = Window::new(reach(width, depths));
+    let window = Neighbourhood::new(reach(width, depths));
     let seen: &[f32] = depths;
     let found = (0..depths.len()).into_par_iter().filter_map(|i| {
         let enclosed = window.enclosed(seen, width, i);
@@ -63,10 +63,10 @@ fn reach(width: usize, depths: &[f32]) -> f64 {
 }
 
 /// The pixels around one.
-struct Window(Vec<Place>);
+struct Neighbourhood(Vec<Offset>);
 
 /// A pixel, as seen from another.
-struct Place {
+struct Offset {
     right: isize,
     down: isize,
     distance: f64,
@@ -75,23 +75,23 @@ struct Place {
 
 /// A point in the window.
 struct Other<'a> {
-    place: &'a Place,
+    place: &'a Offset,
     /// How much larger its inverse depth is, a pixel; on a plane, that of the opposite direction is as much
     /// smaller.
     slope: f64,
 }
 
-impl Window {
+impl Neighbourhood {
     fn new(reach: f64) -> Self {
         let most = reach as isize;
         let row = |down: isize| (-most..=most).map(move |right| (right, down));
-        let places = (-most..=most).flat_map(row).map(|(right, down)| Place {
+        let places = (-most..=most).flat_map(row).map(|(right, down)| Offset {
             right,
             down,
             distance: (right as f64).hypot(down as f64),
             direction: (down as f64).atan2(right as f64),
         });
-        let inside = |place: &Place| place.distance > 0.0 && place.distance <= reach;
+        let inside = |place: &Offset| place.distance > 0.0 && place.distance <= reach;
         Self(places.filter(inside).collect())
     }
 

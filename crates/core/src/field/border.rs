@@ -10,7 +10,7 @@ use super::factor::{Factor, both};
 use super::plan::{Batch, FORK, Half, Home};
 use super::strip::{STRIP, Strip, dot};
 use super::sweep::Rows;
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use lsdc_kernels::cholesky::{PAD, solve_rows, subtract_product};
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
@@ -43,9 +43,9 @@ struct TileRows {
 }
 
 impl Border {
-    pub(super) fn new(factor: &Factor, taps: &[Taps]) -> Self {
+    pub(super) fn new(factor: &Factor, taps: &[InterpolationWeights]) -> Self {
         let plan = &*factor.plan;
-        let first = |taps: &Taps| taps.iter().map(|(pixel, _)| plan.turn(pixel)).min();
+        let first = |taps: &InterpolationWeights| taps.iter().map(|(pixel, _)| plan.turn(pixel)).min();
         let mut order: Vec<usize> = (0..taps.len()).collect();
         let turns: Vec<_> = taps
             .iter()
@@ -77,7 +77,7 @@ impl Border {
             for rows in &tiles {
                 of_tiles[rows.tile] = Some(rows);
             }
-            let climb = Climb {
+            let climb = Ancestors {
                 factor,
                 of_tiles,
                 on_lines,
@@ -269,7 +269,7 @@ fn positions(factor: &Factor, turns: &[u32], half: Half) -> Range<usize> {
 }
 
 /// Forward substitution through the lines.
-struct Climb<'a> {
+struct Ancestors<'a> {
     factor: &'a Factor,
     of_tiles: Vec<Option<&'a TileRows>>,
     /// Position, column and share of what observations take from each line.
@@ -277,7 +277,7 @@ struct Climb<'a> {
     turns: &'a [u32],
 }
 
-impl Climb<'_> {
+impl Ancestors<'_> {
     /// Fills in the strips of a line and all below it, which are in `lines` from `base` on, and returns what is
     /// left for the variables that the line keeps.
     fn line(&self, at: usize, lines: &mut [Vec<Strip>], base: usize) -> Vec<Strip> {
@@ -287,7 +287,7 @@ impl Climb<'_> {
             return Vec::new();
         }
         let (below, own) = lines.split_at_mut(at - base);
-        let mut front = Front {
+        let mut front = RowsOfFront {
             count: line.own.len(),
             own: Strip::all(&positions, line.own.len()),
             rest: Strip::all(&positions, line.padded()),
@@ -344,7 +344,7 @@ impl Climb<'_> {
 }
 
 /// The rows of observations in the front of a line.
-struct Front {
+struct RowsOfFront {
     /// Columns that are eliminated.
     count: usize,
     own: Vec<Strip>,
@@ -352,7 +352,7 @@ struct Front {
     rest: Vec<Strip>,
 }
 
-impl Front {
+impl RowsOfFront {
     /// Adds values of a column at consecutive positions of one strip.
     fn add(&mut self, place: u32, position: usize, values: &[f64]) {
         let (strips, column) = match (place as usize).checked_sub(self.count) {

@@ -3,7 +3,7 @@
 use super::plan::{Batch, FORK, Half, Line, Plan};
 use super::runs::Run;
 use super::stencil::Stencil;
-use super::tile::Program;
+use super::symbolic::SymbolicFactor;
 use lsdc_kernels::cholesky::{Eight, factorise};
 use lsdc_kernels::schedule::{join, region};
 use lsdc_kernels::simd::Level;
@@ -30,10 +30,10 @@ struct Memory<T> {
 
 /// Memory that factors of any plan use one after the other, because new memory costs as much time as a good part of a
 /// factor.
-struct Spare<T>(Mutex<Vec<Memory<T>>>);
+struct BufferPool<T>(Mutex<Vec<Memory<T>>>);
 
-static FACTORS: Spare<Eight> = Spare(Mutex::new(Vec::new()));
-static RESTS: Spare<f64> = Spare(Mutex::new(Vec::new()));
+static FACTORS: BufferPool<Eight> = BufferPool(Mutex::new(Vec::new()));
+static RESTS: BufferPool<f64> = BufferPool(Mutex::new(Vec::new()));
 
 /// Gives the memory that is kept for what tiles and lines leave back: for what is needed after a factor and is as large.
 pub(super) fn forget_rests() {
@@ -46,7 +46,7 @@ pub(super) fn forget_memory() {
     forget_rests();
 }
 
-impl<T: Copy> Spare<T> {
+impl<T: Copy> BufferPool<T> {
     fn list(&self) -> MutexGuard<'_, Vec<Memory<T>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -154,7 +154,7 @@ impl Factor {
 }
 
 /// A batch of tiles, its program, and where its factor and what it leaves go.
-type Work<'a> = (&'a Batch, &'a Program, &'a mut [Eight], &'a mut [f64]);
+type Work<'a> = (&'a Batch, &'a SymbolicFactor, &'a mut [Eight], &'a mut [f64]);
 
 /// Memory of a thread for one batch after the other.
 type Memories = (Vec<Eight>, Vec<Eight>, Vec<Eight>);

@@ -9,7 +9,7 @@
 use super::factor::{Factor, both, forget_rests};
 use super::plan::{Batch, FORK, Half, Line};
 use super::stencil::Stencil;
-use super::tile::{Program, Step};
+use super::symbolic::{SymbolicFactor, PivotStep};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
@@ -166,7 +166,7 @@ fn product(target: MatMut<'_, f64>, left: MatRef<'_, f64>, right: MatRef<'_, f64
     matmul(target, Accum::Add, left, right, factor, Par::Seq);
 }
 
-impl Program {
+impl SymbolicFactor {
     /// Values that a step and all below it need.
     fn fronts(&self, at: usize) -> usize {
         let step = &self.steps[at];
@@ -214,7 +214,7 @@ impl Program {
     }
 }
 
-impl Step {
+impl PivotStep {
     /// The variables that it eliminates or keeps.
     fn front(&self) -> usize {
         self.count + self.kept.len()

@@ -6,16 +6,16 @@
 //! for targets t; s_p interpolates the field bilinearly between the pixels around a position.
 //!
 //! It is solved directly, by Cholesky factorisation in the order of nested dissection (George 1973), in one of two
-//! forms. [`Kriged`] starts from the factor of the equations without observations ([`FieldPrior`]), which depends
-//! on the image alone, and adds observations as covariances: for few of them. [`Observed`] factorises the equations
+//! forms. [`CovarianceSolver`] starts from the factor of the equations without observations ([`FieldPrior`]), which depends
+//! on the image alone, and adds observations as covariances: for few of them. [`PrecisionSolver`] factorises the equations
 //! with all observations in them: for any number.
 
 mod border;
 mod dense;
 mod factor;
 mod inverse;
-mod kriged;
-mod observed;
+mod covariance_solver;
+mod precision_solver;
 mod plan;
 mod runs;
 mod stencil;
@@ -23,12 +23,12 @@ mod strip;
 mod sweep;
 #[cfg(test)]
 mod tests;
-mod tile;
+mod symbolic;
 
-pub use kriged::Kriged;
-pub use observed::Observed;
+pub use covariance_solver::CovarianceSolver;
+pub use precision_solver::PrecisionSolver;
 
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use factor::Factor;
 use faer::Mat;
 use plan::Plan;
@@ -61,7 +61,7 @@ pub struct Grid<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Observations<'a> {
     /// The pixels that each observation is interpolated from.
-    pub taps: &'a [Taps],
+    pub taps: &'a [InterpolationWeights],
     /// The weight of each observation, above 0.
     pub weights: &'a [f64],
     /// The columns whose combinations are the targets, `[observations, columns]`, row by row.
@@ -70,7 +70,7 @@ pub struct Observations<'a> {
     pub count: usize,
 }
 
-/// With more observations [`Kriged`], whose cost grows with their square, is not the faster form.
+/// With more observations [`CovarianceSolver`], whose cost grows with their square, is not the faster form.
 pub const MOST: usize = 1000;
 
 /// The least level of a [`FieldPrior`].
@@ -100,8 +100,8 @@ impl FieldPrior {
     ///
     /// # Panics
     /// If a pixel is outside the grid.
-    pub fn covariance(&self, taps: &[Taps]) -> Mat<f64> {
-        kriged::covariance(&self.0, taps)
+    pub fn covariance(&self, taps: &[InterpolationWeights]) -> Mat<f64> {
+        covariance_solver::covariance(&self.0, taps)
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::runs::{Run, runs};
 use super::stencil::{Entry, Neighbours, padded};
-use super::tile::Program;
+use super::symbolic::SymbolicFactor;
 use lsdc_kernels::cholesky::PAD;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -113,7 +113,7 @@ pub(crate) struct Plan {
     pub(super) height: usize,
     pub(super) width: usize,
     neighbours: Neighbours,
-    pub(super) programs: Vec<Program>,
+    pub(super) programs: Vec<SymbolicFactor>,
     pub(super) tiles: Vec<Tile>,
     pub(super) batches: Vec<Batch>,
     /// Halves come before their line.
@@ -190,7 +190,7 @@ impl Plan {
         for &[top, height] in &down {
             for &[left, width] in &across {
                 let program = *shapes.entry((width, height)).or_insert_with(|| {
-                    programs.push(Program::new(width, height, neighbours));
+                    programs.push(SymbolicFactor::new(width, height, neighbours));
                     members.push(Vec::new());
                     programs.len() - 1
                 });
@@ -224,7 +224,7 @@ impl Plan {
         }
         let mut homes = vec![Home::Line(0, 0); height * width];
         for (t, tile) in tiles.iter().enumerate() {
-            let program: &Program = &programs[batches[tile.batch].program];
+            let program: &SymbolicFactor = &programs[batches[tile.batch].program];
             for (i, &(x, y)) in program.order.iter().enumerate() {
                 homes[(tile.top + y) * width + tile.left + x] = Home::Tile(t as u32, i as u32);
             }
@@ -259,7 +259,7 @@ impl Plan {
         self.homes.len()
     }
 
-    pub(super) fn program(&self, tile: usize) -> &Program {
+    pub(super) fn program(&self, tile: usize) -> &SymbolicFactor {
         &self.programs[self.batches[self.tiles[tile].batch].program]
     }
 

@@ -1,7 +1,7 @@
 //! A symmetric matrix that joins the pixels of a grid to their neighbours: the equations of a field.
 
 use super::Grid;
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
 
@@ -72,7 +72,7 @@ impl Stencil {
     }
 
     /// Adds `weight s s'` for a position that the taps s interpolate.
-    pub(super) fn observe(&mut self, taps: &Taps, weight: f64) {
+    pub(super) fn observe(&mut self, taps: &InterpolationWeights, weight: f64) {
         for (one, share) in taps.iter() {
             for (other, across) in taps.iter().filter(|(other, _)| *other >= one) {
                 let (entry, place) = self.pair(one, other);
@@ -83,7 +83,7 @@ impl Stencil {
 
     /// Adds `weight` times the shares s to the pixels that the taps read: the lumped form of the above, in which the
     /// observation is one of each of these pixels, by its share.
-    pub(super) fn observe_lumped(&mut self, taps: &Taps, weight: f64) {
+    pub(super) fn observe_lumped(&mut self, taps: &InterpolationWeights, weight: f64) {
         for (pixel, share) in taps.iter() {
             let (entry, place) = self.pair(pixel, pixel);
             self.entries[entry as usize][place] += weight * share;
@@ -91,7 +91,7 @@ impl Stencil {
     }
 
     /// `s' M s` for a position that the taps s interpolate.
-    pub(super) fn at(&self, taps: &Taps) -> f64 {
+    pub(super) fn at(&self, taps: &InterpolationWeights) -> f64 {
         let mut sum = 0.0;
         for (one, share) in taps.iter() {
             for (other, across) in taps.iter() {

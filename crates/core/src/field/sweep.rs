@@ -2,7 +2,7 @@
 
 use super::factor::{Factor, both};
 use super::plan::{FORK, Half, Line};
-use super::tile::{Program, Step};
+use super::symbolic::{SymbolicFactor, PivotStep};
 use lsdc_kernels::cholesky::Eight;
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;
@@ -67,7 +67,7 @@ impl Factor {
     fn gathered<const B: usize>(
         &self,
         tiles: &[usize],
-        program: &Program,
+        program: &SymbolicFactor,
         values: &[Row<B>],
     ) -> Vec<Rows<B>> {
         let width = self.plan.width;
@@ -228,7 +228,7 @@ fn kept<const B: usize>(line: &Line, half: usize, values: &[Row<B>]) -> Vec<Row<
         .collect()
 }
 
-impl Program {
+impl SymbolicFactor {
     /// `x` are the values of the tile's pixels and what is added to its ring.
     #[inline(always)]
     pub(super) fn forward<const B: usize>(&self, factor: &[Eight], x: &mut [Rows<B>]) {
@@ -272,7 +272,7 @@ impl Program {
     }
 }
 
-impl Step {
+impl PivotStep {
     #[inline(always)]
     pub(super) fn column<'a>(&self, factor: &'a [Eight], j: usize) -> &'a [Eight] {
         &factor[self.start + j * self.rows..][..self.rows]

@@ -7,7 +7,7 @@ struct Example {
     size: [usize; 2],
     right: Vec<f64>,
     down: Vec<f64>,
-    taps: Vec<Taps>,
+    taps: Vec<InterpolationWeights>,
     weights: Vec<f64>,
     columns: Vec<f64>,
     level: f64,
@@ -33,7 +33,7 @@ impl Example {
             size: [height, width],
             right,
             down,
-            taps: pixels.into_iter().map(Taps::pixel).collect(),
+            taps: pixels.into_iter().map(InterpolationWeights::pixel).collect(),
             weights,
             columns,
             level: [0.0, 0.01][height % 2],
@@ -48,7 +48,7 @@ impl Example {
         let mut taps = self.taps.clone();
         for (i, taps) in taps.iter_mut().enumerate() {
             if i % 4 > 0 {
-                *taps = Taps::new([place(size.1), place(size.0)], size, size);
+                *taps = InterpolationWeights::new([place(size.1), place(size.0)], size, size);
             }
         }
         if let [first, .., last] = &mut taps[..] {
@@ -76,13 +76,13 @@ impl Example {
         }
     }
 
-    fn observed(&self) -> Observed {
-        Observed::new(&self.grid(self.level), &self.taps, &self.weights).unwrap()
+    fn observed(&self) -> PrecisionSolver {
+        PrecisionSolver::new(&self.grid(self.level), &self.taps, &self.weights).unwrap()
     }
 
-    fn kriged(&self) -> Kriged {
+    fn covariance_solver(&self) -> CovarianceSolver {
         let prior = FieldPrior::new(&self.grid(self.level)).unwrap();
-        Kriged::new(&prior, &self.observations()).unwrap()
+        CovarianceSolver::new(&prior, &self.observations()).unwrap()
     }
 
     /// The targets `columns x`.
@@ -160,7 +160,7 @@ fn lumped_observations_are_those_of_their_pixels() {
         let (taps, weights) = (&example.taps, &example.weights);
         let lumped = |i: usize| i.is_multiple_of(2);
         let grid = example.grid(example.level);
-        let field = Observed::with_lumped(&grid, taps, weights, lumped).unwrap();
+        let field = PrecisionSolver::with_lumped(&grid, taps, weights, lumped).unwrap();
         let x = [1.0, -0.5, 0.25, 3.0];
         let mut matrix = example.dense();
         for (i, (taps, weight)) in taps.iter().zip(weights).enumerate() {
@@ -179,7 +179,7 @@ fn lumped_observations_are_those_of_their_pixels() {
         if example.right.iter().chain(&example.down).any(|c| *c == 0.0) {
             continue;
         }
-        let all = Observed::with_lumped(&example.grid(0.0), taps, weights, |_| true).unwrap();
+        let all = PrecisionSolver::with_lumped(&example.grid(0.0), taps, weights, |_| true).unwrap();
         let targets = example.targets(&x);
         let low = targets.iter().copied().fold(f64::INFINITY, f64::min);
         let high = targets.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -229,12 +229,12 @@ fn moments_are_the_sum_at_its_minimum() {
 #[test]
 fn what_cannot_be_solved_is_refused() {
     let mut example = Example::new(9, 9, 3);
-    assert!(Observed::new(&example.grid(0.0), &[], &[]).is_none());
+    assert!(PrecisionSolver::new(&example.grid(0.0), &[], &[]).is_none());
     let weights = vec![f64::NAN; 3];
-    assert!(Observed::new(&example.grid(0.0), &example.taps, &weights).is_none());
+    assert!(PrecisionSolver::new(&example.grid(0.0), &example.taps, &weights).is_none());
     example.right[4] = f64::NAN;
     let grid = example.grid(0.1);
-    assert!(Observed::new(&grid, &example.taps, &example.weights).is_none());
+    assert!(PrecisionSolver::new(&grid, &example.taps, &example.weights).is_none());
     assert!(FieldPrior::new(&grid).is_none());
 }
 
@@ -269,7 +269,7 @@ fn difference(found: &[f64], expected: impl Iterator<Item = f64>) -> f64 {
 #[test]
 fn a_field_with_a_prior_is_that_of_the_dense_equations() {
     for example in large_examples() {
-        let field = example.kriged();
+        let field = example.covariance_solver();
         let dense = example.dense().llt(Side::Lower).unwrap();
         let x = [0.5, -1.0, 2.0, 0.25];
         let expected = dense.solve(example.right_side(&x));
@@ -300,7 +300,7 @@ fn both_forms_of_a_field_agree() {
         ..Example::new(131, 150, 300).between(6)
     };
     for example in large_examples().into_iter().chain([large]) {
-        let (one, other) = (example.kriged(), example.observed());
+        let (one, other) = (example.covariance_solver(), example.observed());
         let (own, moments) = (one.moments(), other.moments(&example.columns, COLUMNS));
         for (i, j) in (0..COLUMNS).flat_map(|i| (0..=i).map(move |j| (i, j))) {
             let (a, b) = (own[(i, j)], moments[(i, j)]);
@@ -385,7 +385,7 @@ fn an_observed_field_is_that_of_the_dense_equations() {
         assert!(difference(&field.solve(&right), expected.col(0).iter().copied()) < 1e-9);
 
         let inverse = dense.solve(Mat::<f64>::identity(found.len(), found.len()));
-        let variance = |taps: &Taps| {
+        let variance = |taps: &InterpolationWeights| {
             let pairs = taps
                 .iter()
                 .flat_map(|one| taps.iter().map(move |other| (one, other)));

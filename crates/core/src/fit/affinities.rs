@@ -1,7 +1,7 @@
 //! Affinities (how strongly neighbouring pixels are tied together), and the smooth field that they define.
 
 use super::Blocks;
-use crate::bilinear::{Taps, neighbours};
+use crate::bilinear::{InterpolationWeights, neighbours};
 use crate::error::FitError;
 use crate::field::{FieldPrior, Grid};
 use crate::upsampling::Upsampling;
@@ -180,10 +180,10 @@ impl Scene<'_> {
     }
 
     /// The pixels of the field that a position (u, v) of the image is read from.
-    pub(super) fn taps(&self, place: [f64; 2]) -> Taps {
+    pub(super) fn taps(&self, place: [f64; 2]) -> InterpolationWeights {
         match self.upsampling {
             Some(upsampling) => upsampling.taps(place, self.size),
-            None => Taps::new(place, self.size, self.affinities.size()),
+            None => InterpolationWeights::new(place, self.size, self.affinities.size()),
         }
     }
 }
@@ -216,7 +216,7 @@ impl Smooth {
     }
 
     /// The value of the field where it is read from these pixels.
-    pub fn read(&self, taps: &Taps) -> f64 {
+    pub fn read(&self, taps: &InterpolationWeights) -> f64 {
         let value = |(pixel, share): (u32, f64)| share * f64::from(self.values[pixel as usize]);
         taps.iter().map(value).sum()
     }

@@ -1,7 +1,7 @@
 //! Square blocks of pixels, for what a field needs not be solved at every pixel for.
 
 use super::Affinities;
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use crate::field::Grid;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -34,7 +34,7 @@ impl Blocks {
     }
 
     /// The blocks of the pixels that a position is read from.
-    pub(super) fn taps(self, taps: &Taps) -> Taps {
+    pub(super) fn taps(self, taps: &InterpolationWeights) -> InterpolationWeights {
         let (width, across) = (self.size.1, self.counts().1);
         let block = |pixel: u32| {
             let (x, y) = (pixel as usize % width, pixel as usize / width);
@@ -107,7 +107,7 @@ fn in_series(own: Range<usize>, after: Range<usize>, affinity: impl Fn(usize) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::Observed;
+    use crate::field::PrecisionSolver;
 
     #[test]
     fn blocks_of_equal_affinities_are_like_pixels() {
@@ -169,10 +169,10 @@ mod tests {
             side: 3,
         };
         let found = blocks.affinities(&pixels.grid(0.0));
-        let at = [4, 40, 76].map(Taps::pixel);
-        let fine = Observed::new(&pixels.grid(0.0), &at, &[50.0; 3]).unwrap();
+        let at = [4, 40, 76].map(InterpolationWeights::pixel);
+        let fine = PrecisionSolver::new(&pixels.grid(0.0), &at, &[50.0; 3]).unwrap();
         let taps = at.map(|taps| blocks.taps(&taps));
-        let coarse = Observed::new(&found.grid(0.0), &taps, &[50.0; 3]).unwrap();
+        let coarse = PrecisionSolver::new(&found.grid(0.0), &taps, &[50.0; 3]).unwrap();
         let fine = fine.pixel_variances();
         for (block, variance) in coarse.pixel_variances().iter().enumerate() {
             let expected = fine[3 * block + 1];
@@ -192,7 +192,7 @@ mod tests {
         let values: Vec<f64> = (0..15).map(f64::from).collect();
         let sums = blocks.fold(&values, 0.0, |sum, value| sum + value);
         assert_eq!(sums, [12.0, 20.0, 13.0, 21.0, 25.0, 14.0]);
-        let taps = Taps::new([1.5, 0.5], (3, 5), (3, 5));
+        let taps = InterpolationWeights::new([1.5, 0.5], (3, 5), (3, 5));
         let found: Vec<_> = blocks.taps(&taps).iter().collect();
         assert_eq!(found, [(0, 0.5), (1, 0.5)]);
     }

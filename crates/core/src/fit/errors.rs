@@ -5,14 +5,14 @@
 //! each multiplied by an exponent. The posterior variance of the fit, which supposes that depth steps are normal
 //! and affinities right, is a clue, not the answer.
 
-use super::student;
+use super::student_t;
 use crate::error::WeightsError;
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use serde::{Deserialize, Serialize};
 
 /// The number of clues of a pixel.
-pub const CLUES: usize = 9;
+pub const PIXEL_FEATURES: usize = 9;
 
 /// What is known of a pixel, all as logarithms of ratios, so that scaling all depths changes none:
 ///
@@ -25,7 +25,7 @@ pub const CLUES: usize = 9;
 /// - the completed depth, over the mean depth;
 /// - the affinities around the block;
 /// - the distance to the nearest point, over the mean distance between points.
-pub type Clues = [f32; CLUES];
+pub type PixelFeatures = [f32; PIXEL_FEATURES];
 
 /// The number of points at which the distribution is calibrated.
 pub const KNOTS: usize = 4;
@@ -34,22 +34,22 @@ pub const KNOTS: usize = 4;
 /// logarithm of the freedom are interpolated in the logarithm of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct ErrorModel(pub [Knot; KNOTS]);
+pub struct ErrorModel(pub [CalibrationNode; KNOTS]);
 
 /// The distribution of errors for one number of points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Knot {
+pub struct CalibrationNode {
     /// The number of points.
     pub points: f64,
     /// The degrees of freedom of Student's t: the fewer, the heavier the tails.
     pub freedom: f64,
     /// The exponent of each clue.
-    pub exponents: [f64; CLUES],
+    pub exponents: [f64; PIXEL_FEATURES],
 }
 
 /// An error, in units of the mean depth, and what was known of its pixel.
-pub type Sample = (Clues, f32);
+pub type Sample = (PixelFeatures, f32);
 
 impl ErrorModel {
     /// Checks every number.
@@ -57,8 +57,8 @@ impl ErrorModel {
     /// # Errors
     /// Numbers that are not finite, no freedom, or numbers of points that do not rise.
     pub fn check(&self) -> Result<(), WeightsError> {
-        let sound = |knot: &Knot| {
-            (Knot::LEAST..=Knot::MOST).contains(&knot.freedom)
+        let sound = |knot: &CalibrationNode| {
+            (CalibrationNode::LEAST..=CalibrationNode::MOST).contains(&knot.freedom)
                 && knot.points > 0.0
                 && knot.points.is_finite()
                 && knot.exponents.iter().all(|e| e.is_finite())
@@ -72,14 +72,14 @@ impl ErrorModel {
     }
 
     /// The distribution for a number of points.
-    pub fn at(&self, points: usize) -> Knot {
+    pub fn at(&self, points: usize) -> CalibrationNode {
         let place = (points.max(1) as f64).ln();
-        let between = |[from, to]: &[Knot; 2]| {
+        let between = |[from, to]: &[CalibrationNode; 2]| {
             let (start, end) = (from.points.ln(), to.points.ln());
             (start..end).contains(&place).then(|| {
                 let share = (place - start) / (end - start);
                 let mix = |a: f64, b: f64| a + share * (b - a);
-                Knot {
+                CalibrationNode {
                     points: points as f64,
                     freedom: mix(from.freedom.ln(), to.freedom.ln()).exp(),
                     exponents: std::array::from_fn(|i| mix(from.exponents[i], to.exponents[i])),
@@ -98,17 +98,17 @@ impl ErrorModel {
     }
 }
 
-impl Knot {
+impl CalibrationNode {
     /// The range of the freedom: below, not even a mean exists; above, errors are normal.
     const LEAST: f64 = 1.0;
     const MOST: f64 = 200.0;
 
     /// The scale of the error of a pixel, in units of the mean depth.
-    pub fn scale(&self, clues: &Clues) -> f64 {
+    pub fn scale(&self, clues: &PixelFeatures) -> f64 {
         self.log_scale(clues).exp()
     }
 
-    fn log_scale(&self, clues: &Clues) -> f64 {
+    fn log_scale(&self, clues: &PixelFeatures) -> f64 {
         let pairs = clues.iter().zip(&self.exponents);
         pairs
             .map(|(clue, exponent)| f64::from(*clue) * exponent)
@@ -122,15 +122,15 @@ impl Knot {
         const ROUNDS: usize = 40;
         /// Relative to the number of samples, so that a clue that never varies has no exponent.
         const RIDGE: f64 = 1e-4;
-        let mut normal = Mat::<f64>::zeros(CLUES, CLUES);
+        let mut normal = Mat::<f64>::zeros(PIXEL_FEATURES, PIXEL_FEATURES);
         for (clues, _) in samples {
-            for i in 0..CLUES {
-                for j in 0..CLUES {
+            for i in 0..PIXEL_FEATURES {
+                for j in 0..PIXEL_FEATURES {
                     normal[(i, j)] += f64::from(clues[i]) * f64::from(clues[j]);
                 }
             }
         }
-        for i in 0..CLUES {
+        for i in 0..PIXEL_FEATURES {
             normal[(i, i)] += RIDGE * samples.len() as f64;
         }
         let normal = normal.llt(Side::Lower).ok()?;
@@ -140,21 +140,21 @@ impl Knot {
         let mut found = Self {
             points,
             freedom: 4.0,
-            exponents: [0.0; CLUES],
+            exponents: [0.0; PIXEL_FEATURES],
         };
         found.exponents[0] = typical.sum::<f64>() / samples.len() as f64;
         for _ in 0..ROUNDS {
             let freedom = found.freedom;
             let step = (freedom + 3.0) / (2.0 * freedom);
-            let mut right = Mat::<f64>::zeros(CLUES, 1);
+            let mut right = Mat::<f64>::zeros(PIXEL_FEATURES, 1);
             for (clues, error) in samples {
                 let square = found.square(clues, *error);
                 let slope = (freedom + 1.0) * square / (freedom + square) - 1.0;
-                for i in 0..CLUES {
+                for i in 0..PIXEL_FEATURES {
                     right[(i, 0)] += step * slope * f64::from(clues[i]);
                 }
             }
-            for i in 0..CLUES {
+            for i in 0..PIXEL_FEATURES {
                 let shrink = RIDGE * samples.len() as f64 * found.exponents[i];
                 right[(i, 0)] -= if i == 0 { 0.0 } else { shrink };
             }
@@ -172,7 +172,7 @@ impl Knot {
     }
 
     /// The squared error in units of the squared scale.
-    fn square(&self, clues: &Clues, error: f32) -> f64 {
+    fn square(&self, clues: &PixelFeatures, error: f32) -> f64 {
         (f64::from(error) * (-self.log_scale(clues)).exp()).powi(2)
     }
 
@@ -181,7 +181,7 @@ impl Knot {
         let squares: Vec<f64> = samples.iter().map(|(c, e)| self.square(c, *e)).collect();
         let cost = |x: f64| {
             let freedom = x.exp();
-            let rest = student::surprise(0.0, freedom) * squares.len() as f64;
+            let rest = student_t::neg_log_likelihood(0.0, freedom) * squares.len() as f64;
             let tails: f64 = squares.iter().map(|s| (s / freedom).ln_1p()).sum();
             rest + 0.5 * (freedom + 1.0) * tails
         };
@@ -208,10 +208,10 @@ mod tests {
     use super::*;
     use lsdc_rng::Rng;
 
-    fn knot(points: f64, freedom: f64, shift: f64) -> Knot {
-        let mut exponents = [0.0; CLUES];
+    fn knot(points: f64, freedom: f64, shift: f64) -> CalibrationNode {
+        let mut exponents = [0.0; PIXEL_FEATURES];
         (exponents[0], exponents[2], exponents[5]) = (shift, 0.8, -0.3);
-        Knot {
+        CalibrationNode {
             points,
             freedom,
             exponents,
@@ -225,7 +225,7 @@ mod tests {
         let truth = knot(50.0, 4.0, -2.0);
         let samples: Vec<Sample> = (0..40_000)
             .map(|_| {
-                let mut clues = [0.0_f32; CLUES];
+                let mut clues = [0.0_f32; PIXEL_FEATURES];
                 for clue in &mut clues {
                     *clue = rng.normal();
                 }
@@ -235,13 +235,13 @@ mod tests {
                 (clues, (t * truth.scale(&clues)) as f32)
             })
             .collect();
-        let found = Knot::learn(50.0, &samples).unwrap();
+        let found = CalibrationNode::learn(50.0, &samples).unwrap();
         // Three standard errors: sqrt((freedom + 3) / (2 freedom n)) = 0.0047.
         for (found, truth) in found.exponents.iter().zip(truth.exponents) {
             assert!((found - truth).abs() < 0.015, "{found} {truth}");
         }
         assert!((found.freedom - 4.0).abs() < 0.3, "{}", found.freedom);
-        assert!(Knot::learn(50.0, &[]).is_none());
+        assert!(CalibrationNode::learn(50.0, &[]).is_none());
     }
 
     #[test]

@@ -23,13 +23,13 @@ pub(super) fn likeliest(
     let mut best = (prior.with_guides(1.0, guides, 0.0), 0.0);
     // No guide is as likely beforehand as all of these together.
     let candidates = SHARES.len() * DEVIATIONS.len();
-    let mut least = moments.surprise(&best.0, lambda)? - 2.0 * (candidates as f64).ln();
+    let mut least = moments.neg_log_likelihood(&best.0, lambda)? - 2.0 * (candidates as f64).ln();
     for share in SHARES {
         for deviation in DEVIATIONS {
             let candidate = prior.with_guides(share, guides, deviation);
-            let surprise = moments.surprise(&candidate, lambda)?;
-            if surprise < least {
-                (best, least) = ((candidate, deviation), surprise);
+            let neg_log_likelihood = moments.neg_log_likelihood(&candidate, lambda)?;
+            if neg_log_likelihood < least {
+                (best, least) = ((candidate, deviation), neg_log_likelihood);
             }
         }
     }

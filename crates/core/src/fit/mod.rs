@@ -17,7 +17,7 @@ mod robust;
 mod shrink;
 mod space;
 mod spectrum;
-pub mod student;
+pub mod student_t;
 #[cfg(test)]
 mod tests;
 mod window;
@@ -26,14 +26,14 @@ pub use affinities::{Affinities, Scene, Smooth};
 pub(crate) use blocks::Blocks;
 pub use config::{Changes, FitConfig, FitMethod, PriorKind};
 pub use cosines::CosineBasis;
-pub use errors::{CLUES, Clues, ErrorModel, KNOTS, Knot, Sample};
+pub use errors::{PIXEL_FEATURES, PixelFeatures, ErrorModel, KNOTS, CalibrationNode, Sample};
 pub use joint::{Adjoint, Gradients, JointConfig, Variances};
 pub use lstsq::{Moments, Problem, Solution, Solver, dot};
 pub use noise::LocalNoise;
 pub use outcome::{Fit, RANGE, root_mean_square};
 pub use points::{Bases, Functions, Points};
 pub use prior::{ImageMoments, NoisePrior, Prior};
-pub use robust::{Judgement, Loss, Robust};
+pub use robust::{InlierPosterior, Loss, Robust};
 pub use shrink::{COUNTS, Lambda};
 pub use space::Space;
 pub(crate) use window::Window;
@@ -158,7 +158,7 @@ pub fn judge(
     points: &Points<'_>,
     config: &FitConfig,
     prior: Option<&Prior>,
-) -> Result<Vec<Judgement>> {
+) -> Result<Vec<InlierPosterior>> {
     let (judged, _) = with_plain(points, config, prior, true, |rows, estimator, plain| {
         let mut judged = robust::judge(rows, estimator, &plain)?;
         outcome::in_metres(&rows.values, &mut judged, rows.scale);

@@ -3,7 +3,7 @@
 use super::joint::{FieldFit, Variances};
 use super::lstsq::Solution;
 use super::points::Rows;
-use super::robust::Judgement;
+use super::robust::InlierPosterior;
 use super::space::Scale;
 use super::{Estimate, Smooth, Space};
 use crate::error::FitError;
@@ -229,7 +229,7 @@ fn metres(values: &[f64], rests: &[f64], scale: Scale) -> Vec<f64> {
 }
 
 /// Converts errors and scales from the space of a fit.
-pub(super) fn in_metres(values: &[f64], judged: &mut [Judgement], scale: Scale) {
+pub(super) fn in_metres(values: &[f64], judged: &mut [InlierPosterior], scale: Scale) {
     let errors: Vec<f64> = judged.iter().map(|found| found.error).collect();
     for ((found, error), value) in judged
         .iter_mut()

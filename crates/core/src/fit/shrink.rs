@@ -135,11 +135,11 @@ impl Moments {
     ///
     /// # Errors
     /// As for [`Self::shrunk`].
-    pub(super) fn surprise(&self, prior: &Prior, lambda: Lambda) -> Result<f64, Error> {
+    pub(super) fn neg_log_likelihood(&self, prior: &Prior, lambda: Lambda) -> Result<f64, Error> {
         let reduced = Reduced::new(self, prior)?;
         let spectrum = Spectrum::new(&reduced)?;
         let given = lambda.given(self.count);
-        Ok(spectrum.surprise(given.unwrap_or_else(|| spectrum.chosen(lambda))))
+        Ok(spectrum.neg_log_likelihood(given.unwrap_or_else(|| spectrum.chosen(lambda))))
     }
 }
 

@@ -52,7 +52,7 @@ impl<'a> Spectrum<'a> {
 
     /// -2 ln p(depths | lambda) - 2 ln p(lambda), up to a constant: scale and noise integrated out
     /// with flat priors but for the one on the amplitude of u.
-    pub(super) fn surprise(&self, lambda: f64) -> f64 {
+    pub(super) fn neg_log_likelihood(&self, lambda: f64) -> f64 {
         let volume: f64 = self.squares.iter().map(|g| (1.0 + g / lambda).ln()).sum();
         let noise = &self.reduced.prior.noise;
         let count = self.reduced.freedom + noise.trust;
@@ -83,7 +83,7 @@ impl<'a> Spectrum<'a> {
     pub(super) fn chosen(&self, lambda: Lambda) -> f64 {
         match lambda {
             Lambda::Gcv => self.best(|lambda| self.cross_validation(lambda)),
-            _ => self.best(|lambda| self.surprise(lambda)),
+            _ => self.best(|lambda| self.neg_log_likelihood(lambda)),
         }
     }
 

@@ -13,12 +13,12 @@ pub(super) struct AffinityNet {
     down: Vec<[Layer; 2]>,
     /// From the encoder's features to what is added at the lowest resolution.
     encoded: Option<Layer>,
-    up: Vec<Rise>,
+    up: Vec<UpBlock>,
     last: Layer,
 }
 
 #[derive(Debug)]
-struct Rise {
+struct UpBlock {
     narrow: Layer,
     mix: [Layer; 2],
 }
@@ -49,7 +49,7 @@ impl AffinityNet {
                 tensors.conv_norm(&format!("edges.up.{i}.mix.{layer}"), [to, to, 3], same)
             };
             let narrow = format!("edges.up.{i}.narrow");
-            Ok(Rise {
+            Ok(UpBlock {
                 narrow: tensors.conv(&narrow, [to, from, 1], pointwise)?,
                 mix: [mix(0)?, mix(1)?],
             })

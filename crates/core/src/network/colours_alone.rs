@@ -6,7 +6,7 @@ use crate::error::Error;
 
 /// What takes the place of a network that is not there.
 #[derive(Clone, Copy, Debug)]
-pub struct ColoursAlone;
+pub struct ColourAffinity;
 
 #[derive(Debug)]
 struct Colours {
@@ -14,7 +14,7 @@ struct Colours {
     size: (usize, usize),
 }
 
-impl Network for ColoursAlone {
+impl Network for ColourAffinity {
     fn forward(&self, image: &[f32], size: (usize, usize)) -> Result<Box<dyn Forward>, Error> {
         Ok(Box::new(Colours {
             image: image.to_vec(),

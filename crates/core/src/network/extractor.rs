@@ -32,7 +32,7 @@ pub(super) struct Extractor {
 }
 
 /// What an extractor yields.
-pub(super) struct Seen {
+pub(super) struct ExtractorOutput {
     /// At a quarter of the image's resolution, or at half of it if they are sharpened.
     pub(super) features: Map,
     /// The logarithm of the map of depth that a backbone suggests, at the same resolution.
@@ -198,7 +198,7 @@ impl Extractor {
         })
     }
 
-    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, run: Run<'_>) -> Seen {
+    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, run: Run<'_>) -> ExtractorOutput {
         let pool = run.pool;
         let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
             let output = run.layer(layer, &x, None, true);
@@ -267,7 +267,7 @@ impl Extractor {
             pool.give(small);
             map
         });
-        Seen {
+        ExtractorOutput {
             features,
             logarithm,
         }

@@ -2,7 +2,7 @@
 
 use super::config::NetworkConfig;
 use super::encoding;
-use super::extractor::Seen;
+use super::extractor::ExtractorOutput;
 use super::grid::{Grid, Grids, axis_of};
 use super::map::{Map, Pool};
 use super::tensors::{Linear, Tensors};
@@ -38,7 +38,7 @@ enum First {
     /// A map, whose logarithm is the last hidden layer times these weights.
     Hidden(Vec<f32>),
     /// A map, whose logarithm the extractor yields.
-    Seen,
+    ExtractorOutput,
 }
 
 /// What a head makes of what an extractor sees in an image.
@@ -87,7 +87,7 @@ impl Head {
         let weights = tensors.values("head.last.weight", &[from, functions])?;
         let first_function = match (config.mean, config.extractor.backbone) {
             (false, _) => First::Constant,
-            (true, Some(_)) => First::Seen,
+            (true, Some(_)) => First::ExtractorOutput,
             (true, None) => First::Hidden(tensors.values("head.mean.weight", &[from, 1])?.to_vec()),
         };
         let last = |row: usize, column: usize| weights[row * functions + column];
@@ -105,8 +105,8 @@ impl Head {
         })
     }
 
-    pub(super) fn enter(&self, seen: Seen, pool: &Pool) -> Inputs {
-        let Seen {
+    pub(super) fn enter(&self, seen: ExtractorOutput, pool: &Pool) -> Inputs {
+        let ExtractorOutput {
             features,
             logarithm,
         } = seen;
@@ -260,7 +260,7 @@ impl Head {
     ) -> bool {
         match (&self.first, &inputs.logarithm) {
             (First::Hidden(weights), _) => dot_rows(self.level, activations, weights, 0.0, values),
-            (First::Seen, Some(map)) => {
+            (First::ExtractorOutput, Some(map)) => {
                 let pairs = values.iter_mut().zip(cells);
                 pairs.for_each(|(value, cell)| *value = grid.value(map, cell));
             }

@@ -23,7 +23,7 @@ mod tensors;
 
 pub use backbone::{BACKBONE_STEM, InvertedBlock};
 pub use colours::{CONTRAST, LEAST, MOST_CHANGE};
-pub use colours_alone::ColoursAlone;
+pub use colours_alone::ColourAffinity;
 pub use config::{
     AdapterConfig, BackboneConfig, CHANGES, CHANNELS_PER_GROUP, EPSILON, ExtractorConfig,
     NetworkConfig, NormKind, StageConfig,

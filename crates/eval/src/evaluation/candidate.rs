@@ -1,8 +1,7 @@
 //! What is measured: our own methods, or the depth maps of any other program.
 
-use super::Evaluation;
 use crate::data::{DepthMap, Frame, GuideSource, Unit, read_depth, stored_unit};
-use crate::metrics::Foretold;
+use crate::metrics::PredictedErrors;
 use crate::predict::{Completes, Method, complete_classic, guided_scene, scene};
 use crate::sampling::{Interpolation, Size, move_points, resize_depth, resize_rgb};
 use lsdc_core::{Completer, DepthGuide, Observations, Scene};
@@ -98,14 +97,15 @@ pub(super) struct Prepared<'a> {
 
 impl<'a> Prepared<'a> {
     pub(super) fn new(
-        evaluation: &Evaluation<'a>,
+        completer: Option<&'a Completer>,
+        guides: Option<&GuideSource>,
         frame: &Frame,
         uncertainty: bool,
     ) -> Result<Self> {
-        let network = match evaluation.completer {
+        let network = match completer {
             None => None,
             Some(completer) => {
-                let guide = evaluation.guides.map(|source| guide(source, frame));
+                let guide = guides.map(|source| guide(source, frame));
                 let scene = guided_scene(completer, &frame.rgb, guide.transpose()?.as_ref())?;
                 Some((completer, scene))
             }
@@ -124,7 +124,7 @@ impl<'a> Prepared<'a> {
         frame: &Frame,
         sparse: &DepthMap,
         seed: u64,
-    ) -> Result<(DepthMap, Option<Foretold>)> {
+    ) -> Result<(DepthMap, Option<PredictedErrors>)> {
         match (candidate, &self.network) {
             (Candidate::Method(Method::Classic(method)), _) => {
                 Ok((complete_classic(*method, &frame.rgb, sparse)?, None))
@@ -132,7 +132,7 @@ impl<'a> Prepared<'a> {
             (Candidate::Method(Method::Lsdc), Some((_, scene))) => {
                 let completion = scene.complete(&Observations::from_map(sparse))?;
                 let foretold = self.uncertainty.then(|| {
-                    Ok::<_, Error>(Foretold {
+                    Ok::<_, Error>(PredictedErrors {
                         deviations: completion.standard_deviation()?,
                         freedom: completion.freedom(),
                     })

@@ -242,7 +242,7 @@ impl Evaluation<'_> {
         // In this order: what changes in between is noticed the next time.
         let files = self.stamps(index);
         let frame = self.frame(index)?;
-        let prepared = Prepared::new(self, &frame, self.uncertainty)?;
+        let prepared = Prepared::new(self.completer, self.guides, &frame, self.uncertainty)?;
         self.seeds
             .iter()
             .map(|&seed| {
@@ -287,7 +287,7 @@ impl Evaluation<'_> {
             .ok_or_else(|| Error::config(format!("there is no frame `{id}`")))?;
         let frame = self.frame(index)?;
         let Task { sparse, truth } = self.task(&frame, seed)?;
-        let prepared = Prepared::new(self, &frame, false)?;
+        let prepared = Prepared::new(self.completer, self.guides, &frame, false)?;
         let predictions = self
             .candidates
             .iter()

@@ -2,7 +2,7 @@
 //! shards is the whole, to the last bit.
 
 use crate::data::DepthMap;
-use lsdc_core::fit::student;
+use lsdc_core::fit::student_t;
 use serde::{Deserialize, Serialize};
 
 /// Slices that the pixels of a frame are cut into, from the most certain on, and that the levels of
@@ -21,7 +21,7 @@ const LEAST: f64 = 1e-6;
 
 /// The distribution of errors that was predicted: Student's t.
 #[derive(Clone, Debug)]
-pub struct Foretold {
+pub struct PredictedErrors {
     /// Half the width of the intervals that hold 68.27 % of errors, at every pixel.
     pub deviations: DepthMap,
     /// Degrees of freedom; `None`: normal.
@@ -40,7 +40,8 @@ pub struct Certainty {
     pub levels: [u64; SLICES],
     /// Minus the logarithm of the density, per metre, that was predicted for each error, summed, in
     /// millionths.
-    pub surprise: i64,
+    #[serde(rename = "surprise")]
+    pub neg_log_likelihood: i64,
     /// Pixels of each frame by the standard deviation, the most certain slice first.
     pub predicted: [Slice; SLICES],
     /// Pixels of each frame by the error itself: the best that could be predicted.
@@ -71,13 +72,13 @@ impl From<Slice> for (u64, u64) {
 
 impl Certainty {
     /// Of a frame: pixels with a true depth. A standard deviation of 0 holds no error.
-    pub fn of(depth: &DepthMap, truth: &DepthMap, foretold: &Foretold) -> Self {
+    pub fn of(depth: &DepthMap, truth: &DepthMap, foretold: &PredictedErrors) -> Self {
         let mut certainty = Self::default();
         let freedom = foretold.freedom.unwrap_or(NORMAL);
-        let unit = student::bound(student::ONE_DEVIATION, freedom);
-        let [one, two] = LEVELS.map(|level| student::bound(level, freedom));
+        let unit = student_t::bound(student_t::ONE_DEVIATION, freedom);
+        let [one, two] = LEVELS.map(|level| student_t::bound(level, freedom));
         let bounds: Vec<f64> = (1..SLICES)
-            .map(|i| student::bound(i as f64 / SLICES as f64, freedom))
+            .map(|i| student_t::bound(i as f64 / SLICES as f64, freedom))
             .collect();
         let pixels = depth
             .values()
@@ -97,10 +98,11 @@ impl Certainty {
             let level = bounds.partition_point(|bound| bound * scale <= *error);
             certainty.levels[level] += 1;
             let scale = scale.max(LEAST);
-            let surprise = student::surprise((error / scale).powi(2), freedom) + scale.ln();
-            certainty.surprise = certainty
-                .surprise
-                .saturating_add((PARTS * surprise).round() as i64);
+            let neg_log_likelihood =
+                student_t::neg_log_likelihood((error / scale).powi(2), freedom) + scale.ln();
+            certainty.neg_log_likelihood = certainty
+                .neg_log_likelihood
+                .saturating_add((PARTS * neg_log_likelihood).round() as i64);
         }
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
         slice(&mut certainty.predicted, &pairs);
@@ -116,7 +118,9 @@ impl Certainty {
         for (own, other) in self.levels.iter_mut().zip(&other.levels) {
             *own = own.saturating_add(*other);
         }
-        self.surprise = self.surprise.saturating_add(other.surprise);
+        self.neg_log_likelihood = self
+            .neg_log_likelihood
+            .saturating_add(other.neg_log_likelihood);
         for (own, others) in [
             (&mut self.predicted, &other.predicted),
             (&mut self.ideal, &other.ideal),
@@ -153,8 +157,8 @@ impl Certainty {
 
     /// The mean of minus the logarithm of the predicted density of the errors, per metre: the lower,
     /// the better.
-    pub fn surprise(&self) -> f64 {
-        self.surprise as f64 / PARTS / self.pixels().max(1) as f64
+    pub fn neg_log_likelihood(&self) -> f64 {
+        self.neg_log_likelihood as f64 / PARTS / self.pixels().max(1) as f64
     }
 
     /// The RMSE in metres of what is left of each frame when the given share of its most uncertain
@@ -214,8 +218,8 @@ mod tests {
     use super::*;
     use lsdc_rng::Rng;
 
-    fn normal(deviations: DepthMap) -> Foretold {
-        Foretold {
+    fn normal(deviations: DepthMap) -> PredictedErrors {
+        PredictedErrors {
             deviations,
             freedom: None,
         }
@@ -254,7 +258,7 @@ mod tests {
         }
         // The entropy of a normal distribution, ln(sd) + ln(2 pi e) / 2, over both halves.
         let entropy = 0.5 * (0.05_f64.ln() + 0.3_f64.ln()) + 1.418_938_5;
-        let found = drawn(1.0, true).surprise();
+        let found = drawn(1.0, true).neg_log_likelihood();
         assert!((found - entropy).abs() < 0.015, "{found} {entropy}");
     }
 
@@ -269,7 +273,7 @@ mod tests {
             1000.0 + (std::f32::consts::PI * (u - 0.5)).tan()
         });
         let map = |values: Vec<f32>| DepthMap::new(100, 100, values).unwrap();
-        let foretold = Foretold {
+        let foretold = PredictedErrors {
             deviations: map(vec![unit; size]),
             freedom: Some(1.0),
         };

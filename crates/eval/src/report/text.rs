@@ -83,7 +83,7 @@ impl Report {
                      half {:.4} m; AUSE {:.3} of the RMSE, {:.3} of that of a random order",
                     100.0 * one,
                     100.0 * two,
-                    certainty.surprise(),
+                    certainty.neg_log_likelihood(),
                     curve[0].1,
                     curve[SLICES / 4].1,
                     curve[SLICES / 2].1,

@@ -8,6 +8,7 @@ mod pattern;
 mod preset;
 mod protocol;
 mod resize;
+mod size;
 mod task;
 
 pub use hold_out::HoldOut;
@@ -15,6 +16,7 @@ pub use noise::Noise;
 pub use occlusion::Occlusion;
 pub use pattern::Pattern;
 pub use preset::Preset;
-pub use protocol::{Anchor, Jumps, Protocol, Size};
+pub use protocol::{Anchor, Jumps, Protocol};
 pub use resize::{Interpolation, move_points, resize_depth, resize_rgb};
+pub use size::Size;
 pub use task::Task;

@@ -1,26 +1,12 @@
 //! How a frame is brought to the size at which it is measured, and which depths count.
 
+use super::Size;
 use super::occlusion::Occlusion;
 use super::resize::{Interpolation, move_points, resize_depth, resize_rgb, sources_of_points};
 use crate::data::{DepthMap, Frame, Place};
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
-
-/// Rows and columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Size {
-    /// Rows.
-    pub height: usize,
-    /// Columns.
-    pub width: usize,
-}
-
-impl Display for Size {
-    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}x{}", self.height, self.width)
-    }
-}
 
 /// Which part of a frame a crop keeps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,8 +1,8 @@
 //! How many basis functions, and how the position is encoded: one network for each, trained from the
 //! same seed on an equal budget.
 
-use super::cell::{Cell, EPOCHS, Trained};
-use super::{Lab, Study};
+use super::trial::{EPOCHS, Trained, Trial};
+use super::{ExperimentContext, Study};
 use burn::tensor::Device;
 use lsdc_core::network::NetworkConfig;
 use lsdc_eval::metrics::Metric;
@@ -22,17 +22,17 @@ struct Family<'a> {
     labels: Vec<String>,
     /// Places among the cells.
     members: Vec<usize>,
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
 }
 
 pub(super) struct Ablation<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     cells: Vec<Trained<'a>>,
     families: Vec<Family<'a>>,
 }
 
 impl<'a> Ablation<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Result<Self> {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Result<Self> {
         let frames = (lab.recipe.frames)()?;
         let base = &lab.recipe.network;
         let mut cells: Vec<Trained<'a>> = Vec::new();
@@ -100,8 +100,8 @@ impl<'a> Ablation<'a> {
 }
 
 impl Study for Ablation<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
-        self.cells.iter().map(|cell| cell as &dyn Cell).collect()
+    fn cells(&self) -> Vec<&dyn Trial> {
+        self.cells.iter().map(|cell| cell as &dyn Trial).collect()
     }
 
     fn section(&self) -> Result<Section> {

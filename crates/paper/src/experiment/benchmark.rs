@@ -1,7 +1,7 @@
 //! Errors beside other methods (Fang et al., table 1).
 
-use super::cell::{Cell, Measured};
-use super::{Lab, Study, published};
+use super::trial::{Measured, Trial};
+use super::{ExperimentContext, Study, published};
 use lsdc_eval::evaluation::Candidate;
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::predict::{Classic, Method};
@@ -31,13 +31,13 @@ const METRICS: [Metric; 7] = [
 ];
 
 pub(super) struct Benchmark<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     methods: Measured<'a>,
     plain: Measured<'a>,
 }
 
 impl<'a> Benchmark<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         let others = lab.predictions.iter();
         let others = others.map(|(name, folder)| (name.clone(), Candidate::Files(folder.clone())));
         Self {
@@ -51,7 +51,7 @@ impl<'a> Benchmark<'a> {
 }
 
 impl Study for Benchmark<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
+    fn cells(&self) -> Vec<&dyn Trial> {
         vec![&self.methods, &self.plain]
     }
 

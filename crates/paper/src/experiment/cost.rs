@@ -1,7 +1,7 @@
 //! Parameters and times (Fang et al., table 5).
 
-use super::cell::{Cell, Progress};
-use super::{Lab, Study, published};
+use super::trial::{Progress, Trial};
+use super::{ExperimentContext, Study, published};
 use crate::systems::Predictor;
 use burn::module::Module as _;
 use lsdc_core::Completer;
@@ -46,7 +46,7 @@ fn room(size: Size) -> Result<Frame> {
 
 /// What is measured, once.
 pub(super) struct Timed<'a> {
-    pub(super) lab: &'a Lab,
+    pub(super) lab: &'a ExperimentContext,
     pub(super) name: String,
     /// Changes with everything that is not the lab's.
     pub(super) label: String,
@@ -203,7 +203,7 @@ fn time_whole(complete: impl Fn() -> Result<DepthMap>) -> Result<f64> {
     median_ms(times.into_iter())
 }
 
-impl Cell for Timed<'_> {
+impl Trial for Timed<'_> {
     fn name(&self) -> &str {
         &self.name
     }
@@ -229,16 +229,19 @@ impl Cell for Timed<'_> {
 }
 
 pub(super) struct Cost<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     cells: Vec<Timed<'a>>,
 }
 
 impl<'a> Cost<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         let mut cells = Vec::new();
         for size in SIZES {
             let mut subjects = vec![
-                ("lsdc".to_owned(), Subject::Lab { full: false }),
+                (
+                    "lsdc".to_owned(),
+                    Subject::Lab { full: false },
+                ),
                 ("the paper's network and fit".to_owned(), Subject::Paper),
             ];
             if size != SIZES[0] {
@@ -268,8 +271,8 @@ impl<'a> Cost<'a> {
 }
 
 impl Study for Cost<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
-        self.cells.iter().map(|cell| cell as &dyn Cell).collect()
+    fn cells(&self) -> Vec<&dyn Trial> {
+        self.cells.iter().map(|cell| cell as &dyn Trial).collect()
     }
 
     fn section(&self) -> Result<Section> {

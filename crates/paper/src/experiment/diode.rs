@@ -1,8 +1,8 @@
 //! The same weights on DIODE (Fang et al., table 4).
 
 use super::benchmark::all;
-use super::cell::{Cell, Measured};
-use super::{Lab, Study, published};
+use super::trial::{Measured, Trial};
+use super::{ExperimentContext, Study, published};
 use lsdc_eval::data::Place;
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::report::{Column, Contest, Row, Section, Table};
@@ -14,11 +14,11 @@ const METRICS: [Metric; 4] = [Metric::Rmse, Metric::Rel, Metric::Delta1, Metric:
 
 pub(super) struct Diode<'a> {
     cells: Vec<(Preset, Measured<'a>)>,
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
 }
 
 impl<'a> Diode<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Result<Self> {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Result<Self> {
         let mut cells = Vec::new();
         for name in PRESETS {
             let (preset, Some(frames)) = (Preset::named(name)?, &lab.diode) else {
@@ -35,10 +35,10 @@ impl<'a> Diode<'a> {
 }
 
 impl Study for Diode<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
+    fn cells(&self) -> Vec<&dyn Trial> {
         self.cells
             .iter()
-            .map(|(_, cell)| cell as &dyn Cell)
+            .map(|(_, cell)| cell as &dyn Trial)
             .collect()
     }
 

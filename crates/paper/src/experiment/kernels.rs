@@ -1,7 +1,7 @@
 //! What basis functions look like, and which pixels they take for alike.
 
-use super::cell::Cell;
-use super::{Lab, Study};
+use super::trial::Trial;
+use super::{ExperimentContext, Study};
 use lsdc_eval::report::{Panels, Section, contact_sheet, kernels, signed_scale};
 use lsdc_files::error::Result;
 
@@ -9,17 +9,17 @@ use lsdc_files::error::Result;
 const FRAMES: usize = 3;
 
 pub(super) struct Kernels<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
 }
 
 impl<'a> Kernels<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         Self { lab }
     }
 }
 
 impl Study for Kernels<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
+    fn cells(&self) -> Vec<&dyn Trial> {
         Vec::new()
     }
 

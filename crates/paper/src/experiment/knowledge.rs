@@ -1,8 +1,8 @@
 //! What the knowledge of a network is worth: the weights that there are, for few and many points.
 
-use super::cell::{Cell, Measured};
 use super::cost::{POINTS, SIZES, Subject, Timed};
-use super::{Lab, Study};
+use super::trial::{Measured, Trial};
+use super::{ExperimentContext, Study};
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table};
 use lsdc_eval::sampling::Pattern;
@@ -18,7 +18,7 @@ const WEIGHTS: [&str; 4] = ["none", "small", "default", "anything"];
 const GUIDED: [&str; 2] = ["none", "default"];
 
 /// Some weights, measured.
-struct Contestant<'a> {
+struct ComparedWeights<'a> {
     name: String,
     /// Parameters in millions, those of a pretrained encoder not counted.
     parameters: f64,
@@ -27,19 +27,19 @@ struct Contestant<'a> {
 }
 
 pub(super) struct Knowledge<'a> {
-    lab: &'a Lab,
-    contestants: Vec<Contestant<'a>>,
+    lab: &'a ExperimentContext,
+    contestants: Vec<ComparedWeights<'a>>,
     /// Weights that cannot be opened, and why.
     missing: Vec<String>,
 }
 
 impl<'a> Knowledge<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         let (mut contestants, mut missing) = (Vec::new(), Vec::new());
         let guided = GUIDED.into_iter().filter(|_| lab.guides.is_some());
         let all = WEIGHTS.into_iter().map(|name| (name, false));
         for (name, guided) in all.chain(guided.map(|name| (name, true))) {
-            match Contestant::new(lab, name, guided) {
+            match ComparedWeights::new(lab, name, guided) {
                 Ok(contestant) => contestants.push(contestant),
                 Err(error) => missing.push(format!("`{name}` is left out: {error}.")),
             }
@@ -114,8 +114,8 @@ impl<'a> Knowledge<'a> {
     }
 }
 
-impl<'a> Contestant<'a> {
-    fn new(lab: &'a Lab, weights: &str, guided: bool) -> Result<Self> {
+impl<'a> ComparedWeights<'a> {
+    fn new(lab: &'a ExperimentContext, weights: &str, guided: bool) -> Result<Self> {
         let path = Some(Path::new(weights));
         let completer = open_completer(path, &lab.device.0)?;
         let label = weights_name(path)?;
@@ -159,11 +159,11 @@ impl<'a> Contestant<'a> {
 }
 
 impl Study for Knowledge<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
-        let mut cells: Vec<&dyn Cell> = Vec::new();
+    fn cells(&self) -> Vec<&dyn Trial> {
+        let mut cells: Vec<&dyn Trial> = Vec::new();
         for contestant in &self.contestants {
-            cells.extend(contestant.errors.iter().map(|cell| cell as &dyn Cell));
-            cells.extend(contestant.times.iter().map(|cell| cell as &dyn Cell));
+            cells.extend(contestant.errors.iter().map(|cell| cell as &dyn Trial));
+            cells.extend(contestant.times.iter().map(|cell| cell as &dyn Trial));
         }
         cells
     }

@@ -3,7 +3,7 @@
 
 mod ablation;
 mod benchmark;
-mod cell;
+mod context;
 mod cost;
 mod diode;
 mod kernels;
@@ -16,24 +16,17 @@ mod scale;
 mod systems;
 #[cfg(test)]
 mod tests;
+mod trial;
 mod uncertainty;
 
-use crate::systems::{Predictor, SystemConfig};
-use burn::tensor::Device;
-use cell::Cell;
-use lsdc_core::Completer;
-use lsdc_core::fit::FitConfig;
-use lsdc_core::network::NetworkConfig;
-use lsdc_eval::data::{Dataset, GuideSource};
-use lsdc_eval::metrics::Rules;
+pub use context::{ExperimentContext, Recipe, SystemRecipe};
+
 use lsdc_eval::report::Section;
-use lsdc_eval::sampling::Preset;
 use lsdc_files::error::{Error, Result};
-use lsdc_train::training::TrainConfig;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 use std::time::{Duration, Instant};
+use trial::{Study, Trial};
 
 /// A question of the paper (Fang et al., section 4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,7 +93,7 @@ impl Experiment {
     }
 
     /// The experiment's parts.
-    fn prepare<'a>(self, lab: &'a Lab) -> Result<Box<dyn Study + 'a>> {
+    fn prepare<'a>(self, lab: &'a ExperimentContext) -> Result<Box<dyn Study + 'a>> {
         Ok(match self {
             Self::Benchmark => Box::new(benchmark::Benchmark::new(lab)),
             Self::Ablation => Box::new(ablation::Ablation::new(lab)?),
@@ -116,80 +109,6 @@ impl Experiment {
             Self::Systems => Box::new(systems::Systems::new(lab)?),
         })
     }
-}
-
-/// What experiments work with.
-pub struct Lab {
-    /// Where everything is kept: records of parts below `cells`, trained networks below `runs`.
-    pub folder: PathBuf,
-    /// The dataset and split in words.
-    pub dataset: String,
-    /// The frames to measure on.
-    pub frames: Arc<dyn Dataset>,
-    /// Their protocol.
-    pub preset: Preset,
-    /// What the measures leave open.
-    pub rules: Rules,
-    /// Only the first frames.
-    pub limit: Option<usize>,
-    /// Names the draws of points.
-    pub seeds: Vec<u64>,
-    /// The network and its fit.
-    pub completer: Completer,
-    /// Its weights in words.
-    pub weights: String,
-    /// The shape of the network.
-    pub network: NetworkConfig,
-    /// Guides for the experiment `knowledge`, by the names of frames.
-    pub guides: Option<GuideSource>,
-    /// Depth maps of other programs for the benchmark, by name.
-    pub predictions: Vec<(String, PathBuf)>,
-    /// Trained systems for the experiment `systems`, by name; none: it trains them.
-    pub systems: Vec<(String, Predictor)>,
-    /// DIODE, and where it lies in words, if there is one.
-    pub diode: Option<Arc<dyn Dataset>>,
-    /// How the ablation trains.
-    pub recipe: Recipe,
-    /// Where to compute, and its name.
-    pub device: (Device, String),
-    /// What numbers depend on beside the settings here: where datasets lie and how they are opened.
-    /// What was measured from something else is not used again.
-    pub place: serde_json::Value,
-    /// How long each part is tried, to foretell the time of the rest.
-    pub trial: Duration,
-}
-
-/// How networks are trained, and on what.
-pub struct Recipe {
-    /// The network that is changed in one way or another.
-    pub network: NetworkConfig,
-    /// The fit to train through.
-    pub fit: FitConfig,
-    /// The settings of all trainings.
-    pub train: TrainConfig,
-    /// The systems that are trained beside it.
-    pub systems: Vec<SystemRecipe>,
-    /// The frames to learn from, opened when they are needed.
-    pub frames: Box<dyn Fn() -> Result<Arc<dyn Dataset>>>,
-}
-
-/// How a system is trained.
-pub struct SystemRecipe {
-    /// Its name in tables.
-    pub name: String,
-    /// The system and its sizes.
-    pub system: SystemConfig,
-    /// Its own settings, with the steps, images and frames of the others.
-    pub train: TrainConfig,
-}
-
-/// An experiment whose parts are known.
-trait Study {
-    /// The parts.
-    fn cells(&self) -> Vec<&dyn Cell>;
-
-    /// What was found, once all parts are done.
-    fn section(&self) -> Result<Section>;
 }
 
 /// What happens while experiments run.
@@ -227,7 +146,7 @@ pub enum Event<'a> {
 /// folder that cannot be written.
 pub fn run(
     experiments: &[Experiment],
-    lab: &Lab,
+    lab: &ExperimentContext,
     mut tell: impl FnMut(Event<'_>) -> ControlFlow<()>,
 ) -> Result<Option<Vec<Section>>> {
     for folder in [&lab.folder, &lab.cells(), &lab.runs()] {
@@ -237,7 +156,7 @@ pub fn run(
         .iter()
         .map(|experiment| experiment.prepare(lab))
         .collect::<Result<_>>()?;
-    let cells: Vec<&dyn Cell> = studies.iter().flat_map(|study| study.cells()).collect();
+    let cells: Vec<&dyn Trial> = studies.iter().flat_map(|study| study.cells()).collect();
 
     let mut kept = 0;
     for cell in &cells {
@@ -300,7 +219,7 @@ pub fn run(
 }
 
 /// Lets a part go on for a moment; how long the rest of it will take. What the trial measures is kept.
-fn try_out(cell: &dyn Cell, trial: Duration) -> Result<Duration> {
+fn try_out(cell: &dyn Trial, trial: Duration) -> Result<Duration> {
     let mut first: Option<(Instant, f64)> = None;
     let mut left = Duration::ZERO;
     cell.run(&mut |share| {
@@ -316,34 +235,6 @@ fn try_out(cell: &dyn Cell, trial: Duration) -> Result<Duration> {
         }
     })?;
     Ok(left)
-}
-
-impl Lab {
-    fn cells(&self) -> PathBuf {
-        self.folder.join("cells")
-    }
-
-    fn runs(&self) -> PathBuf {
-        self.folder.join("runs")
-    }
-
-    /// The file of a part.
-    fn cell(&self, name: &str, ending: &str) -> PathBuf {
-        self.cells().join(format!("{name}.{ending}"))
-    }
-
-    /// What all experiments on the dataset have in common, in words.
-    fn about(&self) -> String {
-        let frames = self.frames.len().min(self.limit.unwrap_or(usize::MAX));
-        let draws = match self.seeds.len() {
-            1 => "one draw of points".to_owned(),
-            n => format!("mean of {n} draws of points"),
-        };
-        format!(
-            "{}, {frames} frames, protocol {} ({}), {draws}; {}.",
-            self.dataset, self.preset.name, self.preset.protocol, self.weights
-        )
-    }
 }
 
 /// Takes away what an earlier run of these experiments measured.

@@ -1,8 +1,8 @@
 //! Wrong points, with and without robust losses (Fang et al., section 4.4).
 
 use super::benchmark::{RIVALS, all};
-use super::cell::{Cell, Measured};
-use super::{Lab, Study, published};
+use super::trial::{Measured, Trial};
+use super::{ExperimentContext, Study, published};
 use lsdc_core::fit::{Loss, Robust};
 use lsdc_eval::metrics::{Metric, Scores};
 use lsdc_eval::report::{Column, Contest, Panels, Row, Section, Table};
@@ -48,7 +48,7 @@ const COMPARED: [Option<Loss>; 4] = [
 ];
 
 pub(super) struct NoiseStudy<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     clean: Measured<'a>,
     noisy: Measured<'a>,
     robust: Vec<(Loss, Measured<'a>)>,
@@ -59,7 +59,7 @@ pub(super) struct NoiseStudy<'a> {
 }
 
 impl<'a> NoiseStudy<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         let cell = |name: &str| Measured::new(lab, name).points(Pattern::Exactly(POINTS));
         let robust = |loss: Loss| {
             let cell = cell(&format!("noise-{}", loss.name()))
@@ -95,11 +95,11 @@ impl<'a> NoiseStudy<'a> {
 }
 
 impl Study for NoiseStudy<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
-        let mut cells: Vec<&dyn Cell> = vec![&self.clean, &self.noisy];
-        cells.extend(self.robust.iter().map(|(_, cell)| cell as &dyn Cell));
+    fn cells(&self) -> Vec<&dyn Trial> {
+        let mut cells: Vec<&dyn Trial> = vec![&self.clean, &self.noisy];
+        cells.extend(self.robust.iter().map(|(_, cell)| cell as &dyn Trial));
         let more = self.others.iter().chain(&self.untouched).flatten();
-        cells.extend(more.map(|cell| cell as &dyn Cell));
+        cells.extend(more.map(|cell| cell as &dyn Trial));
         cells
     }
 

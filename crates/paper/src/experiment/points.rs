@@ -1,8 +1,8 @@
 //! Errors against the number of points.
 
 use super::benchmark;
-use super::cell::{Cell, Measured};
-use super::{Lab, Study};
+use super::trial::{Measured, Trial};
+use super::{ExperimentContext, Study};
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::report::{Chart, Column, Contest, Line, Row, Scales, Section, Table};
 use lsdc_eval::sampling::Pattern;
@@ -11,12 +11,12 @@ use lsdc_files::error::Result;
 const COUNTS: [usize; 9] = [50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000];
 
 pub(super) struct Points<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     cells: Vec<Measured<'a>>,
 }
 
 impl<'a> Points<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         let cell = |count: usize| {
             Measured::new(lab, format!("points-{count}"))
                 .methods(&benchmark::all())
@@ -30,8 +30,8 @@ impl<'a> Points<'a> {
 }
 
 impl Study for Points<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
-        self.cells.iter().map(|cell| cell as &dyn Cell).collect()
+    fn cells(&self) -> Vec<&dyn Trial> {
+        self.cells.iter().map(|cell| cell as &dyn Trial).collect()
     }
 
     fn section(&self) -> Result<Section> {

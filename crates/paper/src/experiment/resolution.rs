@@ -1,8 +1,8 @@
 //! Depth at three times the resolution of the image (Fang et al., section 4.5, table 3).
 
 use super::benchmark::RIVALS;
-use super::cell::{Cell, Measured};
-use super::{Lab, Study, published};
+use super::trial::{Measured, Trial};
+use super::{ExperimentContext, Study, published};
 use lsdc_eval::evaluation::{Candidate, Enlargement};
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::predict::Method;
@@ -27,13 +27,13 @@ pub(super) const POINTS: usize = 500;
 pub(super) const METRICS: [Metric; 4] = [Metric::Rmse, Metric::Rel, Metric::See, Metric::Delta1];
 
 pub(super) struct Resolution<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     small: Measured<'a>,
     plain: Measured<'a>,
 }
 
 impl<'a> Resolution<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         let protocol = protocol(lab);
         let cell = |name: &str| {
             Measured::new(lab, name)
@@ -64,7 +64,7 @@ impl<'a> Resolution<'a> {
 }
 
 /// Frames at the higher resolution.
-pub(super) fn protocol(lab: &Lab) -> Protocol {
+pub(super) fn protocol(lab: &ExperimentContext) -> Protocol {
     Protocol {
         cut: lab.preset.name.starts_with("nyu").then_some(INSIDE),
         resize: Some(LARGE),
@@ -82,7 +82,7 @@ pub(super) fn enlarged(name: String, method: Method, by: Enlargement) -> (String
 }
 
 impl Study for Resolution<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
+    fn cells(&self) -> Vec<&dyn Trial> {
         vec![&self.small, &self.plain]
     }
 

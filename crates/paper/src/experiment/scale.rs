@@ -1,8 +1,8 @@
 //! Errors against the scale of the depths.
 
-use super::cell::{Cell, Measured};
 use super::points::{axis, compare};
-use super::{Lab, Study};
+use super::trial::{Measured, Trial};
+use super::{ExperimentContext, Study};
 use lsdc_eval::data::{Dataset, DepthMap, Frame, FrameId};
 use lsdc_eval::metrics::Metric;
 use lsdc_eval::predict::{Classic, Method};
@@ -20,12 +20,12 @@ const METHODS: [Method; 3] = [
 ];
 
 pub(super) struct Scale<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     cells: Vec<Measured<'a>>,
 }
 
 impl<'a> Scale<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         let cell = |factor: f32| {
             let frames = Arc::new(Scaled {
                 frames: lab.frames.clone(),
@@ -43,8 +43,8 @@ impl<'a> Scale<'a> {
 }
 
 impl Study for Scale<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
-        self.cells.iter().map(|cell| cell as &dyn Cell).collect()
+    fn cells(&self) -> Vec<&dyn Trial> {
+        self.cells.iter().map(|cell| cell as &dyn Trial).collect()
     }
 
     fn section(&self) -> Result<Section> {

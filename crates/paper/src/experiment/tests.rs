@@ -1,13 +1,18 @@
 use super::systems::tests::recipes;
 use super::*;
 use burn::tensor::Device;
-use lsdc_core::network::ExtractorConfig;
-use lsdc_eval::data::{Frame, FrameId, Rooms, RoomsConfig, Split};
-use lsdc_eval::sampling::{Pattern, Protocol};
+use lsdc_core::Completer;
+use lsdc_core::fit::FitConfig;
+use lsdc_core::network::{ExtractorConfig, NetworkConfig};
+use lsdc_eval::data::{Dataset, Frame, FrameId, Rooms, RoomsConfig, Split};
+use lsdc_eval::metrics::Rules;
+use lsdc_eval::sampling::{Pattern, Preset, Protocol};
 use lsdc_train::sample::SupervisionConfig;
+use lsdc_train::training::TrainConfig;
+use std::sync::Arc;
 
 /// Small rooms, and trainings of a few steps.
-pub(super) fn lab(folder: &Path) -> Lab {
+pub(super) fn lab(folder: &Path) -> ExperimentContext {
     let config = RoomsConfig {
         train: 8,
         width: 64,
@@ -43,7 +48,7 @@ pub(super) fn lab(folder: &Path) -> Lab {
         ridge: 1e-4,
         ..FitConfig::default()
     };
-    Lab {
+    ExperimentContext {
         folder: folder.to_owned(),
         dataset: "rooms val".into(),
         frames: Arc::new(Rooms::new(Split::Val, &config).unwrap()),
@@ -76,7 +81,11 @@ pub(super) fn go_on(_: Event<'_>) -> ControlFlow<()> {
 }
 
 /// The sections of experiments that were broken off after some events, `more` events later every time.
-pub(super) fn interrupted(experiments: &[Experiment], lab: &Lab, more: usize) -> Vec<Section> {
+pub(super) fn interrupted(
+    experiments: &[Experiment],
+    lab: &ExperimentContext,
+    more: usize,
+) -> Vec<Section> {
     let mut stops = 0;
     loop {
         let mut left = more * (stops + 1);
@@ -138,7 +147,7 @@ fn a_folder_of_other_settings_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let first = lab(folder.path());
     run(&[Experiment::Scale], &first, go_on).unwrap();
-    let other = Lab {
+    let other = ExperimentContext {
         seeds: vec![1],
         ..lab(folder.path())
     };
@@ -146,11 +155,11 @@ fn a_folder_of_other_settings_is_refused() {
     // Every constant of the fit counts, and where the frames lie.
     let mut fit = *first.completer.fit_config();
     fit.joint.data *= 2.0;
-    let refit = Lab {
+    let refit = ExperimentContext {
         completer: first.completer.clone().with_fit(fit),
         ..lab(folder.path())
     };
-    let moved = Lab {
+    let moved = ExperimentContext {
         place: serde_json::json!({ "folder": "/elsewhere" }),
         ..lab(folder.path())
     };
@@ -234,7 +243,7 @@ fn frames_that_fail_are_named_once() {
     };
     let frames = Torn(Rooms::new(Split::Val, &config).unwrap());
     let name = frames.id(1).clone();
-    let lab = Lab {
+    let lab = ExperimentContext {
         frames: Arc::new(frames),
         ..whole
     };

@@ -1,7 +1,7 @@
 //! Whether predicted standard deviations hold, for few and many points in different patterns.
 
-use super::cell::{Cell, Measured};
-use super::{Lab, Study};
+use super::trial::{Measured, Trial};
+use super::{ExperimentContext, Study};
 use lsdc_eval::metrics::{Certainty, Metric};
 use lsdc_eval::report::{Column, Contest, Row, Section, Table};
 use lsdc_eval::sampling::Pattern;
@@ -30,12 +30,12 @@ const PATTERNS: [Pattern; 18] = [
 ];
 
 pub(super) struct Uncertainty<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     cells: Vec<(String, Measured<'a>)>,
 }
 
 impl<'a> Uncertainty<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
         let cell = |pattern: Pattern| {
             let name = String::from(pattern.clone());
             let cell = Measured::new(lab, format!("uncertainty-{}", name.replace(':', "-")))
@@ -51,9 +51,9 @@ impl<'a> Uncertainty<'a> {
 }
 
 impl Study for Uncertainty<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
+    fn cells(&self) -> Vec<&dyn Trial> {
         let cells = self.cells.iter();
-        cells.map(|(_, cell)| cell as &dyn Cell).collect()
+        cells.map(|(_, cell)| cell as &dyn Trial).collect()
     }
 
     fn section(&self) -> Result<Section> {
@@ -103,7 +103,7 @@ fn row(pattern: &str, rmse: f64, certainty: &Certainty) -> Row {
         rmse,
         100.0 * one,
         100.0 * two,
-        certainty.surprise(),
+        certainty.neg_log_likelihood(),
         certainty.ause_of_random(),
     ];
     Row {

@@ -4,7 +4,7 @@
 use super::layers::{UpConv, UpConvNorm};
 use super::resnet::{Depth, ResNet, check_width};
 use super::s2d::UpProj;
-use super::{Said, Seen, System};
+use super::{System, SystemInput, SystemOutput};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use burn::tensor::activation::relu;
@@ -128,7 +128,7 @@ impl Cspn {
 }
 
 impl System for Cspn {
-    fn say(&self, seen: &Seen) -> Said {
+    fn predict(&self, seen: &SystemInput) -> SystemOutput {
         let [_, height, width, _] = seen.images.dims();
         let levels = self.resnet.forward(seen.together());
         let [first, second, third, deepest] = levels.stages;
@@ -141,7 +141,7 @@ impl System for Cspn {
         let affinity = self.affinity.forward(x.clone(), (height, width));
         let depth = self.depth.forward(x, (height, width)).squeeze_dim(3);
         let depth = propagate(shares(affinity), depth, seen.sparse.clone(), self.steps);
-        Said::alone(depth)
+        SystemOutput::alone(depth)
     }
 }
 

@@ -4,7 +4,7 @@
 
 use super::layers::{Biased, largest, stretched};
 use super::regression::{Kernels, Neighbourhood};
-use super::{Said, Seen, System};
+use super::{System, SystemInput, SystemOutput};
 use burn::module::Module;
 use burn::tensor::activation::{sigmoid, softmax};
 use burn::tensor::{Tensor, TensorData};
@@ -122,7 +122,7 @@ impl Lsk {
     }
 
     /// What the network says of the pixels of the points `[n, points, 3]`.
-    fn at_points(&self, seen: &Seen, pixels: &[Vec<u32>]) -> Tensor<3> {
+    fn at_points(&self, seen: &SystemInput, pixels: &[Vec<u32>]) -> Tensor<3> {
         let [n, height, width, _] = seen.images.dims();
         let count = pixels.first().map_or(0, Vec::len);
         if let Some(net) = &self.own {
@@ -145,7 +145,7 @@ impl Lsk {
 }
 
 impl System for Lsk {
-    fn say(&self, seen: &Seen) -> Said {
+    fn predict(&self, seen: &SystemInput) -> SystemOutput {
         /// No kernel is a line.
         const LEAST: f64 = 1e-5;
         /// Elongations and scales are below this.
@@ -163,12 +163,12 @@ impl System for Lsk {
         let depth = points.regress(&kernels, self.order);
         let depth = depth.reshape([n, height, width]);
         let Some(net) = &self.refine else {
-            return Said::alone(depth);
+            return SystemOutput::alone(depth);
         };
         let refined = net.forward(seen.images.clone(), depth.clone());
         // Points are kept as they are.
         let open = seen.sparse.clone().sign().neg() + 1.0;
-        Said {
+        SystemOutput {
             depth: refined * open + seen.sparse.clone(),
             before: Some(depth),
         }

@@ -164,14 +164,14 @@ impl SystemConfig {
 
 /// What a system sees of frames.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct SystemInput {
     /// Normalised colours `[n, height, width, 3]`.
     pub images: Tensor<4>,
     /// Measured depths `[n, height, width]` in metres; 0 = none.
     pub sparse: Tensor<3>,
 }
 
-impl Seen {
+impl SystemInput {
     /// The images of a batch with the points of each draw, draw by draw.
     pub fn of(batch: &Batch) -> Self {
         let [images, height, width] = batch.maps.dims();
@@ -203,14 +203,14 @@ impl Seen {
 
 /// What a system says of frames.
 #[derive(Clone, Debug)]
-pub struct Said {
+pub struct SystemOutput {
     /// Depths `[n, height, width]` in metres, which may be of any sign.
     pub depth: Tensor<3>,
     /// The same before the last part of a system of several, which learns of its own errors.
     pub before: Option<Tensor<3>>,
 }
 
-impl Said {
+impl SystemOutput {
     fn alone(depth: Tensor<3>) -> Self {
         Self {
             depth,
@@ -222,7 +222,7 @@ impl Said {
 /// A trainable system: image and measured depths to depth.
 pub trait System {
     /// The depths of some frames.
-    fn say(&self, seen: &Seen) -> Said;
+    fn predict(&self, seen: &SystemInput) -> SystemOutput;
 }
 
 /// The network of any of the systems.
@@ -238,11 +238,11 @@ pub enum Net {
 }
 
 impl System for Net {
-    fn say(&self, seen: &Seen) -> Said {
+    fn predict(&self, seen: &SystemInput) -> SystemOutput {
         match self {
-            Self::S2d(net) => net.say(seen),
-            Self::Cspn(net) => net.say(seen),
-            Self::Lsk(net) => net.say(seen),
+            Self::S2d(net) => net.predict(seen),
+            Self::Cspn(net) => net.predict(seen),
+            Self::Lsk(net) => net.predict(seen),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! A trained system as a method of completion.
 
-use super::{Net, Seen, System as _, Trained};
+use super::{Net, System as _, SystemInput, Trained};
 use burn::tensor::{Device, Tensor, TensorData};
 use image::RgbImage;
 use lsdc_core::RANGE;
@@ -135,7 +135,7 @@ impl Predictor {
         let normalisation = &loaded.trained.normalisation;
         let (height, width) = (sparse.height(), sparse.width());
         let points = TensorData::new(sparse.values().to_vec(), [1, height, width]);
-        let seen = Seen {
+        let seen = SystemInput {
             images: image_tensor(
                 &[rgb],
                 normalisation.mean,
@@ -147,7 +147,7 @@ impl Predictor {
         let (low, high) = sparse
             .range()
             .ok_or_else(|| Error::fit("there is no sparse depth"))?;
-        let depth = loaded.net.say(&seen).depth.into_data();
+        let depth = loaded.net.predict(&seen).depth.into_data();
         let (low, high) = (low / RANGE, high * RANGE);
         // Before it is resized: of a depth below 0 there would be none.
         let values = depth.iter::<f32>().map(|depth| depth.clamp(low, high));

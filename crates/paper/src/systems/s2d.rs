@@ -3,7 +3,7 @@
 
 use super::layers::{UpConvNorm, stretched};
 use super::resnet::{Depth, ResNet, check_width};
-use super::{Said, Seen, System};
+use super::{System, SystemInput, SystemOutput};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use burn::tensor::activation::relu;
@@ -126,7 +126,7 @@ impl S2d {
 }
 
 impl System for S2d {
-    fn say(&self, seen: &Seen) -> Said {
+    fn predict(&self, seen: &SystemInput) -> SystemOutput {
         let [_, height, width, _] = seen.images.dims();
         let [.., deepest] = self.resnet.forward(seen.together()).stages;
         let x = self.squeeze.forward(deepest);
@@ -142,6 +142,6 @@ impl System for S2d {
             }),
         };
         let depth = stretched(self.last.forward(x), (height, width));
-        Said::alone(depth.squeeze_dim(3))
+        SystemOutput::alone(depth.squeeze_dim(3))
     }
 }

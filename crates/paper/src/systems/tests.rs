@@ -1,7 +1,7 @@
 //! The systems beside `PyTorch` and torchvision: `scripts/golden_systems.py` makes the file, `scripts/peers/systems.py`
 //! restates the publications.
 
-use super::{Net, Seen, System as _, SystemConfig, begin};
+use super::{Net, System as _, SystemConfig, SystemInput, begin};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -57,7 +57,7 @@ fn floats(values: &[f64]) -> Vec<f32> {
 }
 
 impl Golden {
-    fn seen(&self, device: &Device) -> Seen {
+    fn seen(&self, device: &Device) -> SystemInput {
         let shape = [self.images, self.height, self.width];
         let pixels = self.height * self.width;
         let images = floats(&chirp(7, self.images * pixels * 3));
@@ -69,7 +69,7 @@ impl Golden {
             }
         }
         let images = TensorData::new(images, [shape[0], shape[1], shape[2], 3]);
-        Seen {
+        SystemInput {
             images: Tensor::from_data(images, device),
             sparse: Tensor::from_data(TensorData::new(sparse, shape), device),
         }
@@ -145,8 +145,8 @@ struct Trained {
 }
 
 impl Trained {
-    fn new(golden: &Golden, net: &Net, seen: &Seen) -> Self {
-        let said = net.say(seen);
+    fn new(golden: &Golden, net: &Net, seen: &SystemInput) -> Self {
+        let said = net.predict(seen);
         let along = |depth: &Tensor<3>| {
             let shape = depth.dims();
             let values = TensorData::new(chirp(11, shape.iter().product()), shape);
@@ -215,7 +215,7 @@ fn depths_and_gradients_are_those_of_pytorch() {
     for case in &golden.cases {
         let name = format!("{:?}", case.config);
         let device = Device::flex();
-        let said = case.net(&device).say(&golden.seen(&device));
+        let said = case.net(&device).predict(&golden.seen(&device));
         agree(&golden.some(&said.depth), &case.evaluated, 1e-4, &name);
 
         // The fast kernels, then numbers of twice the length.
@@ -224,7 +224,7 @@ fn depths_and_gradients_are_those_of_pytorch() {
         let single = Trained::new(&golden, &net, &seen);
         single.depths_agree(case, 1e-4);
         single.gradients_agree(case, 1e-3, 1e-5);
-        let seen = Seen {
+        let seen = SystemInput {
             images: seen.images.cast(DType::F64),
             sparse: seen.sparse.cast(DType::F64),
         };
@@ -341,7 +341,7 @@ fn running_statistics_follow_by_the_momentum_of_pytorch() {
     for case in &golden.cases {
         let net = case.config.init(0, &device).unwrap();
         let means = |net: &Net| -> Vec<f32> {
-            net.say(&seen);
+            net.predict(&seen);
             let values = named_values(net).into_iter();
             let means = values.filter(|(name, _)| name.ends_with("running_mean"));
             means.flat_map(|(_, values)| values).collect()

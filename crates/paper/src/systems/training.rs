@@ -1,6 +1,6 @@
 //! Systems as the subject of a training run.
 
-use super::{Net, Predictor, Seen, System as _, SystemConfig, Trained, begin};
+use super::{Net, Predictor, System as _, SystemConfig, SystemInput, Trained, begin};
 use burn::module::Module as _;
 use lsdc_eval::data::{Mixture, write_atomically};
 use lsdc_eval::predict::Completes;
@@ -72,7 +72,7 @@ pub struct Predicting {
 
 impl Objective<Net> for Predicting {
     fn losses(&self, net: &Net, batch: &Batch) -> Result<Losses> {
-        let said = net.say(&Seen::of(batch));
+        let said = net.predict(&SystemInput::of(batch));
         // A system of several parts learns from what the first of them say too.
         Ok(depth_losses(said.depth, said.before, batch, &self.loss))
     }

@@ -18,13 +18,13 @@ pub(super) struct AffinityNet {
     /// From the features of a pretrained encoder to what is added at the lowest resolution: nothing before training.
     pub(super) encoded: Option<Conv>,
     /// From the lowest resolution up.
-    pub(super) up: Vec<Rise>,
+    pub(super) up: Vec<UpBlock>,
     pub(super) last: Conv,
 }
 
 /// One level of the decoder.
 #[derive(Module, Debug)]
-pub(super) struct Rise {
+pub(super) struct UpBlock {
     /// From the channels of the level below.
     pub(super) narrow: Conv,
     pub(super) mix: [ConvNorm; 2],
@@ -53,7 +53,7 @@ impl AffinityNet {
             Conv::zero(channels, from, 1, pointwise, init)
         });
         let pairs = widths.windows(2).rev();
-        let up = pairs.map(|pair| Rise {
+        let up = pairs.map(|pair| UpBlock {
             narrow: Conv::init(pair[1], pair[0], 1, pointwise, init),
             mix: [0, 1].map(|_| ConvNorm::init(pair[0], pair[0], 3, same, init)),
         });

@@ -1,6 +1,6 @@
 //! The per-pixel MLP, and basis functions that can be read at any pixel of any output size.
 
-use super::extractor::Seen;
+use super::extractor::ExtractorOutput;
 use super::layers::{Hidden, Init, Linear};
 use super::{encoding, grid};
 use burn::module::Module;
@@ -48,12 +48,12 @@ impl BasisHead {
 /// and the MLP that turns them into values at any pixel of any output size (paper section 4.5).
 #[derive(Clone, Debug)]
 pub struct Bases {
-    seen: Seen,
+    seen: ExtractorOutput,
     head: BasisHead,
 }
 
 impl Bases {
-    pub(super) fn new(seen: Seen, head: BasisHead) -> Self {
+    pub(super) fn new(seen: ExtractorOutput, head: BasisHead) -> Self {
         Self { seen, head }
     }
 

@@ -135,7 +135,7 @@ pub(super) struct Sharpen {
 
 /// What an extractor yields.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct ExtractorOutput {
     /// `[batch, h, w, channels]`
     pub features: Tensor<4>,
     /// The logarithm of the map of depth that a backbone suggests, `[batch, h, w, 1]`, at the same resolution.
@@ -149,7 +149,7 @@ impl Extractor {
         decoder.forward(backbone.forward(images))
     }
 
-    /// The logarithm of the map of depth that the backbone suggests of images, as in [`Seen`], without the rest.
+    /// The logarithm of the map of depth that the backbone suggests of images, as in [`ExtractorOutput`], without the rest.
     pub(super) fn logarithm(&self, images: Tensor<4>) -> Option<Tensor<4>> {
         let [_, height, width, _] = images.dims();
         let layer = self.decoder.as_ref()?.map.as_ref()?;
@@ -163,7 +163,7 @@ impl Extractor {
     /// Images `[batch, height, width, 3]` to features `[batch, ceil(height / 4), ceil(width / 4), channels]`, or at half the
     /// resolution if they are sharpened. `encoded [batch, rows, columns, channels]` is what a pretrained
     /// encoder says of the images, for networks trained on one.
-    pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Seen {
+    pub fn forward(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> ExtractorOutput {
         let run = |x: Tensor<4>, blocks: &[Block]| blocks.iter().fold(x, |x, b| b.forward(x));
         let decoded = self.decoded(images.clone());
         let x = self
@@ -203,7 +203,7 @@ impl Extractor {
             Some(sharpen) => sharpen.forward(features, half),
         };
         let [_, height, width, _] = features.dims();
-        Seen {
+        ExtractorOutput {
             logarithm: logarithm.map(|map| enlarged(map, (height, width))),
             features,
         }

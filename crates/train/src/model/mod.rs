@@ -28,7 +28,7 @@ pub use adapters::Adapters;
 pub(crate) use bases::every;
 pub use bases::{Bases, BasisHead, HiddenBases};
 pub use encoding::encode;
-pub use extractor::{Extractor, Seen};
+pub use extractor::{Extractor, ExtractorOutput};
 pub use on_device::{AnyEncoder, OnDevice, encoded_tensor};
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;

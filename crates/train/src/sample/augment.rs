@@ -1,7 +1,7 @@
 //! Augmentation as in sparse-to-dense (Ma and Karaman 2018): zoom with the depth divided by it,
 //! rotation, mirroring, colour jitter; and if asked for, smaller images, grey ones, and flaws.
 
-use super::flaws::{Flaw, blurred, compressed, noisy};
+use super::degradations::{Degradation, blurred, compressed, noisy};
 use image::{Rgb, RgbImage};
 use lsdc_eval::data::{DepthMap, Frame, Target};
 use lsdc_eval::sampling::{Protocol, Size};
@@ -27,11 +27,11 @@ pub struct AugmentConfig {
     /// Probability of losing the colours.
     pub grey: f32,
     /// Gaussian blur: probability, and largest standard deviation in pixels.
-    pub blur: Flaw,
+    pub blur: Degradation,
     /// Noise: probability, and largest standard deviation in levels of 255.
-    pub noise: Flaw,
+    pub noise: Degradation,
     /// JPEG: probability, and by how much quality is below 100 at most.
-    pub compression: Flaw,
+    pub compression: Degradation,
 }
 
 impl Default for AugmentConfig {
@@ -56,9 +56,9 @@ impl AugmentConfig {
             mirror: 0.0,
             jitter: 0.0,
             grey: 0.0,
-            blur: Flaw::default(),
-            noise: Flaw::default(),
-            compression: Flaw::default(),
+            blur: Degradation::default(),
+            noise: Degradation::default(),
+            compression: Degradation::default(),
         }
     }
 
@@ -268,15 +268,15 @@ mod tests {
     fn grey_images_have_no_colours_and_all_that_is_random_comes_from_the_stream() {
         let config = AugmentConfig {
             grey: 0.5,
-            blur: Flaw {
+            blur: Degradation {
                 chance: 0.5,
                 most: 1.5,
             },
-            noise: Flaw {
+            noise: Degradation {
                 chance: 0.5,
                 most: 8.0,
             },
-            compression: Flaw {
+            compression: Degradation {
                 chance: 0.5,
                 most: 70.0,
             },

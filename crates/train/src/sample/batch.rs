@@ -1,7 +1,7 @@
 //! Samples to tensors.
 
-use super::Said;
-use super::patches::Sample;
+use super::images::image_tensor;
+use super::{EncoderOutput, Sample};
 use crate::model::encoded_tensor;
 use burn::tensor::{Device, Tensor, TensorData};
 use image::RgbImage;
@@ -61,7 +61,7 @@ impl Batch {
                 .hint("set `protocol.resize` or `protocol.crop` so that all frames are alike"));
         }
         let images: Vec<&RgbImage> = samples.iter().map(|s| &s.rgb).collect();
-        let said: Option<Vec<&Said>> = samples.iter().map(|s| s.said.as_ref()).collect();
+        let said: Option<Vec<&EncoderOutput>> = samples.iter().map(|s| s.said.as_ref()).collect();
         let encoded = said.as_ref().map(|said| {
             let features: Vec<&Encoded> = said.iter().map(|said| &said.features).collect();
             encoded_tensor(&features, device)
@@ -105,7 +105,7 @@ impl Batch {
 }
 
 /// The tokens that enter the first block that is trained, if each sample has them.
-fn entering(said: &[&Said], device: &Device) -> Option<Tensor<3>> {
+fn entering(said: &[&EncoderOutput], device: &Device) -> Option<Tensor<3>> {
     let tokens: Vec<&[f32]> = said
         .iter()
         .map(|said| said.entering.as_deref())
@@ -115,41 +115,6 @@ fn entering(said: &[&Said], device: &Device) -> Option<Tensor<3>> {
     let values = tokens.concat();
     let shape = [said.len(), count, values.len() / (said.len() * count)];
     Some(Tensor::from_data(TensorData::new(values, shape), device))
-}
-
-/// Images to `[batch, height, width, 3]`; colours become (value / 255 - mean) / deviation.
-///
-/// # Errors
-/// No image, or images of different sizes.
-pub fn image_tensor(
-    images: &[&RgbImage],
-    mean: [f32; 3],
-    deviation: [f32; 3],
-    device: &Device,
-) -> Result<Tensor<4>> {
-    let first = images
-        .first()
-        .ok_or_else(|| Error::shape("a batch needs an image"))?;
-    let (width, height) = first.dimensions();
-    if images.iter().any(|i| i.dimensions() != (width, height)) {
-        return Err(Error::shape("the images of a batch differ in size"));
-    }
-    let (width, height) = (width as usize, height as usize);
-    let values = images
-        .iter()
-        .flat_map(|image| image_values(image, mean, deviation))
-        .collect();
-    let shape = [images.len(), height, width, 3];
-    Ok(Tensor::from_data(TensorData::new(values, shape), device))
-}
-
-/// One image as `[height, width, 3]`; colours become (value / 255 - mean) / deviation.
-pub fn image_values(image: &RgbImage, mean: [f32; 3], deviation: [f32; 3]) -> Vec<f32> {
-    let tables: [[f32; 256]; 3] = std::array::from_fn(|c| {
-        std::array::from_fn(|v| (v as f32 / 255.0 - mean[c]) / deviation[c])
-    });
-    let colours = image.as_raw().iter().enumerate();
-    colours.map(|(i, &v)| tables[i % 3][v as usize]).collect()
 }
 
 fn matrix(values: Vec<f32>, shape: [usize; 2], device: &Device) -> Tensor<2> {

@@ -1,6 +1,6 @@
 //! What a pretrained encoder says of training images: computed once, then kept in files.
 
-use super::{Halves, image_values};
+use super::{F16Cache, image_values};
 use image::RgbImage;
 use lsdc_core::network::{Encoded, Encoder, EncoderConfig};
 use lsdc_core::weights::Normalisation;
@@ -15,14 +15,14 @@ use std::sync::Arc;
 pub struct Encoding {
     encoder: Arc<Encoder>,
     normalisation: Normalisation,
-    kept: Halves,
+    kept: F16Cache,
     /// The first block that is trained, if any is.
     trained: Option<usize>,
 }
 
 /// What an encoder says of an image, rounded to half precision, in which it is kept.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Said {
+pub struct EncoderOutput {
     /// The features.
     pub features: Encoded,
     /// The tokens that enter the first block that is trained, `[1 + rows x columns, width]`; nothing if none is.
@@ -39,7 +39,7 @@ impl Encoding {
         Self {
             encoder,
             normalisation,
-            kept: Halves::new(folder),
+            kept: F16Cache::new(folder),
             trained: None,
         }
     }
@@ -57,7 +57,7 @@ impl Encoding {
     ///
     /// # Errors
     /// A file that cannot be written, an image without pixels, or a block that the encoder does not have.
-    pub fn of(&self, rgb: &RgbImage) -> Result<Said> {
+    pub fn of(&self, rgb: &RgbImage) -> Result<EncoderOutput> {
         let size = (rgb.height() as usize, rgb.width() as usize);
         let (rows, columns) = Encoded::size(size);
         let EncoderConfig { width, .. } = *self.encoder.config();
@@ -78,7 +78,7 @@ impl Encoding {
                 Ok(self.encoder.encode_before(&image(), size, block)?)
             })
         };
-        Ok(Said {
+        Ok(EncoderOutput {
             features: Encoded {
                 rows,
                 columns,

@@ -35,7 +35,7 @@ pub struct Sampler {
     order: Order,
     config: SamplerConfig,
     encoding: Option<Encoding>,
-    kept: Arc<Kept>,
+    kept: Arc<FrameCache>,
 }
 
 impl Sampler {
@@ -156,9 +156,9 @@ impl Sampler {
 
 /// Frames in memory: to decode and scale one takes longer than all that is random.
 #[derive(Default)]
-struct Kept(Mutex<(HashMap<usize, Arc<Frame>>, usize)>);
+struct FrameCache(Mutex<(HashMap<usize, Arc<Frame>>, usize)>);
 
-impl Kept {
+impl FrameCache {
     /// Bytes in all: 1,900 frames of 240x320.
     const MOST: usize = 1 << 30;
 

@@ -2,18 +2,20 @@
 
 mod augment;
 mod batch;
+mod degradations;
 mod encoding;
-mod flaws;
-mod halves;
+mod f16_cache;
+mod images;
 mod loader;
 mod order;
 mod patches;
 
 pub use augment::AugmentConfig;
-pub use batch::{Batch, image_tensor, image_values};
-pub use encoding::{Encoding, Said};
-pub use flaws::Flaw;
-pub use halves::Halves;
+pub use batch::Batch;
+pub use degradations::Degradation;
+pub use encoding::{EncoderOutput, Encoding};
+pub use f16_cache::F16Cache;
+pub use images::{image_tensor, image_values};
 pub use loader::{Loader, Sampler, SamplerConfig};
 pub use order::Order;
 pub use patches::{Sample, SupervisionConfig};

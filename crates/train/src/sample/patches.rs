@@ -1,6 +1,6 @@
 //! Which pixels of a frame take part in a training step.
 
-use super::Said;
+use super::EncoderOutput;
 use image::RgbImage;
 use lsdc_eval::data::{DepthMap, Frame};
 use lsdc_files::error::{Error, Result};
@@ -59,7 +59,7 @@ pub struct Sample {
     /// The colour image.
     pub rgb: RgbImage,
     /// What a pretrained encoder says of it, for networks trained on one.
-    pub said: Option<Said>,
+    pub said: Option<EncoderOutput>,
     /// Pixels `y * width + x`: first the candidate points, then the patches row by row.
     pub pixels: Vec<u32>,
     /// The depth of each candidate point in metres; 0 = none.

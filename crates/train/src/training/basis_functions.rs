@@ -34,7 +34,7 @@ pub struct BasisFunctions {
     pub(super) encoder: Option<Arc<Encoder>>,
 }
 
-impl Trainer {
+impl Trainer<BasisFunctions> {
     /// Prepares a run in `folder`, which must exist. Several devices divide every batch among them;
     /// the first measures and calibrates.
     ///
@@ -82,7 +82,7 @@ impl Trainer {
 
 impl BasisFunctions {
     /// The network before the first step, and how many of its tensors the start weights do not have.
-    fn initial(&self, run: &Trainer, device: &Device) -> Result<(BasisNet, usize)> {
+    fn initial(&self, run: &Trainer<Self>, device: &Device) -> Result<(BasisNet, usize)> {
         let net = self.network.init(run.config.seed, device)?;
         let net = with_backbone(net, &self.network, &run.config.backbone)?;
         let Some(path) = &run.config.start else {
@@ -102,11 +102,11 @@ impl Subject for BasisFunctions {
         json!({ "network": self.network, "fit": self.fit })
     }
 
-    fn start(&self, run: &Trainer, device: &Device) -> Result<BasisNet> {
+    fn start(&self, run: &Trainer<Self>, device: &Device) -> Result<BasisNet> {
         Ok(self.initial(run, device)?.0)
     }
 
-    fn learner(&self, run: &Trainer, device: &Device) -> Result<Learner> {
+    fn learner(&self, run: &Trainer<Self>, device: &Device) -> Result<Learner> {
         let (net, new) = self.initial(run, device)?;
         if run.config.start.is_some() {
             tracing::info!(
@@ -120,7 +120,7 @@ impl Subject for BasisFunctions {
             .adapting(adapted_blocks(&self.network, device)?))
     }
 
-    fn completes(&self, run: &Trainer, net: &BasisNet) -> Result<Box<dyn Completes>> {
+    fn completes(&self, run: &Trainer<Self>, net: &BasisNet) -> Result<Box<dyn Completes>> {
         let weights = Weights::new(self.network.clone(), run.normalisation, BTreeMap::new());
         let network = OnDevice::new(
             net.valid(),
@@ -131,7 +131,7 @@ impl Subject for BasisFunctions {
         Ok(Box::new(completer.fit(self.fit).build()?))
     }
 
-    fn publish(&self, run: &Trainer, net: &BasisNet, record: Record) -> Result<()> {
+    fn publish(&self, run: &Trainer<Self>, net: &BasisNet, record: Record) -> Result<()> {
         let mut weights = weights_of(&net.valid(), self.network.clone(), run.normalisation);
         record.keep(&mut weights.notes, &run.folder)?;
         weights.notes.insert(TRAINING_NOTE.to_owned(), run.note()?);

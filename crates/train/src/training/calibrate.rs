@@ -1,7 +1,7 @@
 //! What is learned about basis functions once they are trained: which weights are likely, and how
 //! far predictions are off.
 
-use super::foresight::{Foresight, foresight};
+use super::error_calibration::{ErrorCalibration, foresight};
 use super::{Scenes, TrainConfig};
 use crate::predict;
 use burn::tensor::Device;
@@ -35,7 +35,7 @@ const SHARES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 const NUMBERS: [(usize, u64); COUNTS] = [(5, 8), (50, 2), (500, 1)];
 
 /// The shares of errors within intervals of 68.27 and 95.45 %, on scenes or frames left out ([`Scenes::unit`]), for each of
-/// [`NUMBERS`](super::foresight::NUMBERS).
+/// [`NUMBERS`](super::error_calibration::NUMBERS).
 pub type Held = [(f64, f64); KNOTS];
 
 /// Learns the prior over weights from the frames that `config` trained on (1,000 of them at most) and their
@@ -219,7 +219,7 @@ pub fn learn_errors(
     config: &TrainConfig,
     device: &Device,
     progress: impl Fn(usize, usize) + Sync,
-) -> Result<Foresight> {
+) -> Result<ErrorCalibration> {
     let completer = predict::completer(weights, device)?;
     let fit = FitConfig {
         robust: None,

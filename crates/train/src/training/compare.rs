@@ -1,7 +1,30 @@
 //! Fitted depths beside those that are to be found.
 
-use super::{LossConfig, Losses};
+use super::LossConfig;
 use burn::tensor::Tensor;
+
+/// The losses of a batch, each a scalar `[1]`.
+#[derive(Clone, Debug)]
+pub struct Losses {
+    /// The weighted sum, to be differentiated.
+    pub total: Tensor<1>,
+    /// Mean absolute error in metres.
+    pub l1: Tensor<1>,
+    /// Mean squared error in square metres.
+    pub l2: Tensor<1>,
+}
+
+impl Losses {
+    /// A loss that is not one of depths.
+    pub(super) fn only(total: Tensor<1>) -> Self {
+        let nothing = total.zeros_like();
+        Self {
+            total,
+            l1: nothing.clone(),
+            l2: nothing,
+        }
+    }
+}
 
 /// How much errors count; all the same where there is nothing.
 #[derive(Default)]

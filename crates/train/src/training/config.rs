@@ -1,6 +1,6 @@
 //! Settings of a training run.
 
-use super::{Lesson, LossConfig, Scenes, Schedule, TeacherConfig};
+use super::{DistillTarget, LossConfig, Scenes, Schedule, TeacherConfig};
 use crate::ops::Reweighting;
 use crate::sample::{AugmentConfig, SupervisionConfig};
 use lsdc_eval::data::Dataset;
@@ -175,7 +175,7 @@ impl TrainConfig {
     /// The teacher, if its depths are learned from.
     pub(super) fn completing(&self) -> Option<&TeacherConfig> {
         let teacher = self.teacher.as_ref();
-        teacher.filter(|teacher| teacher.target != Lesson::Measured)
+        teacher.filter(|teacher| teacher.target != DistillTarget::Measured)
     }
 
     /// Frames to train on and frames to measure on, as [`Scenes::divide`].

@@ -2,13 +2,12 @@
 
 use super::average::follow;
 use super::config::{OptimiserKind, Part};
-use super::imitation::Shown;
 use super::loss::{field_losses, map_losses};
 use super::muon::Flattened;
 use super::parallel::gradients;
-use super::slower::Slower;
+use super::scaled_rate::ScaledRate;
 use super::step::Step;
-use super::{LossConfig, Losses, TrainConfig, losses};
+use super::{LossConfig, Losses, TeacherOutput, TrainConfig, losses};
 use crate::model::layers::FreezeStatistics;
 use crate::model::{BasisNet, LastBlocks};
 use crate::ops::Reweighting;
@@ -68,7 +67,7 @@ impl Objective<BasisNet> for Fitting {
         let adapted = self.adapted(net, batch)?;
         let shown = self.teacher.as_ref().map(|teacher| {
             let device = batch.images.device().inner();
-            Shown::new(&teacher.clone().to_device(&device), batch, &self.loss)
+            TeacherOutput::new(&teacher.clone().to_device(&device), batch, &self.loss)
         });
         let (shown, fit, loss) = (shown.as_ref(), &self.fit, &self.loss);
         let batch = adapted.as_ref().unwrap_or(batch);
@@ -135,7 +134,7 @@ impl<M: Module, O: Objective<M>> Learner<M, O> {
             .with_epsilon(1e-8)
             .with_weight_decay(Some(decay.clone()))
             .with_grad_clipping(clip.clone());
-        let pretrained = Slower {
+        let pretrained = ScaledRate {
             inner: adam.build(),
             share: config.backbone.rate,
         };

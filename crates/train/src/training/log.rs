@@ -1,13 +1,41 @@
 //! The run's record of numbers: one JSON object a line.
 
-use super::Event;
 use lsdc_eval::data::write_atomically;
+use lsdc_eval::metrics::Scores;
 use lsdc_files::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 const FILE: &str = "metrics.jsonl";
+
+/// What happens during a run; also the lines of `metrics.jsonl`.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "lowercase", untagged)]
+pub enum Event {
+    /// A step was made.
+    Step {
+        /// Steps so far.
+        step: usize,
+        /// The weighted sum of the losses.
+        loss: f64,
+        /// Mean absolute error in metres.
+        l1: f64,
+        /// Root of the mean squared error in metres, over the batch.
+        rmse: f64,
+        /// The learning rate.
+        rate: f64,
+        /// Duration of the step.
+        seconds: f64,
+    },
+    /// The frames kept out of training were completed from 500 points.
+    Measured {
+        /// Steps so far.
+        step: usize,
+        /// Mean scores.
+        held_out: Scores,
+    },
+}
 
 /// A line of `metrics.jsonl`.
 #[derive(Debug, Serialize, Deserialize)]

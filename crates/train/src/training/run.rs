@@ -1,9 +1,8 @@
 //! A training run: its folder, its loop, stopping and going on.
 
-use super::basis_functions::BasisFunctions;
 use super::checkpoint::Checkpoints;
 use super::learner::Objective;
-use super::log::Log;
+use super::log::{Event, Log};
 use super::record::Record;
 use super::setup::{input_size, sampler};
 use super::{Learner, TrainConfig};
@@ -12,43 +11,13 @@ use crate::sample::{Batch, Loader, Sample, Sampler};
 use burn::module::Module;
 use lsdc_core::weights::Normalisation;
 use lsdc_eval::data::{Dataset, Mixture, Shard, frames_record};
-use lsdc_eval::metrics::Scores;
 use lsdc_eval::predict::Completes;
 use lsdc_files::error::{Error, Result};
-use serde::Serialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-
-/// What happens during a run; also the lines of `metrics.jsonl`.
-#[derive(Clone, Copy, Debug, Serialize)]
-#[serde(rename_all = "lowercase", untagged)]
-pub enum Event {
-    /// A step was made.
-    Step {
-        /// Steps so far.
-        step: usize,
-        /// The weighted sum of the losses.
-        loss: f64,
-        /// Mean absolute error in metres.
-        l1: f64,
-        /// Root of the mean squared error in metres, over the batch.
-        rmse: f64,
-        /// The learning rate.
-        rate: f64,
-        /// Duration of the step.
-        seconds: f64,
-    },
-    /// The frames kept out of training were completed from 500 points.
-    Measured {
-        /// Steps so far.
-        step: usize,
-        /// Mean scores.
-        held_out: Scores,
-    },
-}
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,7 +68,7 @@ pub trait Subject: Sized {
 }
 
 /// Trains a network in a run folder.
-pub struct Trainer<S = BasisFunctions> {
+pub struct Trainer<S> {
     pub(super) folder: PathBuf,
     pub(super) subject: S,
     pub(super) config: TrainConfig,

@@ -1,8 +1,8 @@
 //! What a run makes of its settings before the first step.
 
+use super::distillation::DistilledDataset;
 use super::efficientnet::read_backbone;
 use super::loss::map_of_backbone;
-use super::teacher::Taught;
 use super::{BackboneTraining, Part, TrainConfig};
 use crate::model::{BasisNet, fill};
 use crate::sample::{Order, Sampler, SamplerConfig};
@@ -112,7 +112,7 @@ pub(super) fn sampler(mixture: Mixture, config: &TrainConfig) -> Result<Sampler>
     let (frames, protocol): (Arc<dyn Dataset>, _) = match config.completing() {
         None => (mixture, config.protocol),
         Some(teacher) => (
-            Arc::new(Taught::new(mixture, config.protocol, teacher)?),
+            Arc::new(DistilledDataset::new(mixture, config.protocol, teacher)?),
             config.protocol.after_scaling(),
         ),
     };

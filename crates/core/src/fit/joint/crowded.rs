@@ -5,7 +5,7 @@
 //! all that determines it, and they would multiply their residuals by one over these shares. Lumped, each site
 //! observes its pixels one by one, and the field is nowhere outside the range of the sites.
 
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 
 /// Pixels on each side of the window.
 const REACH: usize = 2;
@@ -24,7 +24,7 @@ impl Crowded {
     }
 
     /// Those among sites that are read from `taps` on a grid of `size` (height, width).
-    pub(super) fn among(taps: &[Taps], (height, width): (usize, usize)) -> Self {
+    pub(super) fn among(taps: &[InterpolationWeights], (height, width): (usize, usize)) -> Self {
         if taps.iter().all(|taps| taps.single().is_some()) {
             // Each is its pixel's own.
             return Self::nowhere();
@@ -43,7 +43,7 @@ impl Crowded {
                 sums[y * stride + x] = row + sums[(y - 1) * stride + x];
             }
         }
-        let is_crowded = |taps: &Taps| {
+        let is_crowded = |taps: &InterpolationWeights| {
             let pixel = taps.nearest() as usize;
             let around = |place: usize, length: usize| {
                 (place.saturating_sub(REACH), (place + REACH + 1).min(length))
@@ -76,8 +76,8 @@ mod tests {
     fn sites_are_crowded_where_a_quarter_of_the_pixels_around_have_one() {
         let size = (20, 30);
         // Between pixels, near the one at (x, y).
-        let site = |x: f64, y: f64| Taps::new([x + 0.1, y], size, size);
-        let every = |step: usize| -> Vec<Taps> {
+        let site = |x: f64, y: f64| InterpolationWeights::new([x + 0.1, y], size, size);
+        let every = |step: usize| -> Vec<InterpolationWeights> {
             let pixels = (0..20).flat_map(|y| (0..30).map(move |x| (x, y)));
             let some = pixels.filter(|(x, y)| x % step == 0 && y % step == 0);
             some.map(|(x, y)| site(x as f64, y as f64)).collect()
@@ -92,7 +92,7 @@ mod tests {
         let crowded = Crowded::among(&taps, size);
         assert!(crowded.is(0) && !crowded.is(taps.len() - 1));
         // Sites on pixels need no lumping.
-        let on_pixels: Vec<Taps> = (0..600).map(Taps::pixel).collect();
+        let on_pixels: Vec<InterpolationWeights> = (0..600).map(InterpolationWeights::pixel).collect();
         assert!(!Crowded::among(&on_pixels, size).any());
     }
 }

@@ -1,15 +1,15 @@
 //! The joint fit of basis functions and field to the points of one image.
 
 use super::JointConfig;
-use super::fitted::{FieldFit, Form};
+use super::fitted::{FieldFit, FieldSolver};
 use super::holes::Holes;
 use super::marginal::determined;
-use super::sites::{Sample, Sites};
+use super::merged_observations::{Sample, MergedObservations};
 use super::smoothness::Smoothness;
 use super::stacking::{Stack, Stacked, rest_of, stack_few, stack_many};
 use super::surface::Surface;
 use crate::error::{FitError, Result};
-use crate::field::{self, Kriged, Observed};
+use crate::field::{self, CovarianceSolver, PrecisionSolver};
 use crate::fit::affinities::{Affinities, Scene, Smooth};
 use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
@@ -41,7 +41,7 @@ struct Found {
     values: Vec<f64>,
     /// The fits that it was made from, if there are several.
     stack: Option<Stack>,
-    form: Form,
+    form: FieldSolver,
     smoothness: Smoothness,
     /// Whether the field follows the surface that the sites span.
     follows: bool,
@@ -61,7 +61,7 @@ pub(super) struct Weighed {
     pub(super) determined: f64,
     /// The sites that they were estimated from, and the field of these.
     pub(super) sample: Sample,
-    pub(super) field: Kriged,
+    pub(super) field: CovarianceSolver,
 }
 
 /// Weights are estimated from at most so many sites.
@@ -101,7 +101,7 @@ impl FieldEstimator<'_> {
     }
 
     pub(in crate::fit) fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
-        let mut sites = Sites::new(rows, weights, self.scene, &self.joint)?;
+        let mut sites = MergedObservations::new(rows, weights, self.scene, &self.joint)?;
         let found = match self.prior {
             None => self.alone(&mut sites, rows)?,
             Some(prior) if self.are_few(&sites) => self.few(&sites, rows, prior)?,
@@ -151,16 +151,16 @@ impl FieldEstimator<'_> {
 
     /// The moments of some of the points, with field and cosines integrated out, and the number of all.
     pub(in crate::fit) fn some_moments(self, rows: &Rows<'_>) -> Result<(Moments, usize)> {
-        let sites = Sites::new(rows, &rows.weights, self.scene, &self.joint)?;
+        let sites = MergedObservations::new(rows, &rows.weights, self.scene, &self.joint)?;
         let sample = sites.sample(SOME, rows)?;
-        let field = self.smoothness().untied().kriged(&sample)?;
+        let field = self.smoothness().untied().covariance_solver(&sample)?;
         let all = moments(field.moments(), sample.columns(), sample.len());
         Ok((all.without_last(self.ridges)?.0, sites.len()))
     }
 
     /// The surface that sites span, unless there are so many that it would say nothing new, or basis functions are known
     /// at the points only.
-    fn surface(self, sites: &Sites, rows: &Rows<'_>) -> Option<Surface> {
+    fn surface(self, sites: &MergedObservations, rows: &Rows<'_>) -> Option<Surface> {
         let known = self.prior.is_none() || rows.are_everywhere();
         let size = self.scene.affinities.size();
         (self.surface && known && sites.len() <= DENSE)
@@ -171,9 +171,9 @@ impl FieldEstimator<'_> {
     /// The field with all sites, and how smooth it is: in perspective, if they span a surface.
     fn observed(
         self,
-        sites: &mut Sites,
+        sites: &mut MergedObservations,
         surface: Option<&Surface>,
-    ) -> Result<(Observed, Smoothness), FitError> {
+    ) -> Result<(PrecisionSolver, Smoothness), FitError> {
         let mut smoothness = self.smoothness();
         if let Some(surface) = surface {
             let [right, down] = surface.affinities(&smoothness.affinities.grid(smoothness.level));
@@ -186,7 +186,7 @@ impl FieldEstimator<'_> {
     }
 
     /// The field without basis functions.
-    fn alone(self, sites: &mut Sites, rows: &Rows<'_>) -> Result<Found, FitError> {
+    fn alone(self, sites: &mut MergedObservations, rows: &Rows<'_>) -> Result<Found, FitError> {
         let surface = self.surface(sites, rows);
         let (field, smoothness) = self.observed(sites, surface.as_ref())?;
         let right = surface
@@ -209,7 +209,7 @@ impl FieldEstimator<'_> {
             lambda: None,
             values,
             stack: None,
-            form: Form::Many {
+            form: FieldSolver::Many {
                 field,
                 share: 0.0,
                 start: None,
@@ -225,13 +225,13 @@ impl FieldEstimator<'_> {
     /// The weights from at most so many of the sites, in a field of this smoothness.
     fn weighed(
         self,
-        (sites, most): (&Sites, usize),
+        (sites, most): (&MergedObservations, usize),
         rows: &Rows<'_>,
         (prior, lambda): (&Prior, Lambda),
         smoothness: &Smoothness,
     ) -> Result<Weighed> {
         let sample = sites.sample(most, rows)?;
-        let field = smoothness.kriged(&sample)?;
+        let field = smoothness.covariance_solver(&sample)?;
         let all = moments(field.moments(), sample.columns(), sample.len());
         // The cosines are a part of the field.
         let (others, cosines) = all.without_last(self.ridges)?;
@@ -248,7 +248,7 @@ impl FieldEstimator<'_> {
     }
 
     /// Few sites, from all of which the weights are estimated.
-    fn few(self, sites: &Sites, rows: &Rows<'_>, prior: (&Prior, Lambda)) -> Result<Found> {
+    fn few(self, sites: &MergedObservations, rows: &Rows<'_>, prior: (&Prior, Lambda)) -> Result<Found> {
         let smoothness = self.smoothness();
         let (found, surface) = join(
             || self.weighed((sites, sites.len()), rows, prior, &smoothness),
@@ -268,7 +268,7 @@ impl FieldEstimator<'_> {
             lambda: Some(found.lambda),
             values,
             stack,
-            form: Form::Few(found.field),
+            form: FieldSolver::Few(found.field),
             smoothness,
             follows: surface.is_some(),
             sample: found.sample,
@@ -278,7 +278,7 @@ impl FieldEstimator<'_> {
     }
 
     /// The weights from some of the sites, and the field of all.
-    fn many(self, sites: &mut Sites, rows: &Rows<'_>, prior: (&Prior, Lambda)) -> Result<Found> {
+    fn many(self, sites: &mut MergedObservations, rows: &Rows<'_>, prior: (&Prior, Lambda)) -> Result<Found> {
         let untied = self.smoothness().untied();
         let (found, surface) = join(
             || self.weighed((sites, SOME), rows, prior, &untied),
@@ -317,7 +317,7 @@ impl FieldEstimator<'_> {
             lambda: Some(found.lambda),
             values,
             stack,
-            form: Form::Many {
+            form: FieldSolver::Many {
                 field,
                 share: found.determined / sites.len() as f64,
                 start,
@@ -333,10 +333,10 @@ impl FieldEstimator<'_> {
     /// Limits what basis functions add in the holes of dense sites. Returns the number of pixels that this changes.
     fn limit_holes(
         self,
-        sites: &Sites,
+        sites: &MergedObservations,
         rows: &Rows<'_>,
         weights: &[f64],
-        field: &Observed,
+        field: &PrecisionSolver,
         values: &mut [f64],
     ) -> usize {
         let (grid, size) = (self.scene.affinities.size(), self.scene.size);
@@ -354,7 +354,7 @@ impl FieldEstimator<'_> {
         })
     }
 
-    fn are_few(self, sites: &Sites) -> bool {
+    fn are_few(self, sites: &MergedObservations) -> bool {
         let few = |count| count <= field::MOST;
         few(sites.len()) && self.smoothness().observations(sites).is_some_and(few)
     }

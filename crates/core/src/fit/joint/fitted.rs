@@ -1,13 +1,13 @@
 //! What follows from a joint fit: leverages and variances.
 
 use super::coarse::Coarse;
-use super::sites::{Sample, Sites};
+use super::merged_observations::{Sample, MergedObservations};
 use super::smoothness::Smoothness;
 use super::stacking::{self, Stacked};
 use super::surface::left_out;
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use crate::error::FitError;
-use crate::field::{Kriged, Observed};
+use crate::field::{CovarianceSolver, PrecisionSolver};
 use crate::fit::affinities::Smooth;
 use crate::fit::lstsq::Solution;
 use crate::fit::outcome::leave_one_out;
@@ -16,13 +16,13 @@ use faer::{Mat, MatRef};
 /// A field that was fitted.
 #[derive(Debug)]
 pub(in crate::fit) struct FieldFit {
-    pub(super) form: Form,
+    pub(super) form: FieldSolver,
     pub(super) smoothness: Smoothness,
     /// Whether it follows the surface that the sites span.
     pub(super) follows: bool,
     /// Other fits that the map heeds, too.
     pub(super) stacked: Option<Stacked>,
-    pub(super) sites: Sites,
+    pub(super) sites: MergedObservations,
     /// The sites that the weights were estimated from.
     pub(super) sample: Sample,
     pub(in crate::fit) smooth: Smooth,
@@ -36,15 +36,15 @@ pub(in crate::fit) struct FieldFit {
 
 /// The field of a few or many sites.
 #[derive(Debug)]
-pub(super) enum Form {
-    Few(Kriged),
+pub(super) enum FieldSolver {
+    Few(CovarianceSolver),
     Many {
-        field: Observed,
+        field: PrecisionSolver,
         /// The share of a site in what the sites determine of the weights.
         share: f64,
         /// The field of some sites, from which the covariance of the weights was found, unless it is that of the
         /// sample.
-        start: Option<Kriged>,
+        start: Option<CovarianceSolver>,
     },
 }
 
@@ -87,8 +87,8 @@ impl FieldFit {
         let others = sites.of_points().map(|site| others[site?]);
         let alone = self.stacked.as_ref().map(|stacked| {
             let own = match &self.form {
-                Form::Few(field) => field.variances(),
-                Form::Many { field, .. } => field.variances(),
+                FieldSolver::Few(field) => field.variances(),
+                FieldSolver::Many { field, .. } => field.variances(),
             };
             let leverages = self.leverages_of(&own, weights);
             (
@@ -110,7 +110,7 @@ impl FieldFit {
     /// The variance of the fitted depth at each site.
     fn site_variances(&self, solution: &Solution) -> Vec<f64> {
         match &self.form {
-            Form::Few(field) => {
+            FieldSolver::Few(field) => {
                 // What the weights add: that of the rows of the sites, which come before those of ties.
                 let along = field.left(with_depth(solution.factor.as_ref()).as_ref());
                 let variances = field
@@ -124,7 +124,7 @@ impl FieldFit {
             }
             // Each leverage h leaves 1 - h = (1 - h of the field) (1 - share of the weights); the share is the
             // mean of all, as in generalised cross-validation (Golub, Heath and Wahba 1979).
-            Form::Many { field, share, .. } => {
+            FieldSolver::Many { field, share, .. } => {
                 let variances = field.variances().into_iter().zip(&self.sites.weights);
                 let both = |(own, weight): (f64, &f64)| own + share * (weight.recip() - own);
                 variances.map(both).collect()
@@ -133,10 +133,10 @@ impl FieldFit {
     }
 
     /// The field of many sites where it is read from these pixels, and its variance; 0 of few.
-    pub(in crate::fit) fn at(&self, taps: &Taps) -> (f64, f64) {
+    pub(in crate::fit) fn at(&self, taps: &InterpolationWeights) -> (f64, f64) {
         let variance = match &self.form {
-            Form::Few(_) => 0.0,
-            Form::Many { field, .. } => field.variance(taps),
+            FieldSolver::Few(_) => 0.0,
+            FieldSolver::Many { field, .. } => field.variance(taps),
         };
         (self.smooth.read(taps), variance)
     }
@@ -154,8 +154,8 @@ impl FieldFit {
     ) -> Result<Variances, FitError> {
         let observed;
         let field = match &self.form {
-            Form::Many { field, .. } => field,
-            Form::Few(_) => {
+            FieldSolver::Many { field, .. } => field,
+            FieldSolver::Few(_) => {
                 let (taps, weights) = (&self.sites.taps, &self.sites.weights);
                 observed = self.smoothness.observed(taps, weights)?;
                 &observed
@@ -183,14 +183,14 @@ impl FieldFit {
         let smoothness = self.smoothness.of_blocks();
         let blocks = self.smoothness.affinities.blocks();
         let taps = self.sites.taps.iter().map(|taps| blocks.taps(taps));
-        let taps: Vec<Taps> = taps.collect();
+        let taps: Vec<InterpolationWeights> = taps.collect();
         let field = smoothness.observed(&taps, &self.sites.weights)?;
         let coarse = Coarse::new(self.size, ROUGH);
         let factor = solution.factor.as_ref();
         let factor = match self.form {
             // The last columns are those of the cosines.
-            Form::Few(_) => factor.subcols(0, factor.ncols() - self.ridges.len()),
-            Form::Many { .. } => factor,
+            FieldSolver::Few(_) => factor.subcols(0, factor.ncols() - self.ridges.len()),
+            FieldSolver::Many { .. } => factor,
         };
         let weights = self.added(factor, &coarse, bases)?;
         Ok(Variances {
@@ -209,22 +209,22 @@ impl FieldFit {
     ) -> Result<Vec<f64>, FitError> {
         let again;
         let field = match &self.form {
-            Form::Few(field)
-            | Form::Many {
+            FieldSolver::Few(field)
+            | FieldSolver::Many {
                 start: Some(field), ..
             } => field,
             // The field alone.
-            Form::Many { .. } if self.sample.len() == 0 => {
+            FieldSolver::Many { .. } if self.sample.len() == 0 => {
                 return Ok(vec![0.0; coarse.pixels().count()]);
             }
-            Form::Many { .. } => {
-                again = self.smoothness.untied().kriged(&self.sample)?;
+            FieldSolver::Many { .. } => {
+                again = self.smoothness.untied().covariance_solver(&self.sample)?;
                 &again
             }
         };
         let places: Vec<[f64; 2]> = coarse.pixels().map(|(x, y)| [x as f64, y as f64]).collect();
-        let pixel = |(x, y): (usize, usize)| Taps::pixel((y * self.size.1 + x) as u32);
-        let taps: Vec<Taps> = coarse.pixels().map(pixel).collect();
+        let pixel = |(x, y): (usize, usize)| InterpolationWeights::pixel((y * self.size.1 + x) as u32);
+        let taps: Vec<InterpolationWeights> = coarse.pixels().map(pixel).collect();
         let bases = bases(&places);
         let columns = bases.len() / taps.len().max(1);
         let responses = field.at(&taps, with_depth(factor).as_ref());

@@ -6,7 +6,7 @@
 //! basis functions add to it counts as it is up to a margin beyond that range, and the less the farther beyond:
 //! basis functions that the surroundings contradict so clearly are outliers, and leave the field of the depths alone.
 
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use crate::fit::space::Scale;
 use rayon::prelude::*;
 
@@ -33,7 +33,7 @@ impl Holes {
     /// The holes among sites with these values on a grid of `size` (height, width), in an image of the height `high`;
     /// `None` if sites are sparse.
     pub(super) fn new(
-        taps: &[Taps],
+        taps: &[InterpolationWeights],
         values: &[f64],
         size: (usize, usize),
         high: usize,
@@ -201,7 +201,7 @@ mod tests {
     fn holes(is_hole: impl Fn(usize, usize) -> bool) -> Option<Holes> {
         let pixels = (0..SIZE.0 * SIZE.1).filter(|i| !is_hole(i % SIZE.1, i / SIZE.1));
         let pixels: Vec<usize> = pixels.collect();
-        let taps: Vec<Taps> = pixels.iter().map(|&i| Taps::pixel(i as u32)).collect();
+        let taps: Vec<InterpolationWeights> = pixels.iter().map(|&i| InterpolationWeights::pixel(i as u32)).collect();
         let depth = |&i: &usize| if i % SIZE.1 < 25 { 2.0 } else { 3.0 };
         let depths: Vec<f64> = pixels.iter().map(depth).collect();
         let scale = Scale::of_points(Space::Depth, &[2.0, 3.0]);

@@ -6,7 +6,7 @@ use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
 
 /// What is left of the last columns of moments.
-pub(super) struct Rest {
+pub(super) struct Eliminated {
     /// `W = L L^T`: their normal matrix with their ridges.
     normal: Llt<f64>,
     /// `W^-1 M^T d`: their weights, were the others 0.
@@ -21,7 +21,7 @@ impl Moments {
     ///
     /// # Errors
     /// Values that are not finite.
-    pub(super) fn without_last(self, ridges: &[f64]) -> Result<(Self, Rest), FitError> {
+    pub(super) fn without_last(self, ridges: &[f64]) -> Result<(Self, Eliminated), FitError> {
         let (last, first) = (ridges.len(), self.right.len() - ridges.len());
         let mut normal = self.normal.get(first.., first..).to_owned();
         for (i, ridge) in ridges.iter().enumerate() {
@@ -43,7 +43,7 @@ impl Moments {
             square: self.square - met,
             count: self.count,
         };
-        let rest = Rest {
+        let rest = Eliminated {
             normal,
             alone,
             response,
@@ -52,7 +52,7 @@ impl Moments {
     }
 }
 
-impl Rest {
+impl Eliminated {
     /// The solution for all columns from that for the others, x: `alone - response x` with the
     /// covariance `response K K^T response^T + W^-1`.
     pub(super) fn beside(&self, others: &Solution) -> Solution {

@@ -19,7 +19,7 @@ mod fitted;
 mod holes;
 mod marginal;
 mod problem;
-mod sites;
+mod merged_observations;
 mod smoothness;
 mod stacking;
 mod surface;

@@ -1,8 +1,8 @@
 //! One joint problem in f64: solution and adjoint.
 
 use super::JointConfig;
-use crate::bilinear::Taps;
-use crate::field::{self, FieldPrior, Grid, Kriged, Observations, Observed};
+use crate::bilinear::InterpolationWeights;
+use crate::field::{self, FieldPrior, Grid, CovarianceSolver, Observations, PrecisionSolver};
 use crate::fit::lstsq::dot;
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
@@ -19,7 +19,7 @@ pub struct Adjoint {
     values: Vec<f64>,
     data: f64,
     normal: Llt<f64>,
-    field: Form,
+    field: FieldSolver,
     weights: Vec<f64>,
     smooth: Vec<f64>,
 }
@@ -34,17 +34,17 @@ pub struct Gradients {
 
 /// The field of a few or many points.
 #[derive(Debug)]
-enum Form {
-    Few(Kriged),
-    Many(Observed),
+enum FieldSolver {
+    Few(CovarianceSolver),
+    Many(PrecisionSolver),
 }
 
-impl Form {
+impl FieldSolver {
     fn new(grid: &Grid<'_>, prior: Option<&FieldPrior>, seen: &Observations<'_>) -> Option<Self> {
         if let Some(prior) = prior.filter(|_| seen.taps.len() <= field::MOST) {
-            return Kriged::new(prior, seen).map(Self::Few);
+            return CovarianceSolver::new(prior, seen).map(Self::Few);
         }
-        Observed::new(grid, seen.taps, seen.weights).map(Self::Many)
+        PrecisionSolver::new(grid, seen.taps, seen.weights).map(Self::Many)
     }
 
     fn moments(&self, seen: &Observations<'_>) -> Mat<f64> {
@@ -85,14 +85,14 @@ impl Adjoint {
         config: JointConfig,
         free: usize,
     ) -> Option<Self> {
-        let taps: Vec<Taps> = pixels.iter().map(|&pixel| Taps::pixel(pixel)).collect();
+        let taps: Vec<InterpolationWeights> = pixels.iter().map(|&pixel| InterpolationWeights::pixel(pixel)).collect();
         let seen = Observations {
             taps: &taps,
             weights: &vec![config.data; pixels.len()],
             columns: &values,
             count: values.len() / pixels.len().max(1),
         };
-        let field = Form::new(&grid, prior, &seen)?;
+        let field = FieldSolver::new(&grid, prior, &seen)?;
         let moments = field.moments(&seen);
         let k = moments.ncols() - 1;
         let mut normal = moments.get(..k, ..k).to_owned();

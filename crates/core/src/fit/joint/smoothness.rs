@@ -1,10 +1,10 @@
 //! How smooth the field of an image is, and how sites join it.
 
 use super::crowded::Crowded;
-use super::sites::{Sample, Sites};
-use crate::bilinear::Taps;
+use super::merged_observations::{Sample, MergedObservations};
+use crate::bilinear::InterpolationWeights;
 use crate::error::FitError;
-use crate::field::{Grid, Kriged, Observations, Observed};
+use crate::field::{Grid, CovarianceSolver, Observations, PrecisionSolver};
 use crate::fit::affinities::Affinities;
 
 /// The field of an image before any site.
@@ -24,7 +24,7 @@ pub(super) struct Smoothness {
 /// and the squared step. Without any of it, two points in one cell of the grid, one on each side of an edge that
 /// the colours do not show, would pull its pixels far apart.
 #[derive(Clone, Copy, Debug)]
-struct Tie {
+struct SmoothnessTerm {
     one: u32,
     /// The pixel on the right, or below.
     other: u32,
@@ -37,7 +37,7 @@ impl Smoothness {
     ///
     /// # Errors
     /// Equations that are not positive definite.
-    pub(super) fn kriged(&self, sample: &Sample) -> Result<Kriged, FitError> {
+    pub(super) fn covariance_solver(&self, sample: &Sample) -> Result<CovarianceSolver, FitError> {
         let prior = self.affinities.prior(self.level).ok_or_else(unsolvable)?;
         let ties = self.ties(&sample.taps, &sample.weights, &Crowded::nowhere());
         let count = sample.columns() + 1;
@@ -48,10 +48,10 @@ impl Smoothness {
             count,
         };
         let field = if ties.is_empty() {
-            Kriged::new(&prior, &seen)
+            CovarianceSolver::new(&prior, &seen)
         } else {
             // Ties are further observations, of a step of 0 without basis functions.
-            let steps = ties.iter().map(|tie| Taps::difference(tie.one, tie.other));
+            let steps = ties.iter().map(|tie| InterpolationWeights::difference(tie.one, tie.other));
             let weights = ties.iter().map(|tie| tie.weight);
             let nothing = vec![0.0; ties.len() * count];
             let tied = Observations {
@@ -60,7 +60,7 @@ impl Smoothness {
                 columns: &[seen.columns, &nothing].concat(),
                 count,
             };
-            Kriged::new(&prior, &tied)
+            CovarianceSolver::new(&prior, &tied)
         };
         field.ok_or_else(unsolvable)
     }
@@ -84,7 +84,7 @@ impl Smoothness {
     }
 
     /// The number of observations that sites are, with their ties, where no site is lumped.
-    pub(super) fn observations(&self, sites: &Sites) -> Option<usize> {
+    pub(super) fn observations(&self, sites: &MergedObservations) -> Option<usize> {
         let crowded = self.crowded(&sites.taps);
         let ties = || self.ties(&sites.taps, &sites.weights, &crowded).len();
         (!crowded.any()).then(|| sites.len() + ties())
@@ -94,13 +94,13 @@ impl Smoothness {
     ///
     /// # Errors
     /// Equations that are not positive definite.
-    pub(super) fn observed(&self, taps: &[Taps], weights: &[f64]) -> Result<Observed, FitError> {
+    pub(super) fn observed(&self, taps: &[InterpolationWeights], weights: &[f64]) -> Result<PrecisionSolver, FitError> {
         let grid = self.affinities.grid(self.level);
         let crowded = self.crowded(taps);
         let ties = self.ties(taps, weights, &crowded);
         let lumped = |site: usize| crowded.is(site);
         let field = if ties.is_empty() {
-            Observed::with_lumped(&grid, taps, weights, lumped)
+            PrecisionSolver::with_lumped(&grid, taps, weights, lumped)
         } else {
             let (mut right, mut down) = (grid.right.to_vec(), grid.down.to_vec());
             for tie in ties {
@@ -112,13 +112,13 @@ impl Smoothness {
                 down: &down,
                 ..grid
             };
-            Observed::with_lumped(&tied, taps, weights, lumped)
+            PrecisionSolver::with_lumped(&tied, taps, weights, lumped)
         };
         field.ok_or_else(unsolvable)
     }
 
     /// The sites that are lumped.
-    fn crowded(&self, taps: &[Taps]) -> Crowded {
+    fn crowded(&self, taps: &[InterpolationWeights]) -> Crowded {
         if self.lumped {
             Crowded::among(taps, self.affinities.size())
         } else {
@@ -127,7 +127,7 @@ impl Smoothness {
     }
 
     /// The ties of the sites that are not lumped.
-    fn ties(&self, taps: &[Taps], weights: &[f64], crowded: &Crowded) -> Vec<Tie> {
+    fn ties(&self, taps: &[InterpolationWeights], weights: &[f64], crowded: &Crowded) -> Vec<SmoothnessTerm> {
         /// Weight of the product of shares and squared step, relative to that of the site. Of 0.001, 0.003, 0.01,
         /// 0.03 and 0.1 on frames of training and of other cameras: with more, edges are less sharp.
         const TIE: f64 = 0.01;
@@ -152,7 +152,7 @@ impl Smoothness {
                     let along = if down { grid.down } else { grid.right };
                     let weight = TIE * weight * share * across;
                     if weight > TELLING * along[one as usize] {
-                        ties.push(Tie {
+                        ties.push(SmoothnessTerm {
                             one,
                             other,
                             down,

@@ -8,15 +8,15 @@
 //!
 //! > sum over sites |d - z' - s (m' - z')|
 //!
-//! whose minimum is a weighted median of the ratios of `d - z'` to `m' - z'`. Sites judge gaps as wide as those around
+//! whose minimum is a weighted median of the ratios of `d - z'` to `m' - z'`. MergedObservations judge gaps as wide as those around
 //! themselves: in wider ones s is smaller, and outside of what the sites span the map is the joint fit. With many sites,
 //! none of which judge, the map is the median inside.
 
 use super::estimate::Weighed;
-use super::sites::Sites;
+use super::merged_observations::MergedObservations;
 use super::smoothness::Smoothness;
 use super::surface::{LeftOut, Surface, left_out};
-use crate::field::{Kriged, Observed};
+use crate::field::{CovarianceSolver, PrecisionSolver};
 use crate::fit::lstsq::dot;
 use crate::fit::outcome::least_freedom;
 use crate::fit::points::Rows;
@@ -80,7 +80,7 @@ pub(super) fn rest_of(weights: &[f64]) -> Vec<f64> {
 /// The map of few sites.
 pub(super) fn stack_few(
     surface: &Surface,
-    (sites, rows): (&Sites, &Rows<'_>),
+    (sites, rows): (&MergedObservations, &Rows<'_>),
     found: &Weighed,
     smoothness: &Smoothness,
 ) -> (Vec<f64>, Stack) {
@@ -109,9 +109,9 @@ pub(super) fn stack_few(
 /// The map of many sites, for targets less what basis functions with these weights say.
 pub(super) fn stack_many(
     surface: &Surface,
-    (sites, rows): (&Sites, &Rows<'_>),
+    (sites, rows): (&MergedObservations, &Rows<'_>),
     targets: &[f64],
-    field: &Observed,
+    field: &PrecisionSolver,
     (weights, smoothness): (&[f64], &Smoothness),
 ) -> (Vec<f64>, Stack) {
     let grid = smoothness.affinities.grid(smoothness.level);
@@ -150,7 +150,7 @@ pub(super) fn errors(depth: f64, given: [f64; 2], others: LeftOut) -> [f64; 2] {
 
 /// Sites that are predicted by the others, to learn which fit to believe.
 struct Judges<'a> {
-    sites: &'a Sites,
+    sites: &'a MergedObservations,
     which: Vec<usize>,
     /// The leverages of these in the field alone.
     leverages: Vec<f64>,
@@ -162,7 +162,7 @@ impl<'a> Judges<'a> {
     /// At most so many, evenly spread over the sites.
     const MOST: usize = 200;
 
-    fn new(sites: &'a Sites, field: &Kriged) -> Self {
+    fn new(sites: &'a MergedObservations, field: &CovarianceSolver) -> Self {
         let step = sites.len().div_ceil(Self::MOST);
         let which: Vec<usize> = (0..sites.len()).step_by(step).collect();
         let (variances, others) = join(

@@ -506,7 +506,7 @@ fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bilinear::Taps;
+    use crate::bilinear::InterpolationWeights;
     use crate::fit::{
         Affinities, Bases, Fit, FitConfig, FitMethod, Functions, JointConfig, Lambda, Points,
         PriorKind, Scene, fit,
@@ -920,7 +920,7 @@ mod tests {
         let found = all.leave_one_out(&all.leverages(&rows));
         let error = |i: usize| {
             let without = example.map(&example.fit(|j| j != i));
-            let taps = Taps::new(example.places[i], SIZE, SIZE);
+            let taps = InterpolationWeights::new(example.places[i], SIZE, SIZE);
             f64::from(example.depths[i]) - taps.read(&without)
         };
         let expected: Vec<f64> = (0..90).map(error).collect();

@@ -1,6 +1,6 @@
 //! The fit against dense equations, and fits without a point.
 
-use super::sites::Sites;
+use super::merged_observations::MergedObservations;
 use super::smoothness::Smoothness;
 use crate::fit::{
     Affinities, Bases, CosineBasis, Fit, FitConfig, FitMethod, JointConfig, Lambda, Loss,
@@ -608,7 +608,7 @@ fn read_at(fit: &Fit, places: &[[f64; 2]]) -> Vec<f64> {
                 .zip(&fit.weights)
                 .map(|(b, w)| f64::from(*b) * w)
                 .sum();
-            functions + crate::bilinear::Taps::new(place, size, size).read(&field)
+            functions + crate::bilinear::InterpolationWeights::new(place, size, size).read(&field)
         })
         .collect()
 }
@@ -668,7 +668,7 @@ fn leave_one_out_residuals_between_pixels_are_those_of_fits_without_the_point() 
             let mut own = vec![0.0; HEIGHT * WIDTH];
             field.add_to((HEIGHT, WIDTH), &mut own);
             let own: Vec<f64> = own.into_iter().map(f64::from).collect();
-            let taps = crate::bilinear::Taps::new(example.places[i], size, (HEIGHT, WIDTH));
+            let taps = crate::bilinear::InterpolationWeights::new(example.places[i], size, (HEIGHT, WIDTH));
             let row = &example.bases[3 * i..][..3];
             let functions = row
                 .iter()
@@ -898,7 +898,7 @@ fn points_of_a_larger_image_tie_their_pixels() {
         level: 1e-2,
         ..JointConfig::default()
     };
-    let sites = Sites::new(&rows, &rows.weights, scene, &joint).unwrap();
+    let sites = MergedObservations::new(&rows, &rows.weights, scene, &joint).unwrap();
 
     let pixels = HEIGHT * WIDTH;
     let mut equations = precision(&example.affinities, joint.level, pixels);
@@ -948,7 +948,7 @@ fn points_of_a_larger_image_tie_their_pixels() {
         tied: true,
         lumped: false,
     };
-    let few = smoothness.kriged(&sample).unwrap();
+    let few = smoothness.covariance_solver(&sample).unwrap();
     let many = smoothness.observed(&sites.taps, &sites.weights).unwrap();
     for moments in [few.moments().clone(), many.moments(&sample.rows, columns)] {
         for j in 0..columns {

@@ -79,7 +79,7 @@ impl Solution {
 }
 
 /// The kept part of a singular value decomposition: `matrix = u diag(s) v^T`.
-pub(super) struct Kept {
+pub(super) struct TruncatedSvd {
     pub(super) u: Mat<f64>,
     pub(super) s: Vec<f64>,
     pub(super) v: Mat<f64>,
@@ -276,7 +276,7 @@ impl Problem {
     /// Inside the kept and discarded directions it is the derivative of a spectral function with
     /// f(s) = 1/s on the kept set and 0 elsewhere (Daleckii and Krein 1965); with nothing
     /// discarded it is the adjoint of the pseudo-inverse (Golub and Pereyra 1973).
-    fn truncated_adjoint(&self, grad: &[f64], rcond: f64) -> Result<Adjoint, FitError> {
+    fn truncated_adjoint(&self, grad: &[f64], rcond: f64) -> Result<LstsqAdjoint, FitError> {
         let all = self.decompose(-1.0)?;
         let (s, limit) = (&all.s, rcond * all.s[0]);
         let rank = s.iter().filter(|&&s| s > limit).count();
@@ -310,14 +310,14 @@ impl Problem {
                 bases[(i, j)] += outside_u[i] * v[j] + u[i] * outside_v[j];
             }
         }
-        Ok(Adjoint {
+        Ok(LstsqAdjoint {
             bases,
             depths: times(all.u.as_ref(), &over(&p, 1)),
         })
     }
 
     /// The adjoint of `x = A^-1 M^T d` with `A = M^T M + share trace(M^T M) / k I`.
-    fn ridge_adjoint(&self, grad: &[f64], share: f64) -> Result<Adjoint, FitError> {
+    fn ridge_adjoint(&self, grad: &[f64], share: f64) -> Result<LstsqAdjoint, FitError> {
         let matrix = self.matrix();
         let (factor, right) = self.ridge(share)?;
         let (x, v) = (solve(&factor, &right), solve(&factor, grad));
@@ -327,7 +327,7 @@ impl Problem {
         let bases = Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
             residual[i] * v[j] - depths[i] * x[j] - shrink * matrix[(i, j)]
         });
-        Ok(Adjoint { bases, depths })
+        Ok(LstsqAdjoint { bases, depths })
     }
 
     /// The Cholesky factor of the regularised normal equations, and their right side.
@@ -353,7 +353,7 @@ impl Problem {
     }
 
     /// The singular directions with `s > rcond * s[0]`; a QR step first makes tall problems cheap.
-    pub(super) fn decompose(&self, rcond: f64) -> Result<Kept, FitError> {
+    pub(super) fn decompose(&self, rcond: f64) -> Result<TruncatedSvd, FitError> {
         let matrix = self.matrix();
         let failed = |_| FitError::Unsolvable("the singular value decomposition did not converge");
         let tall = matrix.nrows() > matrix.ncols();
@@ -372,7 +372,7 @@ impl Problem {
         };
         let limit = rcond * s.first().copied().unwrap_or(0.0);
         let rank = s.iter().filter(|&&s| s > limit).count();
-        Ok(Kept {
+        Ok(TruncatedSvd {
             u: u.subcols(0, rank).to_owned(),
             v: v.subcols(0, rank).to_owned(),
             s: s[..rank].to_vec(),
@@ -381,7 +381,7 @@ impl Problem {
 }
 
 /// Gradients with respect to the scaled rows.
-struct Adjoint {
+struct LstsqAdjoint {
     bases: Mat<f64>,
     depths: Vec<f64>,
 }

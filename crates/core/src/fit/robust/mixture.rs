@@ -47,7 +47,7 @@ pub(super) struct Predictions {
 
 /// What the other points say of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judgement {
+pub struct InlierPosterior {
     /// The probability that the point is right.
     pub right: f64,
     /// Its value minus the one that the others predict.
@@ -234,12 +234,12 @@ impl<'a> Judged<'a> {
     }
 
     /// What the others say of each point.
-    pub(super) fn judgements(&self) -> Vec<Judgement> {
+    pub(super) fn judgements(&self) -> Vec<InlierPosterior> {
         judgements(&self.found, &self.right, &self.scales, &self.noise)
     }
 
     /// What these points say of others, which they predict with these errors and variances.
-    pub(super) fn others(&self, others: &Evidence, found: &Predictions) -> Vec<Judgement> {
+    pub(super) fn others(&self, others: &Evidence, found: &Predictions) -> Vec<InlierPosterior> {
         let places = [&others.places, &self.points.places];
         let [places, own] = places.map(|places| places.as_deref().unwrap_or_default());
         let (cells, closest) = (Cells::new(own), self.neighbours.closest);
@@ -290,8 +290,8 @@ impl<'a> Judged<'a> {
     }
 }
 
-fn judgements(found: &Predictions, right: &[f64], scales: &[f64], noise: &[f64]) -> Vec<Judgement> {
-    let all = (0..right.len()).map(|i| Judgement {
+fn judgements(found: &Predictions, right: &[f64], scales: &[f64], noise: &[f64]) -> Vec<InlierPosterior> {
+    let all = (0..right.len()).map(|i| InlierPosterior {
         right: right[i],
         error: found.errors[i],
         scale: scales[i],
@@ -307,7 +307,7 @@ fn is_settled(before: &[f64], after: &[f64]) -> bool {
     changed.count() * SETTLED.0 <= before.len()
 }
 
-impl Judgement {
+impl InlierPosterior {
     /// Of points with noise of such variances, of which none says anything of another.
     pub(super) fn unknown(noise: &[f64]) -> Vec<Self> {
         let all = noise.iter().map(|noise| Self {

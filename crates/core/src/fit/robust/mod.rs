@@ -1,6 +1,6 @@
 //! Robust fits, which limit the influence of points that are wrong.
 
-mod judge;
+mod outlier_test;
 mod local;
 mod medians;
 mod mixture;
@@ -9,9 +9,9 @@ mod reweighted;
 #[cfg(test)]
 mod tests;
 
-pub(super) use judge::judge;
+pub(super) use outlier_test::judge;
 pub(super) use medians::median;
-pub use mixture::Judgement;
+pub use mixture::InlierPosterior;
 
 use super::points::Rows;
 use super::{Estimate, Estimator};

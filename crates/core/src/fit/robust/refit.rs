@@ -1,7 +1,7 @@
 //! Predictions of points by a fit to all others.
 
 use super::mixture::{Predict, Predictions};
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use crate::error::Result;
 use crate::fit::outcome::{least_freedom, leave_one_out};
 use crate::fit::points::Rows;
@@ -31,7 +31,7 @@ impl<'a> Refit<'a> {
     pub(super) fn others(
         &self,
         noise: &[f64],
-        others: impl IndexedParallelIterator<Item = (Taps, f64)>,
+        others: impl IndexedParallelIterator<Item = (InterpolationWeights, f64)>,
     ) -> Result<Predictions> {
         let (estimate, _) = self.fit(noise)?;
         let field = estimate.field.as_deref();

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 /// What blocks work with.
 #[derive(Clone, Copy)]
-pub(super) struct Room<'a> {
+pub(super) struct Workspace<'a> {
     pub(super) level: Level,
     pub(super) scratch: &'a Scratch,
 }
@@ -81,7 +81,7 @@ impl Block {
     /// What attention answers to the tokens, head by head; `rows` takes queries, keys and values.
     pub(super) fn attend(
         &self,
-        room: Room<'_>,
+        workspace: Workspace<'_>,
         tokens: &[f32],
         rows: &mut [f32],
         answers: &mut [f32],
@@ -90,17 +90,17 @@ impl Block {
         let part = share(tokens.len() / width) * width;
         let parts = rows.par_chunks_mut(3 * part);
         parts.zip(tokens.par_chunks(part)).for_each(|(rows, x)| {
-            room.scratch.with(x.len(), |y| {
-                self.normalise(room, 0, x, y);
+            workspace.scratch.with(x.len(), |y| {
+                self.normalise(workspace, 0, x, y);
                 self.queries.apply(y, Tail::default(), rows);
             });
         });
         let heads = (self.heads, width / self.heads);
-        attention(room.level, rows, heads, room.scratch, answers);
+        attention(workspace.level, rows, heads, workspace.scratch, answers);
     }
 
     /// Adds to the tokens what attention answered, then what the perceptron makes of them.
-    pub(super) fn transform(&self, room: Room<'_>, answers: &[f32], tokens: &mut [f32]) {
+    pub(super) fn transform(&self, workspace: Workspace<'_>, answers: &[f32], tokens: &mut [f32]) {
         let width = self.width;
         let hidden = self.first.columns();
         let part = share(tokens.len() / width) * width;
@@ -109,21 +109,21 @@ impl Block {
             .zip(answers.par_chunks(part))
             .for_each(|(x, answers)| {
                 let count = x.len() / width;
-                room.scratch.with(count * (2 * width + hidden), |memory| {
+                workspace.scratch.with(count * (2 * width + hidden), |memory| {
                     let (sum, memory) = memory.split_at_mut(count * width);
                     let (y, inner) = memory.split_at_mut(count * width);
                     self.mixed.apply(answers, added(x), sum);
-                    self.normalise(room, 1, sum, y);
+                    self.normalise(workspace, 1, sum, y);
                     self.first.apply(y, Tail::default(), inner);
-                    gelu(room.level, inner);
+                    gelu(workspace.level, inner);
                     self.second.apply(inner, added(sum), x);
                 });
             });
     }
 
-    fn normalise(&self, room: Room<'_>, which: usize, x: &[f32], output: &mut [f32]) {
+    fn normalise(&self, workspace: Workspace<'_>, which: usize, x: &[f32], output: &mut [f32]) {
         let (gain, shift) = &self.norms[which];
-        layer_norm(room.level, x, (gain, shift), LAYER_EPSILON, output);
+        layer_norm(workspace.level, x, (gain, shift), LAYER_EPSILON, output);
     }
 }
 

@@ -13,7 +13,7 @@ use super::tensors::Tensors;
 use crate::error::{Error, FitError, WeightsError};
 use crate::weights::Tensor;
 pub use adapters::{ADAPTERS, MORE_BLOCKS};
-use block::{Block, Room};
+use block::{Block, Workspace};
 pub use encoded::{Encoded, in_patches};
 use lsdc_kernels::attention::layer_norm;
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
@@ -215,13 +215,13 @@ impl Encoder {
         let mut tokens = self.tokens(image, size);
         let mut rows = vec![0.0; 3 * tokens.len()];
         let mut answers = vec![0.0; tokens.len()];
-        let room = Room {
+        let workspace = Workspace {
             level: self.level,
             scratch: &self.scratch,
         };
         for (i, block) in self.blocks.iter().take(count).enumerate() {
-            block.attend(room, &tokens, &mut rows, &mut answers);
-            block.transform(room, &answers, &mut tokens);
+            block.attend(workspace, &tokens, &mut rows, &mut answers);
+            block.transform(workspace, &answers, &mut tokens);
             each(i, &tokens);
         }
         tokens

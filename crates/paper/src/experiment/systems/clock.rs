@@ -1,9 +1,8 @@
 //! The cell that is timed: one of those that take part.
 
-use super::OURS;
-use super::entrants::{Entrant, Field};
-use crate::experiment::cell::{Cell, Progress};
+use super::entrants::{ComparedSystem, Field, OURS};
 use crate::experiment::cost::{SIZES, Subject, Timed};
+use crate::experiment::trial::{Progress, Trial};
 use lsdc_eval::sampling::Size;
 use lsdc_files::error::Result;
 use std::rc::Rc;
@@ -31,7 +30,7 @@ impl<'a> Clock<'a> {
     }
 
     /// Which of the systems; none: `lsdc`.
-    pub(super) fn entrant(&self) -> Option<&Entrant<'a>> {
+    pub(super) fn entrant(&self) -> Option<&ComparedSystem<'a>> {
         self.number.map(|number| &self.field.entrants[number])
     }
 
@@ -60,7 +59,7 @@ impl<'a> Clock<'a> {
     }
 }
 
-impl Cell for Clock<'_> {
+impl Trial for Clock<'_> {
     fn name(&self) -> &str {
         &self.name
     }

@@ -1,20 +1,25 @@
 //! Who takes part.
 
 use super::training::{Budget, TrainedSystem};
-use crate::experiment::cell::Trained;
-use crate::experiment::{Lab, published};
+use crate::experiment::trial::Trained;
+use crate::experiment::{ExperimentContext, published};
 use crate::systems::{Predictor, SystemConfig};
 use lsdc_files::error::Result;
 
+/// The name of our method.
+pub(super) const OURS: &str = "lsdc";
+/// The same with the training of the others.
+pub(super) const SAME: &str = "lsdc, same budget";
+
 /// A system that takes part.
-pub(super) enum Entrant<'a> {
+pub(super) enum ComparedSystem<'a> {
     /// With weights that there are.
     Given(String, Predictor),
     /// Trained by the experiment.
     Trained(TrainedSystem<'a>),
 }
 
-impl Entrant<'_> {
+impl ComparedSystem<'_> {
     pub(super) fn name(&self) -> &str {
         match self {
             Self::Given(name, _) => name,
@@ -57,20 +62,20 @@ impl Entrant<'_> {
 
 /// All that take part, and our network with the same training.
 pub(super) struct Field<'a> {
-    pub(super) lab: &'a Lab,
-    pub(super) entrants: Vec<Entrant<'a>>,
+    pub(super) lab: &'a ExperimentContext,
+    pub(super) entrants: Vec<ComparedSystem<'a>>,
     pub(super) same: Option<Trained<'a>>,
 }
 
 impl<'a> Field<'a> {
     /// The systems that were given, or those that the recipe names, with our network trained alike.
-    pub(super) fn new(lab: &'a Lab) -> Result<Self> {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Result<Self> {
         if !lab.systems.is_empty() {
             let given = lab.systems.iter().cloned();
             return Ok(Self {
                 lab,
                 entrants: given
-                    .map(|(name, predictor)| Entrant::Given(name, predictor))
+                    .map(|(name, predictor)| ComparedSystem::Given(name, predictor))
                     .collect(),
                 same: None,
             });
@@ -78,7 +83,7 @@ impl<'a> Field<'a> {
         let frames = (lab.recipe.frames)()?;
         let recipes = lab.recipe.systems.iter();
         let trained = recipes.map(|recipe| TrainedSystem::new(lab, recipe, frames.clone()));
-        let entrants = trained.map(Entrant::Trained).collect();
+        let entrants = trained.map(ComparedSystem::Trained).collect();
         let network = lab.recipe.network.clone();
         Ok(Self {
             lab,

@@ -14,19 +14,14 @@ mod tables;
 pub(super) mod tests;
 mod training;
 
-use super::cell::Cell;
-use super::{Lab, Study};
+use super::trial::Trial;
+use super::{ExperimentContext, Study};
 use clock::Clock;
 use conditions::Conditions;
-use entrants::{Entrant, Field};
+use entrants::{ComparedSystem, Field};
 use lsdc_eval::report::Section;
 use lsdc_files::error::Result;
 use std::rc::Rc;
-
-/// The name of our method.
-const OURS: &str = "lsdc";
-/// The same with the training of the others.
-const SAME: &str = "lsdc, same budget";
 
 pub(super) struct Systems<'a> {
     field: Rc<Field<'a>>,
@@ -35,7 +30,7 @@ pub(super) struct Systems<'a> {
 }
 
 impl<'a> Systems<'a> {
-    pub(super) fn new(lab: &'a Lab) -> Result<Self> {
+    pub(super) fn new(lab: &'a ExperimentContext) -> Result<Self> {
         let field = Rc::new(Field::new(lab)?);
         Ok(Self {
             conditions: Conditions::new(&field)?,
@@ -46,16 +41,16 @@ impl<'a> Systems<'a> {
 }
 
 impl Study for Systems<'_> {
-    fn cells(&self) -> Vec<&dyn Cell> {
-        let mut cells: Vec<&dyn Cell> = Vec::new();
+    fn cells(&self) -> Vec<&dyn Trial> {
+        let mut cells: Vec<&dyn Trial> = Vec::new();
         for entrant in &self.field.entrants {
-            if let Entrant::Trained(cell) = entrant {
+            if let ComparedSystem::Trained(cell) = entrant {
                 cells.push(cell);
             }
         }
-        cells.extend(self.field.same.as_ref().map(|same| same as &dyn Cell));
-        cells.extend(self.conditions.sides().map(|side| side as &dyn Cell));
-        cells.extend(self.clocks.iter().map(|clock| clock as &dyn Cell));
+        cells.extend(self.field.same.as_ref().map(|same| same as &dyn Trial));
+        cells.extend(self.conditions.sides().map(|side| side as &dyn Trial));
+        cells.extend(self.clocks.iter().map(|clock| clock as &dyn Trial));
         cells
     }
 

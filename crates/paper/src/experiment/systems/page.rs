@@ -1,8 +1,8 @@
 //! The page: its words, and the order of its tables and pictures.
 
-use super::entrants::Entrant;
+use super::entrants::{ComparedSystem, OURS, SAME};
 use super::training::Budget;
-use super::{OURS, SAME, Systems, pictures, tables};
+use super::{Systems, pictures, tables};
 use crate::experiment::published;
 use crate::systems::SystemConfig;
 use lsdc_eval::metrics::{Metric, Scores};
@@ -46,8 +46,8 @@ fn about(systems: &Systems<'_>) -> Vec<String> {
     let mut about = vec![format!("{} {}.", lab.about(), lab.preset.points)];
     for entrant in &systems.field.entrants {
         let here = match entrant {
-            Entrant::Given(..) => "",
-            Entrant::Trained(_) => "trained here, ",
+            ComparedSystem::Given(..) => "",
+            ComparedSystem::Trained(_) => "trained here, ",
         };
         let start = match entrant.config().pretrained() {
             Some(path) => format!("encoder from `{}`", path.display()),
@@ -76,7 +76,7 @@ fn about(systems: &Systems<'_>) -> Vec<String> {
 }
 
 /// That a published number is better than the one measured here, and why it may be.
-fn surpassed(entrant: &Entrant<'_>, means: &[(String, Scores)]) -> Option<String> {
+fn surpassed(entrant: &ComparedSystem<'_>, means: &[(String, Scores)]) -> Option<String> {
     let published = entrant.published()?;
     let (name, scores) = means.iter().find(|(name, _)| name == entrant.name())?;
     let best = published.rows.iter().map(|(_, errors)| errors.0);

@@ -1,9 +1,8 @@
 //! The cell that is measured: all that take part, side by side under one condition.
 
-use super::SAME;
-use super::entrants::Field;
-use crate::experiment::cell::{Cell, Measured, Progress};
+use super::entrants::{Field, SAME};
 use crate::experiment::resolution::{SMALL, enlarged};
+use crate::experiment::trial::{Measured, Progress, Trial};
 use lsdc_eval::evaluation::{Candidate, Enlargement};
 use lsdc_eval::metrics::Scores;
 use lsdc_eval::predict::{Classic, Method};
@@ -110,13 +109,13 @@ impl<'a> Side<'a> {
     }
 }
 
-impl Cell for Side<'_> {
+impl Trial for Side<'_> {
     fn name(&self) -> &str {
         &self.name
     }
 
     fn kept(&self) -> Result<usize> {
-        self.parts()?.iter().map(Cell::kept).sum()
+        self.parts()?.iter().map(Trial::kept).sum()
     }
 
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
@@ -142,7 +141,7 @@ impl Cell for Side<'_> {
 
     fn failures(&self) -> Result<Vec<Failure>> {
         let parts = self.parts()?;
-        let failures = parts.iter().map(Cell::failures);
+        let failures = parts.iter().map(Trial::failures);
         Ok(failures.collect::<Result<Vec<_>>>()?.concat())
     }
 }

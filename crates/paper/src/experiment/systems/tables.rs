@@ -1,9 +1,10 @@
 //! The tables of the page, with the rows that were published.
 
+use super::Systems;
 use super::clock::{Clock, SIZE};
 use super::conditions::{Conditions, Group};
+use super::entrants::OURS;
 use super::side::Side;
-use super::{OURS, Systems};
 use crate::experiment::{published, resolution};
 use burn::tensor::Device;
 use lsdc_eval::metrics::{Metric, Scores};

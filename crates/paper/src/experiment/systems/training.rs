@@ -1,7 +1,7 @@
 //! A system that the experiment trains, and on which budget.
 
-use crate::experiment::cell::{Cell, Progress, keep_to, train};
-use crate::experiment::{Lab, SystemRecipe};
+use crate::experiment::trial::{Progress, Trial, keep_to, train};
+use crate::experiment::{ExperimentContext, SystemRecipe};
 use crate::systems::{Predictor, trainer};
 use lsdc_eval::data::Dataset;
 use lsdc_files::error::Result;
@@ -44,14 +44,18 @@ impl Display for Budget {
 
 /// A system trained by the experiment.
 pub(super) struct TrainedSystem<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     pub(super) recipe: &'a SystemRecipe,
     name: String,
     frames: Arc<dyn Dataset>,
 }
 
 impl<'a> TrainedSystem<'a> {
-    pub(super) fn new(lab: &'a Lab, recipe: &'a SystemRecipe, frames: Arc<dyn Dataset>) -> Self {
+    pub(super) fn new(
+        lab: &'a ExperimentContext,
+        recipe: &'a SystemRecipe,
+        frames: Arc<dyn Dataset>,
+    ) -> Self {
         Self {
             lab,
             recipe,
@@ -95,7 +99,7 @@ impl<'a> TrainedSystem<'a> {
     }
 }
 
-impl Cell for TrainedSystem<'_> {
+impl Trial for TrainedSystem<'_> {
     fn name(&self) -> &str {
         &self.name
     }

@@ -10,7 +10,7 @@ use super::dense::{cholesky, squared};
 use super::factor::Factor;
 use super::strip::STRIP;
 use super::{FieldPrior, Observations};
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
@@ -24,7 +24,7 @@ use std::sync::Arc;
 
 /// A field with few observations: from the factor of the equations without them.
 #[derive(Debug)]
-pub struct Kriged {
+pub struct CovarianceSolver {
     factor: Arc<Factor>,
     border: Border,
     /// The Cholesky factor L of C at the positions of the border, padded, column by column.
@@ -41,7 +41,7 @@ pub struct Kriged {
 /// Columns that a task solves for.
 const TOGETHER: usize = 33;
 
-impl Kriged {
+impl CovarianceSolver {
     /// Adds observations to a field. `None` if values are not finite, a weight is not above 0, or there is no
     /// observation.
     ///
@@ -162,7 +162,7 @@ impl Kriged {
     ///
     /// # Panics
     /// If a pixel is outside the grid.
-    pub fn at(&self, taps: &[Taps], combinations: MatRef<'_, f64>) -> Mat<f64> {
+    pub fn at(&self, taps: &[InterpolationWeights], combinations: MatRef<'_, f64>) -> Mat<f64> {
         let other = Border::new(&self.factor, taps);
         let pulls = self.pulls(combinations);
         // By strips, whose covariances with the observations stay in the cache.
@@ -262,7 +262,7 @@ impl Kriged {
 }
 
 /// `S K^-1 S'`, in the order of the taps.
-pub(super) fn covariance(factor: &Factor, taps: &[Taps]) -> Mat<f64> {
+pub(super) fn covariance(factor: &Factor, taps: &[InterpolationWeights]) -> Mat<f64> {
     let border = Border::new(factor, taps);
     let (n, size) = (taps.len(), taps.len().next_multiple_of(PAD));
     let lower = border.covariance(factor);

@@ -9,11 +9,11 @@ use std::path::PathBuf;
 
 /// A folder of such arrays, or none: then nothing is kept.
 #[derive(Clone, Debug)]
-pub struct Halves {
+pub struct F16Cache {
     folder: Option<PathBuf>,
 }
 
-impl Halves {
+impl F16Cache {
     /// Keeps arrays in files of `folder`, if one is given.
     pub fn new(folder: Option<PathBuf>) -> Self {
         Self { folder }
@@ -76,7 +76,7 @@ mod tests {
     #[test]
     fn numbers_are_kept_in_files_and_damaged_files_replaced() {
         let folder = tempfile::tempdir().unwrap();
-        let kept = Halves::new(Some(folder.path().join("numbers")));
+        let kept = F16Cache::new(Some(folder.path().join("numbers")));
         // Rounded to 11 bits, whether computed or read.
         let get = |value: f32| kept.get(7, 2, || Ok(vec![value, 0.1])).unwrap();
         assert_eq!(get(2049.0), [2048.0, 0.099_975_586]);
@@ -92,7 +92,7 @@ mod tests {
         assert_eq!(kept.get(7, 1, || Ok(vec![8.0])).unwrap(), [8.0]);
         assert_eq!(kept.get(8, 1, || Ok(vec![9.0])).unwrap(), [9.0]);
         assert_eq!(
-            Halves::new(None).get(8, 1, || Ok(vec![3.0])).unwrap(),
+            F16Cache::new(None).get(8, 1, || Ok(vec![3.0])).unwrap(),
             [3.0]
         );
         let failed = kept.get(9, 1, || Err(Error::config("no")));

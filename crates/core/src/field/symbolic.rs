@@ -17,7 +17,7 @@ const PAD: usize = 4;
 
 /// The elimination of a line or leaf of a tile.
 #[derive(Debug)]
-pub(super) struct Step {
+pub(super) struct PivotStep {
     /// The first variable that it eliminates.
     pub(super) first: usize,
     /// How many it eliminates.
@@ -36,7 +36,7 @@ pub(super) struct Step {
     room: usize,
 }
 
-impl Step {
+impl PivotStep {
     fn padded(&self) -> usize {
         self.rows - self.count
     }
@@ -57,12 +57,12 @@ pub(super) struct Source {
 
 /// How tiles of a shape are eliminated.
 #[derive(Debug)]
-pub(super) struct Program {
+pub(super) struct SymbolicFactor {
     /// The pixels of the tile in the order of elimination, (x, y) from its first.
     pub(super) order: Vec<(usize, usize)>,
     /// The offsets of the pixels of the ring.
     pub(super) ring: Vec<(i32, i32)>,
-    pub(super) steps: Vec<Step>,
+    pub(super) steps: Vec<PivotStep>,
     pub(super) sources: Vec<Source>,
     /// Values of the factor.
     pub(super) length: usize,
@@ -105,7 +105,7 @@ impl Part {
     }
 }
 
-impl Program {
+impl SymbolicFactor {
     pub(super) fn new(width: usize, height: usize, neighbours: Neighbours) -> Self {
         let mut program = Self {
             order: Vec::with_capacity(width * height),
@@ -137,7 +137,7 @@ impl Program {
             self.order
                 .extend((own.x..own.x + own.width).map(|x| (x, y)));
         }
-        self.steps.push(Step {
+        self.steps.push(PivotStep {
             first,
             count: own.width * own.height,
             kept: Vec::new(),
@@ -217,7 +217,7 @@ impl Program {
     }
 
     /// The last step, which keeps the ring.
-    pub(super) fn last(&self) -> &Step {
+    pub(super) fn last(&self) -> &PivotStep {
         &self.steps[self.steps.len() - 1]
     }
 
@@ -285,7 +285,7 @@ impl Program {
     }
 }
 
-impl Step {
+impl PivotStep {
     #[inline(always)]
     fn assemble(
         &self,

@@ -13,28 +13,28 @@ use super::factor::Factor;
 use super::plan::Plan;
 use super::stencil::{Neighbours, Stencil};
 use super::sweep::Row;
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use faer::{Mat, MatRef};
 use std::sync::OnceLock;
 
 /// A field with any number of observations, which are part of its equations.
 #[derive(Debug)]
-pub struct Observed {
+pub struct PrecisionSolver {
     factor: Factor,
-    taps: Vec<Taps>,
+    taps: Vec<InterpolationWeights>,
     weights: Vec<f64>,
     /// The inverse of the equations at pixels that are joined, once it was asked for.
     inverse: OnceLock<Box<Stencil>>,
 }
 
-impl Observed {
+impl PrecisionSolver {
     /// Factorises the equations with observations of these `weights`, each above 0, at positions that `taps`
     /// interpolate. `None` if there is no observation, or if the equations are not positive definite in floating
     /// point.
     ///
     /// # Panics
     /// If lengths do not match or a pixel is outside the grid.
-    pub fn new(grid: &Grid<'_>, taps: &[Taps], weights: &[f64]) -> Option<Self> {
+    pub fn new(grid: &Grid<'_>, taps: &[InterpolationWeights], weights: &[f64]) -> Option<Self> {
         Self::with_lumped(grid, taps, weights, |_| false)
     }
 
@@ -44,7 +44,7 @@ impl Observed {
     /// As for [`Self::new`].
     pub fn with_lumped(
         grid: &Grid<'_>,
-        taps: &[Taps],
+        taps: &[InterpolationWeights],
         weights: &[f64],
         lumped: impl Fn(usize) -> bool,
     ) -> Option<Self> {
@@ -150,7 +150,7 @@ impl Observed {
     /// If lengths do not match.
     pub fn pull_from(&self, targets: &[f64], field: &[f64]) -> Vec<f64> {
         let rest =
-            |((taps, weight), target): ((&Taps, &f64), &f64)| weight * (target - taps.read(field));
+            |((taps, weight), target): ((&InterpolationWeights, &f64), &f64)| weight * (target - taps.read(field));
         let observations = self.taps.iter().zip(&self.weights);
         observations.zip(targets).map(rest).collect()
     }
@@ -194,7 +194,7 @@ impl Observed {
     }
 
     /// The variance of the field where it is read from these pixels, given the targets.
-    pub fn variance(&self, taps: &Taps) -> f64 {
+    pub fn variance(&self, taps: &InterpolationWeights) -> f64 {
         self.inverse().at(taps)
     }
 

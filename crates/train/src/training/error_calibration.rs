@@ -1,7 +1,7 @@
 //! The distribution of the errors of completed depth, learned from frames that the network has not seen.
 
 use super::Scenes;
-use lsdc_core::fit::{ErrorModel, KNOTS, Knot, Sample, student};
+use lsdc_core::fit::{CalibrationNode, ErrorModel, KNOTS, Sample, student_t};
 use lsdc_core::{Completer, Observation, Observations};
 use lsdc_eval::data::{Dataset, DepthMap, Frame};
 use lsdc_eval::predict::scene;
@@ -21,7 +21,7 @@ const PARTS: u64 = 4;
 
 /// What was learned, and how well it holds on scenes that it was not learned from.
 #[derive(Clone, Debug)]
-pub struct Foresight {
+pub struct ErrorCalibration {
     /// The distribution learned from all frames.
     pub model: ErrorModel,
     /// For each of [`NUMBERS`], the share of errors within intervals of 68.27 and 95.45 %, with exponents
@@ -46,7 +46,7 @@ pub(super) fn foresight(
     protocol: &Protocol,
     seed: u64,
     progress: impl Fn(usize, usize) + Sync,
-) -> Result<Foresight> {
+) -> Result<ErrorCalibration> {
     let mut chosen = scenes.spread(frames, which, "errors");
     chosen.truncate(FRAMES);
     let done = std::sync::atomic::AtomicUsize::new(0);
@@ -65,7 +65,7 @@ pub(super) fn foresight(
         for (i, number) in NUMBERS.into_iter().enumerate() {
             let some = found.iter().filter(|(scene, _)| wanted(scene));
             let samples: Vec<Sample> = some.flat_map(|(_, errors)| errors[i].clone()).collect();
-            knots.push(Knot::learn(number as f64, &samples)?);
+            knots.push(CalibrationNode::learn(number as f64, &samples)?);
         }
         knots.try_into().ok().map(ErrorModel)
     };
@@ -82,7 +82,7 @@ pub(super) fn foresight(
         };
         for (_, errors) in found.iter().filter(|(scene, _)| part(scene) == own) {
             for ((count, samples), knot) in counts.iter_mut().zip(errors).zip(&other.0) {
-                let bounds = lsdc_eval::metrics::LEVELS.map(|l| student::bound(l, knot.freedom));
+                let bounds = lsdc_eval::metrics::LEVELS.map(|l| student_t::bound(l, knot.freedom));
                 for (clues, error) in samples {
                     let ratio = f64::from(error.abs()) / knot.scale(clues);
                     count.0 += 1;
@@ -95,7 +95,7 @@ pub(super) fn foresight(
     let share =
         |(all, one, two): (usize, usize, usize)| (one as f64 / all as f64, two as f64 / all as f64);
     let measured = counts.iter().all(|count| count.0 > 0);
-    Ok(Foresight {
+    Ok(ErrorCalibration {
         model,
         held: measured.then(|| counts.map(share)),
     })

@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 /// A flaw that some images have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Flaw {
+pub struct Degradation {
     /// The share of images that have it.
     pub chance: f32,
     /// How strong it is at most; drawn uniformly from 0 up.
     pub most: f32,
 }
 
-impl Flaw {
+impl Degradation {
     pub(super) fn is_sound(self, limit: f32) -> bool {
         (0.0..=1.0).contains(&self.chance) && (0.0..=limit).contains(&self.most)
     }
@@ -28,7 +28,7 @@ impl Flaw {
 }
 
 /// A Gaussian blur with a standard deviation in pixels.
-pub(super) fn blurred(rgb: RgbImage, flaw: Flaw, rng: &mut Rng) -> RgbImage {
+pub(super) fn blurred(rgb: RgbImage, flaw: Degradation, rng: &mut Rng) -> RgbImage {
     /// No pixel changes by more than a level.
     const LEAST: f32 = 0.1;
     match flaw.draw(rng) {
@@ -38,7 +38,7 @@ pub(super) fn blurred(rgb: RgbImage, flaw: Flaw, rng: &mut Rng) -> RgbImage {
 }
 
 /// Normal noise with a standard deviation in levels of 255, for each pixel and channel its own.
-pub(super) fn noisy(mut rgb: RgbImage, flaw: Flaw, rng: &mut Rng) -> RgbImage {
+pub(super) fn noisy(mut rgb: RgbImage, flaw: Degradation, rng: &mut Rng) -> RgbImage {
     if let Some(deviation) = flaw.draw(rng) {
         for Rgb(channels) in rgb.pixels_mut() {
             *channels = channels.map(|c| (f32::from(c) + deviation * rng.normal() + 0.5) as u8);
@@ -48,7 +48,7 @@ pub(super) fn noisy(mut rgb: RgbImage, flaw: Flaw, rng: &mut Rng) -> RgbImage {
 }
 
 /// JPEG of quality 100 less the strength of the flaw.
-pub(super) fn compressed(rgb: RgbImage, flaw: Flaw, rng: &mut Rng) -> Result<RgbImage> {
+pub(super) fn compressed(rgb: RgbImage, flaw: Degradation, rng: &mut Rng) -> Result<RgbImage> {
     let Some(strength) = flaw.draw(rng) else {
         return Ok(rgb);
     };
@@ -69,8 +69,8 @@ mod tests {
         Rng::stream(1, &["flaws"])
     }
 
-    fn always(most: f32) -> Flaw {
-        Flaw { chance: 1.0, most }
+    fn always(most: f32) -> Degradation {
+        Degradation { chance: 1.0, most }
     }
 
     /// How strong a flaw is that is drawn first.
@@ -138,10 +138,10 @@ mod tests {
     #[test]
     fn what_no_image_has_draws_nothing() {
         let mut used = rng();
-        let same = blurred(edge(), Flaw::default(), &mut used);
-        let same = noisy(same, Flaw::default(), &mut used);
+        let same = blurred(edge(), Degradation::default(), &mut used);
+        let same = noisy(same, Degradation::default(), &mut used);
         assert_eq!(
-            compressed(same, Flaw::default(), &mut used).unwrap(),
+            compressed(same, Degradation::default(), &mut used).unwrap(),
             edge()
         );
         assert_eq!(used.unit(), rng().unit());

@@ -3,7 +3,7 @@
 use super::local::Local;
 use super::medians::deviation;
 use super::mixture::{
-    Evidence, Judgement, Neighbours, judge as judge_all, judge_twice, judge_with,
+    Evidence, InlierPosterior, Neighbours, judge as judge_all, judge_twice, judge_with,
 };
 use super::refit::Refit;
 use super::reweighted::reweighted;
@@ -35,7 +35,7 @@ pub(in crate::fit) fn judge(
     rows: &Rows<'_>,
     estimator: Estimator<'_>,
     plain: &Estimate,
-) -> Result<Vec<Judgement>> {
+) -> Result<Vec<InlierPosterior>> {
     match estimator {
         Estimator::Field(field) if is_dense(rows, field) => dense(rows, field, plain),
         Estimator::Field(field) => in_order(rows, |order| {
@@ -50,7 +50,7 @@ pub(in crate::fit) fn judge(
             let points = evidence(rows, &all, 1.0);
             if all.len() <= plain.solution.rank {
                 // A fit through every point: none says anything of another.
-                return Ok(Judgement::unknown(&points.noise));
+                return Ok(InlierPosterior::unknown(&points.noise));
             }
             // A fit of few functions to all points cannot tell right ones from wrong ones.
             let cauchy = Robust::new(Loss::Cauchy);
@@ -69,8 +69,8 @@ fn is_dense(rows: &Rows<'_>, field: FieldEstimator<'_>) -> bool {
 /// Judges points in an order that does not depend on the one in which they are given.
 fn in_order(
     rows: &Rows<'_>,
-    judge: impl Fn(&[usize]) -> Result<Vec<Judgement>>,
-) -> Result<Vec<Judgement>> {
+    judge: impl Fn(&[usize]) -> Result<Vec<InlierPosterior>>,
+) -> Result<Vec<InlierPosterior>> {
     let mut order: Vec<usize> = (0..rows.values.len()).collect();
     sort(rows, &mut order);
     let mut judged: Vec<_> = order.iter().copied().zip(judge(&order)?).collect();
@@ -100,7 +100,7 @@ fn close(
     order: &[usize],
     field: FieldEstimator<'_>,
     plain: &Estimate,
-) -> Result<Vec<Judgement>> {
+) -> Result<Vec<InlierPosterior>> {
     let rests = rows.residuals(&plain.solution.weights);
     let points = evidence(rows, order, field.joint.data);
     let zeros = vec![0.0; order.len()];
@@ -117,7 +117,7 @@ fn close(
 }
 
 /// Where points are dense, some of them judge one another by a field of blocks of pixels, and then all others.
-fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result<Vec<Judgement>> {
+fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result<Vec<InlierPosterior>> {
     let rests = rows.residuals(&plain.solution.weights);
     let (mut judges, others) = judges(rows);
     sort(rows, &mut judges);
@@ -136,7 +136,7 @@ fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result
     let read = |(&place, &i): (&[f64; 2], &usize)| (field.scene.taps(place), rests[i]);
     let pairs = places(&points).par_iter().zip(&others).map(read);
     let found = refit.others(judged.noise(), pairs)?;
-    let mut all = Judgement::unknown(&rows.weights);
+    let mut all = InlierPosterior::unknown(&rows.weights);
     let both = judges.into_iter().zip(judged.judgements());
     for (i, judgement) in both.chain(others.into_iter().zip(judged.others(&points, &found))) {
         all[i] = judgement;
@@ -185,7 +185,7 @@ fn by_covariances(
     order: &[usize],
     field: FieldEstimator<'_>,
     lambda: Option<f64>,
-) -> Result<Vec<Judgement>> {
+) -> Result<Vec<InlierPosterior>> {
     let points = evidence(rows, order, field.joint.data);
     let places = points.places.as_deref().unwrap_or_default();
     let mut blocks = Vec::new();

@@ -1,7 +1,7 @@
 //! Points in the form in which a field observes them.
 
 use super::JointConfig;
-use crate::bilinear::Taps;
+use crate::bilinear::InterpolationWeights;
 use crate::error::FitError;
 use crate::fit::affinities::Scene;
 use crate::fit::points::Rows;
@@ -12,8 +12,8 @@ use rayon::prelude::*;
 /// Observations of a field: each point at its exact position, but all points within one pixel of the field
 /// merged into one, with their mean position and depth.
 #[derive(Debug)]
-pub(super) struct Sites {
-    pub(super) taps: Vec<Taps>,
+pub(super) struct MergedObservations {
+    pub(super) taps: Vec<InterpolationWeights>,
     pub(super) weights: Vec<f64>,
     pub(super) depths: Vec<f64>,
     /// Mean positions (u, v) on the grid of the field.
@@ -38,13 +38,13 @@ const NONE: u32 = u32::MAX;
 /// Some sites, with their basis functions.
 #[derive(Debug)]
 pub(super) struct Sample {
-    pub(super) taps: Vec<Taps>,
+    pub(super) taps: Vec<InterpolationWeights>,
     pub(super) weights: Vec<f64>,
     /// Basis functions, each the mean of the points, and depth.
     pub(super) rows: Vec<f64>,
 }
 
-impl Sites {
+impl MergedObservations {
     pub(super) fn new(
         rows: &Rows<'_>,
         weights: &[f64],

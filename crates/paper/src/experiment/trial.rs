@@ -1,6 +1,6 @@
 //! The parts of experiments: what each has done is on disk.
 
-use super::Lab;
+use super::ExperimentContext;
 use lsdc_core::Completer;
 use lsdc_core::fit::{FitConfig, FitMethod, PriorKind};
 use lsdc_core::network::NetworkConfig;
@@ -25,7 +25,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub(super) type Progress<'a> = dyn FnMut(f64) -> ControlFlow<()> + 'a;
 
 /// A part of an experiment.
-pub(super) trait Cell {
+pub(super) trait Trial {
     /// Its name in files.
     fn name(&self) -> &str;
 
@@ -41,9 +41,18 @@ pub(super) trait Cell {
     }
 }
 
+/// An experiment whose parts are known.
+pub(super) trait Study {
+    /// The parts.
+    fn cells(&self) -> Vec<&dyn Trial>;
+
+    /// What was found, once all parts are done.
+    fn section(&self) -> Result<Section>;
+}
+
 /// Methods measured on frames.
 pub(super) struct Measured<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     name: String,
     dataset: String,
     frames: Arc<dyn Dataset>,
@@ -61,7 +70,7 @@ pub(super) struct Measured<'a> {
 
 impl<'a> Measured<'a> {
     /// `lsdc` on the frames, protocol and points of the lab.
-    pub(super) fn new(lab: &'a Lab, name: impl Into<String>) -> Self {
+    pub(super) fn new(lab: &'a ExperimentContext, name: impl Into<String>) -> Self {
         Self {
             lab,
             name: name.into(),
@@ -251,7 +260,7 @@ impl<'a> Measured<'a> {
     }
 }
 
-impl Cell for Measured<'_> {
+impl Trial for Measured<'_> {
     fn name(&self) -> &str {
         &self.name
     }
@@ -272,7 +281,7 @@ impl Cell for Measured<'_> {
 
 /// A network trained and then measured.
 pub(super) struct Trained<'a> {
-    lab: &'a Lab,
+    lab: &'a ExperimentContext,
     name: String,
     pub(super) network: NetworkConfig,
     frames: Arc<dyn Dataset>,
@@ -286,7 +295,7 @@ const FRAME: f64 = 0.2;
 
 impl<'a> Trained<'a> {
     pub(super) fn new(
-        lab: &'a Lab,
+        lab: &'a ExperimentContext,
         name: impl Into<String>,
         network: NetworkConfig,
         frames: Arc<dyn Dataset>,
@@ -406,7 +415,7 @@ pub(super) fn keep_to(folder: &Path, recipe: &Value) -> Result<()> {
     }
 }
 
-impl Cell for Trained<'_> {
+impl Trial for Trained<'_> {
     fn name(&self) -> &str {
         &self.name
     }

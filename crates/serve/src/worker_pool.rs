@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 /// The threads, and the places in their queue.
-pub(crate) struct Crew {
+pub(crate) struct WorkerPool {
     queue: Arc<Queue>,
     /// A place for each request from its head until its answer has been sent.
     places: Arc<Semaphore>,
@@ -20,12 +20,12 @@ pub(crate) struct Crew {
 }
 
 /// A place of a request, which is free again when this is dropped.
-pub(crate) struct Place {
+pub(crate) struct QueueSlot {
     metrics: Arc<Metrics>,
     _permit: OwnedSemaphorePermit,
 }
 
-impl Drop for Place {
+impl Drop for QueueSlot {
     fn drop(&mut self) {
         self.metrics.add_places(-1);
     }
@@ -48,7 +48,7 @@ struct State {
 
 type Job = Box<dyn FnOnce() + Send>;
 
-impl Crew {
+impl WorkerPool {
     /// Starts the threads.
     ///
     /// # Errors
@@ -86,11 +86,11 @@ impl Crew {
     ///
     /// # Errors
     /// All are taken.
-    pub(crate) fn place(&self) -> Result<Place, Fault> {
+    pub(crate) fn place(&self) -> Result<QueueSlot, Fault> {
         let permit = self.places.clone().try_acquire_owned();
         let permit = permit.map_err(|_| self.full())?;
         self.metrics.add_places(1);
-        Ok(Place {
+        Ok(QueueSlot {
             metrics: self.metrics.clone(),
             _permit: permit,
         })
@@ -139,7 +139,7 @@ impl Crew {
     }
 }
 
-impl Drop for Crew {
+impl Drop for WorkerPool {
     /// What is being computed is finished, what waits is not begun.
     fn drop(&mut self) {
         let mut state = self.queue.lock();

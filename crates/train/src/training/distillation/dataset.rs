@@ -1,7 +1,7 @@
 //! What a trained network says of training frames: depth where none was measured.
 
 use crate::predict::completer;
-use crate::sample::Halves;
+use crate::sample::F16Cache;
 use burn::tensor::Device;
 use lsdc_core::Completer;
 use lsdc_eval::data::{Dataset, DepthMap, Frame, FrameId, Target};
@@ -20,7 +20,7 @@ use std::sync::Arc;
 /// What is learned from a teacher.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Lesson {
+pub enum DistillTarget {
     /// Measured depths, and the teacher's where there are none.
     #[default]
     Fill,
@@ -43,7 +43,7 @@ pub struct TeacherConfig {
     /// The number of measured depths of a frame that it is given, drawn at random; absent: all.
     pub points: Option<usize>,
     /// What is learned from it.
-    pub target: Lesson,
+    pub target: DistillTarget,
     /// The ratio of its standard deviation to its depth at which an error counts half: one of r times that counts
     /// 1 / (1 + r^2). Errors at measured depths count 1.
     pub tolerance: f32,
@@ -58,7 +58,7 @@ impl Default for TeacherConfig {
             weights: "anything".into(),
             fit: FitSettings::default(),
             points: None,
-            target: Lesson::Fill,
+            target: DistillTarget::Fill,
             tolerance: 0.1,
             folder: None,
         }
@@ -66,7 +66,7 @@ impl Default for TeacherConfig {
 }
 
 impl TeacherConfig {
-    pub(super) fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         if self.points == Some(0) {
             return Err(Error::config("`train.teacher.points` must be above 0")
                 .hint("leave it out to give the teacher all depths"));
@@ -97,18 +97,18 @@ impl TeacherConfig {
 
 /// A dataset whose frames were scaled by a protocol and then seen by a teacher: each has a depth at every pixel, the
 /// measured one where there is one, and a target.
-pub(super) struct Taught {
+pub(crate) struct DistilledDataset {
     frames: Arc<dyn Dataset>,
     protocol: Protocol,
     teacher: Teacher,
 }
 
-impl Taught {
+impl DistilledDataset {
     /// Lets a teacher see all frames of a dataset, when they are loaded.
     ///
     /// # Errors
     /// Weights that cannot be read or used.
-    pub(super) fn new(
+    pub(crate) fn new(
         frames: Arc<dyn Dataset>,
         protocol: Protocol,
         config: &TeacherConfig,
@@ -121,7 +121,7 @@ impl Taught {
     }
 }
 
-impl Dataset for Taught {
+impl Dataset for DistilledDataset {
     fn about(&self) -> String {
         let weights = self.teacher.config.weights.display();
         format!("{}, completed by `{weights}`", self.frames.about())
@@ -150,7 +150,7 @@ struct Teacher {
     config: TeacherConfig,
     /// Changes with the teacher.
     identity: String,
-    kept: Halves,
+    kept: F16Cache,
 }
 
 /// Depths and their standard deviations in metres, row by row.
@@ -167,7 +167,7 @@ impl Teacher {
         Ok(Self {
             completer: completer.with_fit(fit),
             identity: config.identity()?.to_string(),
-            kept: Halves::new(config.folder.clone()),
+            kept: F16Cache::new(config.folder.clone()),
             config: config.clone(),
         })
     }
@@ -175,12 +175,15 @@ impl Teacher {
     /// Gives a frame depths at every pixel and a target, if the teacher is to be asked about it.
     fn teach(&self, mut frame: Frame) -> Result<Frame> {
         let (width, height) = (frame.depth.width(), frame.depth.height());
-        let (count, fill) = (frame.depth.count(), self.config.target != Lesson::All);
+        let (count, fill) = (
+            frame.depth.count(),
+            self.config.target != DistillTarget::All,
+        );
         let asked = match self.config.target {
-            Lesson::All => true,
-            Lesson::Fill => count < width * height,
-            Lesson::Images => count == 0,
-            Lesson::Measured => false,
+            DistillTarget::All => true,
+            DistillTarget::Fill => count < width * height,
+            DistillTarget::Images => count == 0,
+            DistillTarget::Measured => false,
         };
         if !asked {
             return Ok(frame);
@@ -342,7 +345,7 @@ mod tests {
         }
 
         let all = TeacherConfig {
-            target: Lesson::All,
+            target: DistillTarget::All,
             points: Some(20),
             tolerance: 0.2,
             ..config()
@@ -364,7 +367,7 @@ mod tests {
         assert_eq!((found.depth, found.target), (whole.depth, None));
 
         let images = TeacherConfig {
-            target: Lesson::Images,
+            target: DistillTarget::Images,
             ..config()
         };
         let found = taught(&images, frame.clone());
@@ -379,7 +382,7 @@ mod tests {
             ..whole
         };
         let images = TeacherConfig {
-            target: Lesson::Images,
+            target: DistillTarget::Images,
             ..config()
         };
         let found = taught(&images, frame.clone());
@@ -412,7 +415,7 @@ mod tests {
             ..holed()
         };
         let used = TeacherConfig {
-            target: Lesson::All,
+            target: DistillTarget::All,
             tolerance: 0.5,
             ..kept.clone()
         };

@@ -29,7 +29,7 @@ pub fn bound(level: f64, freedom: f64) -> f64 {
 }
 
 /// Minus the logarithm of the density at t, given t^2.
-pub fn surprise(square: f64, freedom: f64) -> f64 {
+pub fn neg_log_likelihood(square: f64, freedom: f64) -> f64 {
     let half = 0.5 * (freedom + 1.0);
     log_gamma(0.5 * freedom) - log_gamma(half)
         + 0.5 * (freedom * PI).ln()
@@ -97,6 +97,10 @@ mod tests {
             (0.95, 3.0, 3.182),
             (0.99, 5.0, 4.032),
             (0.9, 10.0, 1.812),
+            (0.95, 4.0, 2.776),
+            (0.95, 9.0, 2.262),
+            (0.95, 10.0, 2.228),
+            (0.95, 30.0, 2.042),
             (0.95, 120.0, 1.980),
             (0.5, 1.0, 1.0),
         ] {
@@ -121,6 +125,6 @@ mod tests {
         // Between whole numbers, the density is the derivative.
         let (x, freedom, step) = (1.3, 2.7, 1e-5);
         let slope = (within(x + step, freedom) - within(x - step, freedom)) / (4.0 * step);
-        assert!((slope.ln() + surprise(x * x, freedom)).abs() < 1e-8);
+        assert!((slope.ln() + neg_log_likelihood(x * x, freedom)).abs() < 1e-8);
     }
 }

@@ -5,12 +5,12 @@ use burn::tensor::{Device, Tensor};
 
 /// An optimiser at a share of the learning rate.
 #[derive(Clone)]
-pub(super) struct Slower<O> {
+pub(super) struct ScaledRate<O> {
     pub(super) inner: O,
     pub(super) share: f64,
 }
 
-impl<O: Optimizer> Optimizer for Slower<O> {
+impl<O: Optimizer> Optimizer for ScaledRate<O> {
     type State<const D: usize> = O::State<D>;
 
     fn step<const D: usize>(
@@ -39,7 +39,7 @@ mod tests {
         let gradient = Tensor::<2>::from_data([[1.0, -2.0], [0.5, 3.0]], &device);
         let start = Tensor::<2>::zeros([2, 2], &device);
         let adam = || AdamConfig::new().build();
-        let slower = Slower {
+        let slower = ScaledRate {
             inner: adam(),
             share: 0.25,
         };

@@ -1,9 +1,9 @@
 //! What a network learns of another one beside depths: its affinities, and the space that its basis functions span.
 
-use super::LossConfig;
 use crate::model::{BasisNet, HiddenBases, every};
 use crate::ops::Factored;
 use crate::sample::Batch;
+use crate::training::LossConfig;
 use burn::tensor::Tensor;
 use lsdc_core::fit::Solver;
 
@@ -14,16 +14,16 @@ const RIDGE: f64 = 1e-4;
 
 /// The outputs of a teacher's network for a batch, as far as losses compare with them.
 #[derive(Clone, Debug)]
-pub struct Shown {
+pub struct TeacherOutput {
     /// Basis functions at every n-th of the pixels of the batch, `[images, pixels, N + 1]`, and n.
     functions: Option<(Tensor<3>, usize)>,
     /// `[images, height, width, 2]`.
     affinities: Option<Tensor<4>>,
 }
 
-impl Shown {
+impl TeacherOutput {
     /// Runs a network that is not on an autodiff device for a batch that is on the autodiff device of the same.
-    pub(super) fn new(net: &BasisNet, batch: &Batch, config: &LossConfig) -> Self {
+    pub(crate) fn new(net: &BasisNet, batch: &Batch, config: &LossConfig) -> Self {
         let images = batch.images.clone().inner();
         let encoded = batch.encoded.clone().map(Tensor::inner);
         let functions = (config.teacher_span > 0.0).then(|| {
@@ -44,14 +44,14 @@ impl Shown {
     }
 
     /// What is added to the loss for affinities `[images, height, width, 2]`.
-    pub(super) fn affinity_loss(&self, own: &Tensor<4>, config: &LossConfig) -> Option<Tensor<1>> {
+    pub(crate) fn affinity_loss(&self, own: &Tensor<4>, config: &LossConfig) -> Option<Tensor<1>> {
         let shown = self.affinities.clone()?;
         Some(unlike(own.clone(), shown) * config.teacher_affinities)
     }
 
     /// What is added to the loss for the basis functions at all pixels of the batch, whose depths are `[images,
     /// pixels]`; those without one do not count.
-    pub(super) fn span_loss(
+    pub(crate) fn span_loss(
         &self,
         own: &HiddenBases,
         depths: &Tensor<2>,
