@@ -4,7 +4,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lsdc_core::bilinear::InterpolationWeights;
-use lsdc_core::field::{FieldPrior, Grid, CovarianceSolver, MOST, Observations, PrecisionSolver};
+use lsdc_core::field::{CovarianceSolver, FieldPrior, Grid, MOST, Observations, PrecisionSolver};
 use lsdc_rng::Rng;
 use std::hint::black_box;
 
@@ -39,7 +39,10 @@ fn field(criterion: &mut Criterion) {
             .collect();
         let mut pixels: Vec<u32> = (0..(height * width) as u32).collect();
         rng.choose(&mut pixels, points);
-        let taps: Vec<InterpolationWeights> = pixels[..points].iter().map(|&p| InterpolationWeights::pixel(p)).collect();
+        let taps: Vec<InterpolationWeights> = pixels[..points]
+            .iter()
+            .map(|&p| InterpolationWeights::pixel(p))
+            .collect();
         let weights = vec![100.0; points];
         let seen = Observations {
             taps: &taps,

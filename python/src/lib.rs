@@ -17,6 +17,7 @@ mod image;
 mod observations;
 mod pool;
 mod scene;
+mod settings;
 
 use pyo3::{pyfunction, pymodule};
 

@@ -2,12 +2,12 @@
 
 use crate::alignment::Alignment;
 use crate::arrays;
-use crate::completer::robust;
 use crate::completion::Completion;
 use crate::error::Kind;
 use crate::guide::DepthGuide;
 use crate::observations::Observations;
 use crate::pool::Pool;
+use crate::settings::robust;
 use image::RgbImage;
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;

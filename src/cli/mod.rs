@@ -8,6 +8,7 @@ mod complete;
 #[cfg(feature = "train")]
 mod dashboard;
 mod eval;
+mod exit;
 #[cfg(feature = "train")]
 mod experiment;
 mod export;
@@ -31,33 +32,10 @@ mod weights;
 
 use args::{Args, Command, ReportCommand};
 use clap::Parser as _;
+use exit::Exit;
 use lsdc_eval::data::hide_caught_panics;
-use lsdc_files::error::{Cause, Error, Result};
+use lsdc_files::error::{Error, Result};
 use std::process::ExitCode;
-
-/// How the program ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Exit {
-    /// All done.
-    Done = 0,
-    /// Something failed that the user's input did not cause.
-    Failed = 1,
-    /// Wrong usage, configuration or input.
-    Usage = 2,
-    /// Finished, but some frames failed.
-    Partial = 3,
-    /// Stopped by Ctrl-C.
-    Interrupted = 130,
-}
-
-impl From<&Error> for Exit {
-    fn from(error: &Error) -> Self {
-        match error.cause() {
-            Cause::Write | Cause::Network => Self::Failed,
-            _ => Self::Usage,
-        }
-    }
-}
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {

@@ -1,14 +1,13 @@
-//! Why a call failed, kept for the thread that made it.
+//! Why a call failed.
 
+use crate::last_error;
 use crate::status::{
     LSDC_ERROR_ARGUMENT, LSDC_ERROR_BUFFER, LSDC_ERROR_FIT, LSDC_ERROR_HANDLE, LSDC_ERROR_IMAGE,
     LSDC_ERROR_INTERNAL, LSDC_ERROR_MEMORY, LSDC_ERROR_SETTINGS, LSDC_ERROR_WEIGHTS, LSDC_OK,
     lsdc_status,
 };
 use lsdc_core::{Error, FitError};
-use std::cell::RefCell;
 use std::error::Error as _;
-use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 pub(crate) type Result<T, E = Fault> = std::result::Result<T, E>;
@@ -125,10 +124,6 @@ fn hint(error: &Error) -> Option<&str> {
     }
 }
 
-thread_local! {
-    static LAST: RefCell<(CString, CString)> = RefCell::default();
-}
-
 /// Runs the body of a function of the interface: no panic leaves it, and an error is kept for
 /// `lsdc_last_error`.
 pub(crate) fn guard(work: impl FnOnce() -> Result<()>) -> lsdc_status {
@@ -136,31 +131,17 @@ pub(crate) fn guard(work: impl FnOnce() -> Result<()>) -> lsdc_status {
     match caught.unwrap_or_else(|payload| Err(Fault::panic(&*payload))) {
         Ok(()) => LSDC_OK,
         Err(fault) => {
-            let text = |text: String| CString::new(text.replace('\0', " ")).unwrap_or_default();
-            let texts = (text(fault.message), text(fault.hint));
-            // A thread that is ending has no place for it any more.
-            let _ = LAST.try_with(|last| last.replace(texts));
+            last_error::keep(&fault.message, &fault.hint);
             fault.status
         }
     }
 }
 
-pub(crate) fn last_message() -> *const c_char {
-    last(|(message, _)| message)
-}
-
-pub(crate) fn last_hint() -> *const c_char {
-    last(|(_, hint)| hint)
-}
-
-fn last(which: impl FnOnce(&(CString, CString)) -> &CStr) -> *const c_char {
-    let text = LAST.try_with(|last| which(&last.borrow()).as_ptr());
-    text.unwrap_or(c"".as_ptr())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::last_error::{last_hint, last_message};
+    use std::ffi::{CStr, c_char};
 
     fn text(pointer: *const c_char) -> String {
         // SAFETY: the texts of this thread end with a zero and live until its next failure.

@@ -1,7 +1,7 @@
 //! Status codes, the last error of a thread, and versions.
 
 use crate::abi::LSDC_ABI_VERSION;
-use crate::fault;
+use crate::last_error;
 use std::ffi::c_char;
 
 /// What became of a call: `LSDC_OK`, or one of the codes `LSDC_ERROR_...`.
@@ -33,13 +33,13 @@ pub const LSDC_ERROR_INTERNAL: lsdc_status = 9;
 /// failing call on this thread, or its end.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_last_error() -> *const c_char {
-    fault::last_message()
+    last_error::last_message()
 }
 
 /// What to do about the error of `lsdc_last_error`, or "" if nothing can be suggested. It lives as long.
 #[unsafe(no_mangle)]
 pub extern "C" fn lsdc_last_hint() -> *const c_char {
-    fault::last_hint()
+    last_error::last_hint()
 }
 
 /// The version of the library, as "0.1.0". The text lives as long as the program.

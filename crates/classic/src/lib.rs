@@ -13,6 +13,8 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! Maps come from `lsdc-core`; `lsdc-eval` compares these methods with others.
 
 mod colorisation;
 mod distance;

@@ -49,7 +49,8 @@ pub(super) fn smooth(rgb: &RgbImage, sparse: &DepthMap) -> Result<DepthMap> {
         down: &joined(width, &|i| i + width >= width * height),
         level: 0.0,
     };
-    let field = PrecisionSolver::new(&grid, &taps, &vec![DATA; taps.len()]).ok_or(Error::Singular)?;
+    let field =
+        PrecisionSolver::new(&grid, &taps, &vec![DATA; taps.len()]).ok_or(Error::Singular)?;
     let values = field.extend(&depths).into_iter().map(|v| v as f32);
     Ok(DepthMap::new(width, height, values.collect())?)
 }

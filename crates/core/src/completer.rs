@@ -1,11 +1,8 @@
 //! A trained network with the settings of the fit, ready to complete images.
 
-use crate::depth_guide::DepthGuide;
 use crate::error::{Result, SettingsError};
 use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
-use crate::image::Image;
 use crate::network::{ColourAffinity, Encoder, Network, Prepared};
-use crate::scene::Scene;
 use crate::weights::{Calibration, Normalisation, Weights};
 use lsdc_kernels::simd::Level;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -13,7 +10,7 @@ use std::sync::Arc;
 
 /// A trained network with the settings of the fit: the entry point to depth completion.
 ///
-/// Cheap to clone, and can be shared between threads. A completer turns an image into a [`Scene`]; a scene
+/// Cheap to clone, and can be shared between threads. A completer turns an image into a [`Scene`](crate::Scene); a scene
 /// completes any number of sets of points without running the network again.
 ///
 /// ```
@@ -226,7 +223,7 @@ impl Completer {
         Self::builder(weights).build()
     }
 
-    /// A completer without a network, for scenes with a [guide](DepthGuide): depth is a constant, the guide, and a field
+    /// A completer without a network, for scenes with a [guide](crate::DepthGuide): depth is a constant, the guide, and a field
     /// whose affinities follow from the colours of the image.
     ///
     /// # Errors
@@ -282,45 +279,6 @@ impl Completer {
             pool: None,
             threads: None,
         }
-    }
-
-    /// Runs the network on an image, and computes everything that depends on the image alone.
-    ///
-    /// # Errors
-    /// Colours that are not finite, settings that are out of range, or affinities of a damaged network.
-    pub fn scene(&self, image: &Image<'_>) -> Result<Scene> {
-        Scene::new(self.clone(), image, None)
-    }
-
-    /// The same with a dense prediction of the depth of the image by other means, which need not be of its size.
-    ///
-    /// # Errors
-    /// As for [`Self::scene`].
-    ///
-    /// ```
-    /// # #[cfg(feature = "weights")]
-    /// # fn main() -> lsdc_core::Result<()> {
-    /// # use lsdc_core::{Channels, Completer, DepthGuide, GuideKind, Image, Observations, Weights};
-    /// # let completer = Completer::new(&Weights::builtin_small())?;
-    /// # let grey = vec![128_u8; 3 * 64 * 48];
-    /// # let image = Image::new(64, 48, Channels::Rgb, &grey)?;
-    /// // A ramp, in no unit; in truth, depth goes from 1 to 3 m.
-    /// let ramp: Vec<f32> = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32).collect();
-    /// let guide = DepthGuide::new(GuideKind::Depth, 64, 48, &ramp)?;
-    /// let mut points = Observations::new();
-    /// for i in 0..30 {
-    ///     let (u, v) = (37 * i % 64, 29 * i % 48);
-    ///     points.add(f64::from(u), f64::from(v), 1.0 + 2.0 * u as f32 / 63.0);
-    /// }
-    /// let depth = completer.guided_scene(&image, &guide)?.complete(&points)?.depth()?;
-    /// assert!((depth.at(31, 24) - 1.984).abs() < 0.1);
-    /// # Ok(())
-    /// # }
-    /// # #[cfg(not(feature = "weights"))]
-    /// # fn main() {}
-    /// ```
-    pub fn guided_scene(&self, image: &Image<'_>, guide: &DepthGuide) -> Result<Scene> {
-        Scene::new(self.clone(), image, Some(guide.clone()))
     }
 
     /// The settings of the fit.

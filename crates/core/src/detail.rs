@@ -296,7 +296,9 @@ impl Detail {
     /// The depth at a place of the image where it is `depth` without this.
     pub(crate) fn at(&self, place: [f64; 2], depth: f64) -> f64 {
         let size = self.added.size();
-        let added = self.added.read(&InterpolationWeights::new(place, size, size));
+        let added = self
+            .added
+            .read(&InterpolationWeights::new(place, size, size));
         let limits = self.limits[pixel(place, size)];
         f64::from(limited(depth as f32, added as f32, limits))
     }

@@ -79,7 +79,8 @@ mod observations;
 mod resize;
 mod scene;
 mod smoothing;
-mod uncertainty;
+mod standard_deviation;
+mod tensor;
 #[doc(hidden)]
 pub mod upsampling;
 mod usable;

@@ -1,8 +1,6 @@
 //! Known depths at some positions of an image.
 
-use crate::error::Result;
 use crate::map::{DepthMap, Point};
-use crate::usable::Usable;
 
 /// One known depth.
 ///
@@ -33,23 +31,6 @@ impl Observations {
     /// An empty set.
     pub fn new() -> Self {
         Self::default()
-    }
-
-    /// Checks that a fit to an image of `width` x `height` pixels can use some of them, before the network looks at the image.
-    ///
-    /// # Errors
-    /// None that is usable: the error says how many lie outside, or have an unusable depth.
-    ///
-    /// ```
-    /// let mut points = lsdc_core::Observations::new();
-    /// points.add(-5.0, 3.0, 2.0);
-    /// assert!(points.check(640, 480).is_err());
-    /// points.add(5.0, 3.0, 2.0);
-    /// assert!(points.check(640, 480).is_ok());
-    /// ```
-    pub fn check(&self, width: usize, height: usize) -> Result<()> {
-        Usable::as_given(self, (height, width))?;
-        Ok(())
     }
 
     /// The measurements of a map, each at the centre of its pixel.

@@ -1,16 +1,16 @@
 //! The network's output for one image, ready for any set of points.
 
 mod again;
+mod complete;
 
 use crate::bilinear::InterpolationWeights;
 use crate::completer::Completer;
-use crate::completion::Completion;
 use crate::depth_guide::DepthGuide;
-use crate::error::{FitError, Result};
+use crate::error::Result;
 use crate::field;
 use crate::fit::{
-    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, InlierPosterior, Points, Prior,
-    PriorKind, Scene as Placed, dot, fit, judge,
+    Affinities, Bases, CosineBasis, FitMethod, Functions, ImageMoments, InlierPosterior, Points,
+    Scene as Placed, dot, judge,
 };
 use crate::image::Image;
 use crate::network::{Basis, Forward};
@@ -22,10 +22,6 @@ use lsdc_kernels::schedule::join;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
-
-/// How much closer the weights are expected to be to those of the previous frame than to those of an
-/// arbitrary image, as a ratio of variances.
-const CLOSER: f64 = 10.0;
 
 /// Points whose basis functions are held in memory at once.
 const HELD: usize = 1 << 13;
@@ -71,8 +67,49 @@ impl std::fmt::Debug for Scene {
     }
 }
 
+impl Completer {
+    /// Runs the network on an image, and computes everything that depends on the image alone.
+    ///
+    /// # Errors
+    /// Colours that are not finite, settings that are out of range, or affinities of a damaged network.
+    pub fn scene(&self, image: &Image<'_>) -> Result<Scene> {
+        Scene::new(self.clone(), image, None)
+    }
+
+    /// The same with a dense prediction of the depth of the image by other means, which need not be of its size.
+    ///
+    /// # Errors
+    /// As for [`Self::scene`].
+    ///
+    /// ```
+    /// # #[cfg(feature = "weights")]
+    /// # fn main() -> lsdc_core::Result<()> {
+    /// # use lsdc_core::{Channels, Completer, DepthGuide, GuideKind, Image, Observations, Weights};
+    /// # let completer = Completer::new(&Weights::builtin_small())?;
+    /// # let grey = vec![128_u8; 3 * 64 * 48];
+    /// # let image = Image::new(64, 48, Channels::Rgb, &grey)?;
+    /// // A ramp, in no unit; in truth, depth goes from 1 to 3 m.
+    /// let ramp: Vec<f32> = (0..64 * 48).map(|i| 1.0 + (i % 64) as f32).collect();
+    /// let guide = DepthGuide::new(GuideKind::Depth, 64, 48, &ramp)?;
+    /// let mut points = Observations::new();
+    /// for i in 0..30 {
+    ///     let (u, v) = (37 * i % 64, 29 * i % 48);
+    ///     points.add(f64::from(u), f64::from(v), 1.0 + 2.0 * u as f32 / 63.0);
+    /// }
+    /// let depth = completer.guided_scene(&image, &guide)?.complete(&points)?.depth()?;
+    /// assert!((depth.at(31, 24) - 1.984).abs() < 0.1);
+    /// # Ok(())
+    /// # }
+    /// # #[cfg(not(feature = "weights"))]
+    /// # fn main() {}
+    /// ```
+    pub fn guided_scene(&self, image: &Image<'_>, guide: &DepthGuide) -> Result<Scene> {
+        Scene::new(self.clone(), image, Some(guide.clone()))
+    }
+}
+
 impl Scene {
-    pub(crate) fn new(
+    fn new(
         completer: Completer,
         image: &Image<'_>,
         depth_guide: Option<DepthGuide>,
@@ -135,115 +172,6 @@ impl Scene {
     /// The run time of the network.
     pub fn network_time(&self) -> Duration {
         self.0.network
-    }
-
-    /// Fits the basis functions of the image to observations of its depth.
-    ///
-    /// Observations outside the image, or whose depth or standard deviation is not between 1e-15 and 1e15,
-    /// are left out; the [report](Completion::report) counts them.
-    ///
-    /// # Errors
-    /// No usable observation, or a damaged network.
-    ///
-    /// ```
-    /// # #[cfg(feature = "weights")]
-    /// # fn main() -> lsdc_core::Result<()> {
-    /// # use lsdc_core::{Channels, Completer, Image, Observations, Weights};
-    /// # let completer = Completer::new(&Weights::builtin_small())?;
-    /// # let grey = vec![128_u8; 3 * 64 * 48];
-    /// # let scene = completer.scene(&Image::new(64, 48, Channels::Rgb, &grey)?)?;
-    /// // A robot that stands still: the points change, the network runs once.
-    /// for depth in [2.0, 2.1, 2.2] {
-    ///     let mut points = Observations::new();
-    ///     points.add(32.0, 24.0, depth);
-    ///     points.add(500.0, 24.0, depth);
-    ///     let completion = scene.complete(&points)?;
-    ///     assert_eq!((completion.report().used, completion.report().outside), (1, 1));
-    ///     // One point scales a plausible map.
-    ///     assert!((completion.at(&[[32.0, 24.0]])?[0] / depth - 1.0).abs() < 0.05);
-    /// }
-    /// # Ok(())
-    /// # }
-    /// # #[cfg(not(feature = "weights"))]
-    /// # fn main() {}
-    /// ```
-    pub fn complete(&self, observations: &Observations) -> Result<Completion> {
-        self.complete_with(observations, None, false)
-    }
-
-    /// The same where no other fit to the image follows: what only others need is given back, and is computed again
-    /// if one does.
-    ///
-    /// # Errors
-    /// As for [`Self::complete`].
-    #[doc(hidden)]
-    pub fn complete_once(&self, observations: &Observations) -> Result<Completion> {
-        self.complete_with(observations, None, true)
-    }
-
-    /// The same, but with a prior centred on the weights of another fit, up to their scale: for the next
-    /// frame of a video. `weights` are [those](Completion::weights) of the previous frame.
-    ///
-    /// # Errors
-    /// As for [`Self::complete`]; weights files without a prior, or weights of other basis functions.
-    pub fn complete_near(
-        &self,
-        observations: &Observations,
-        weights: &[f64],
-    ) -> Result<Completion> {
-        self.complete_with(observations, Some(weights), false)
-    }
-
-    fn complete_with(
-        &self,
-        observations: &Observations,
-        near: Option<&[f64]>,
-        once: bool,
-    ) -> Result<Completion> {
-        let started = Instant::now();
-        let inner = &*self.0;
-        let usable = Usable::new(observations, inner.size)?;
-        let mut config = *inner.completer.fit_config();
-        let drawn = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
-        let about: Option<Prior> = match (near, inner.completer.prior()) {
-            (None, _) => None,
-            (Some(weights), Some(prior)) if drawn => {
-                config.lambda = config.lambda.times(CLOSER);
-                Some(prior.about(weights, inner.guides() + inner.cosines.len())?)
-            }
-            (Some(_), _) => return Err(FitError::NearWithoutPrior.into()),
-        };
-        let prior = about.as_ref().or(inner.completer.prior());
-        // On a thread of the pool, which need not be awaited for each step.
-        let found = inner.completer.run(|| {
-            rayon::scope(|_| {
-                let rows = inner.held(&usable, config.robust.is_some());
-                let affinities = inner.needed_affinities()?;
-                let factorising = Instant::now();
-                if let (FitMethod::Joint, Some(affinities)) = (config.method, affinities) {
-                    affinities.prior(config.joint.level);
-                }
-                let (field, solving) = (factorising.elapsed(), Instant::now());
-                let bases = rows
-                    .as_deref()
-                    .map_or(Bases::Functions(inner), |rows| Bases::Held(rows, inner));
-                let points = inner.points(bases, &usable, affinities, once);
-                Ok((fit(&points, &config, prior)?, field, solving.elapsed()))
-            })
-        });
-        let (fit, field, solve) = found.map_err(|error| match error {
-            // What was left out, and why, is known here.
-            crate::Error::Fit(FitError::NoObservations { .. }) => usable.none().into(),
-            other => other,
-        })?;
-        let times = [inner.network, started.elapsed(), field, solve];
-        Ok(Completion::new(
-            self.clone(),
-            fit,
-            usable,
-            config.method,
-            times,
-        ))
     }
 
     /// The basis functions that the network found, `[places, N + 1]`, the first being the constant 1, or what the

@@ -1,6 +1,6 @@
 //! Which observations can be used, and why the others cannot.
 
-use crate::error::FitError;
+use crate::error::{FitError, Result};
 use crate::observations::{Observation, Observations};
 use crate::smoothing::Smoothed;
 
@@ -40,7 +40,7 @@ impl Usable {
     }
 
     /// The same without smoothing.
-    pub(crate) fn as_given(
+    fn as_given(
         observations: &Observations,
         (height, width): (usize, usize),
     ) -> Result<Self, FitError> {
@@ -125,5 +125,24 @@ impl Usable {
         depths.fold((f32::INFINITY, 0.0), |(low, high), &d| {
             (low.min(d), high.max(d))
         })
+    }
+}
+
+impl Observations {
+    /// Checks that a fit to an image of `width` x `height` pixels can use some of them, before the network looks at the image.
+    ///
+    /// # Errors
+    /// None that is usable: the error says how many lie outside, or have an unusable depth.
+    ///
+    /// ```
+    /// let mut points = lsdc_core::Observations::new();
+    /// points.add(-5.0, 3.0, 2.0);
+    /// assert!(points.check(640, 480).is_err());
+    /// points.add(5.0, 3.0, 2.0);
+    /// assert!(points.check(640, 480).is_ok());
+    /// ```
+    pub fn check(&self, width: usize, height: usize) -> Result<()> {
+        Usable::as_given(self, (height, width))?;
+        Ok(())
     }
 }

@@ -3,6 +3,7 @@
 use crate::error::{Result, SettingsError, WeightsError};
 use crate::fit::{ErrorModel, FitConfig, NoisePrior, Prior};
 use crate::network::NetworkConfig;
+pub use crate::tensor::Tensor;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::de::DeserializeOwned;
@@ -55,33 +56,6 @@ impl Normalisation {
                 "`normalisation.input` must be from 1 to {MOST} pixels along each axis"
             )))
         }
-    }
-}
-
-/// An array of numbers, row by row.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Tensor {
-    shape: Vec<usize>,
-    values: Vec<f32>,
-}
-
-impl Tensor {
-    /// `None` if the number of values does not match the shape.
-    pub fn new(shape: Vec<usize>, values: Vec<f32>) -> Option<Self> {
-        let count = shape
-            .iter()
-            .try_fold(1_usize, |count, &side| count.checked_mul(side));
-        (count == Some(values.len())).then_some(Self { shape, values })
-    }
-
-    /// The lengths of the axes.
-    pub fn shape(&self) -> &[usize] {
-        &self.shape
-    }
-
-    /// The values, row by row.
-    pub fn values(&self) -> &[f32] {
-        &self.values
     }
 }
 

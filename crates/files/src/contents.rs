@@ -4,8 +4,9 @@ use super::files::{
     CLOUDS, Columns, IMAGES, Table, Visit, has_ending, image_kind, images_below, is_grey_tiff,
     read_cloud, read_upright,
 };
+use super::known_unit::KnownUnit;
 use super::sparse::is_table;
-use super::stored::{DEPTHS, KnownUnit, Stored, StoredMap, read_stored};
+use super::stored::{DEPTHS, Stored, StoredMap, read_stored};
 use super::{Camera, Colmap, DepthMap, Orientation, Unit};
 use crate::error::{Error, Result};
 use crate::foreign::check_foreign;

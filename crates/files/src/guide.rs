@@ -1,7 +1,8 @@
 //! Dense predictions of depth by other programs, as guides of a completion.
 
 use super::files::{has_ending, stored_unit};
-use super::stored::{KnownUnit, read_raster};
+use super::known_unit::KnownUnit;
+use super::stored::read_raster;
 use crate::doubts::{Doubt, marks_in_guide};
 use crate::error::{Error, Result};
 use lsdc_core::{DepthGuide, GuideKind};

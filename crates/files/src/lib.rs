@@ -13,6 +13,8 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! Maps and observations are those of `lsdc-core`; `lsdc-recordings` reads recordings of robots, `lsdc-weights` weights.
 
 mod camera;
 mod certain;
@@ -28,6 +30,7 @@ mod files;
 mod foreign;
 mod grid;
 mod guide;
+mod known_unit;
 mod orientation;
 mod raster;
 mod sparse;

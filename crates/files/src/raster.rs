@@ -2,7 +2,7 @@
 
 use crate::doubts::{Doubt, Known, Numbers, is_rotated, leave_out_marks, rotate_back};
 use crate::error::Result;
-use crate::stored::KnownUnit;
+use crate::known_unit::KnownUnit;
 use crate::{DepthMap, Orientation, Unit};
 
 /// Numbers in rows, and what the file says of them.

@@ -3,6 +3,15 @@
 //! All functions are safe: lengths are checked where they enter, and kernels are private. However work is
 //! cut among threads, every sum runs in the same order, so results are the same bits for any number of
 //! threads. They differ in rounding between instruction sets.
+//!
+//! ```
+//! use lsdc_kernels::{attention::gelu, simd::Level};
+//! let mut values = [-3.0, 0.0, 3.0];
+//! gelu(Level::here(), &mut values);
+//! assert!(values[0].abs() < 0.01 && values[1] == 0.0 && (values[2] - 3.0).abs() < 0.01);
+//! ```
+//!
+//! `lsdc-core` runs the network and the fit on them, `lsdc-train` learns with their gradients.
 
 #![allow(unsafe_code)]
 

@@ -16,6 +16,8 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! A decoded frame is what `lsdc-files` makes of files; `lsdc-core` completes it.
 
 mod cdr;
 mod container;

@@ -2,6 +2,15 @@
 //!
 //! A stream is named by a seed and a list of keys (a frame id, an epoch, a purpose), so a draw
 //! depends neither on the number of workers nor on the order of work.
+//!
+//! ```
+//! use lsdc_rng::Rng;
+//! let mut points = Rng::stream(7, &["kitchen/00012", "points"]);
+//! let same = Rng::stream(7, &["kitchen/00012", "points"]).unit();
+//! assert_eq!(points.unit(), same);
+//! ```
+//!
+//! All packages of lsdc draw from it; `lsdc-kernels` and `lsdc-core` are the next above.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};

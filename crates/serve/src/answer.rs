@@ -1,7 +1,7 @@
 //! Answers on their way out.
 
-use crate::worker_pool::QueueSlot;
 use crate::encode::Encoded;
+use crate::worker_pool::QueueSlot;
 use axum::body::Body;
 use axum::http::{HeaderName, HeaderValue, Response, StatusCode, header};
 use bytes::Bytes;

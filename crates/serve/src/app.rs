@@ -1,12 +1,12 @@
 //! What all requests share.
 
 use crate::config::Config;
-use crate::worker_pool::WorkerPool;
 use crate::guard::Guard;
 use crate::metrics::Metrics;
 use crate::page::Index;
 use crate::scenes::Scenes;
 use crate::task::Task;
+use crate::worker_pool::WorkerPool;
 use lsdc_core::Completer;
 use std::net::SocketAddr;
 use std::sync::Arc;

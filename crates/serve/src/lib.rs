@@ -17,6 +17,8 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! Completion is that of `lsdc-core`, formats those of `lsdc-files`, weights come from `lsdc-weights`.
 
 mod answer;
 mod api;
@@ -24,7 +26,6 @@ mod app;
 mod body;
 mod complete;
 mod config;
-mod worker_pool;
 mod encode;
 mod error;
 mod fault;
@@ -49,6 +50,7 @@ mod spool;
 mod task;
 mod tls;
 mod upload;
+mod worker_pool;
 
 pub use config::{Access, Config, Entry, Limits, Log, Tls, Trace};
 pub use error::Error;

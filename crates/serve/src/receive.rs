@@ -2,10 +2,10 @@
 
 use crate::app::App;
 use crate::body::Incoming;
-use crate::worker_pool::QueueSlot;
 use crate::encode::Form;
 use crate::fault::{Fault, Kind};
 use crate::upload::Upload;
+use crate::worker_pool::QueueSlot;
 use axum::body::Body;
 use axum::http::{HeaderMap, header};
 use std::sync::Arc;

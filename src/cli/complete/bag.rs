@@ -3,8 +3,8 @@
 use super::calibration::Calibration;
 use super::failures::Failures;
 use super::flow::{self, finished};
-use super::frame::{Completed, Engine};
 use super::formats::Forms;
+use super::frame::{Completed, Engine};
 use super::loaded::Loaded;
 use super::recorded::Recorded;
 use super::summary::Summary;

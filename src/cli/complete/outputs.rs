@@ -1,7 +1,7 @@
 //! The files of a result.
 
-use super::frame::{Completed, Diagnostics};
 use super::formats::{Forms, Png, formats};
+use super::frame::{Completed, Diagnostics};
 use super::inputs::Job;
 use super::loaded::Loaded;
 use super::record;

@@ -45,7 +45,8 @@ struct TileRows {
 impl Border {
     pub(super) fn new(factor: &Factor, taps: &[InterpolationWeights]) -> Self {
         let plan = &*factor.plan;
-        let first = |taps: &InterpolationWeights| taps.iter().map(|(pixel, _)| plan.turn(pixel)).min();
+        let first =
+            |taps: &InterpolationWeights| taps.iter().map(|(pixel, _)| plan.turn(pixel)).min();
         let mut order: Vec<usize> = (0..taps.len()).collect();
         let turns: Vec<_> = taps
             .iter()

@@ -8,8 +8,9 @@
 use super::border::Border;
 use super::dense::{cholesky, squared};
 use super::factor::Factor;
+use super::observations::Observations;
+use super::prior::FieldPrior;
 use super::strip::STRIP;
-use super::{FieldPrior, Observations};
 use crate::bilinear::InterpolationWeights;
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{
@@ -261,8 +262,18 @@ impl CovarianceSolver {
     }
 }
 
+impl FieldPrior {
+    /// The covariances of the field at some positions, noise not included: `[positions, positions]`.
+    ///
+    /// # Panics
+    /// If a pixel is outside the grid.
+    pub fn covariance(&self, taps: &[InterpolationWeights]) -> Mat<f64> {
+        covariance(&self.0, taps)
+    }
+}
+
 /// `S K^-1 S'`, in the order of the taps.
-pub(super) fn covariance(factor: &Factor, taps: &[InterpolationWeights]) -> Mat<f64> {
+fn covariance(factor: &Factor, taps: &[InterpolationWeights]) -> Mat<f64> {
     let border = Border::new(factor, taps);
     let (n, size) = (taps.len(), taps.len().next_multiple_of(PAD));
     let lower = border.covariance(factor);

@@ -154,7 +154,12 @@ impl Factor {
 }
 
 /// A batch of tiles, its program, and where its factor and what it leaves go.
-type Work<'a> = (&'a Batch, &'a SymbolicFactor, &'a mut [Eight], &'a mut [f64]);
+type Work<'a> = (
+    &'a Batch,
+    &'a SymbolicFactor,
+    &'a mut [Eight],
+    &'a mut [f64],
+);
 
 /// Memory of a thread for one batch after the other.
 type Memories = (Vec<Eight>, Vec<Eight>, Vec<Eight>);

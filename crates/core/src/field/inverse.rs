@@ -9,7 +9,7 @@
 use super::factor::{Factor, both, forget_rests};
 use super::plan::{Batch, FORK, Half, Line};
 use super::stencil::Stencil;
-use super::symbolic::{SymbolicFactor, PivotStep};
+use super::symbolic::{PivotStep, SymbolicFactor};
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Accum, Mat, MatMut, MatRef, Par};

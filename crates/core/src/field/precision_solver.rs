@@ -8,8 +8,8 @@
 //! `sum over q of a s_q (y_q - t)^2` in place of `a (s . y - t)^2`, as masses are lumped in finite elements. If all
 //! are lumped, every pixel of y is a weighted mean of targets (H is an M-matrix, whose inverse is not negative).
 
-use super::Grid;
 use super::factor::Factor;
+use super::grid::Grid;
 use super::plan::Plan;
 use super::stencil::{Neighbours, Stencil};
 use super::sweep::Row;
@@ -149,8 +149,9 @@ impl PrecisionSolver {
     /// # Panics
     /// If lengths do not match.
     pub fn pull_from(&self, targets: &[f64], field: &[f64]) -> Vec<f64> {
-        let rest =
-            |((taps, weight), target): ((&InterpolationWeights, &f64), &f64)| weight * (target - taps.read(field));
+        let rest = |((taps, weight), target): ((&InterpolationWeights, &f64), &f64)| {
+            weight * (target - taps.read(field))
+        };
         let observations = self.taps.iter().zip(&self.weights);
         observations.zip(targets).map(rest).collect()
     }

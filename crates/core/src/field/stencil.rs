@@ -1,6 +1,6 @@
 //! A symmetric matrix that joins the pixels of a grid to their neighbours: the equations of a field.
 
-use super::Grid;
+use super::grid::Grid;
 use crate::bilinear::InterpolationWeights;
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;

@@ -2,7 +2,7 @@
 
 use super::factor::{Factor, both};
 use super::plan::{FORK, Half, Line};
-use super::symbolic::{SymbolicFactor, PivotStep};
+use super::symbolic::{PivotStep, SymbolicFactor};
 use lsdc_kernels::cholesky::Eight;
 use lsdc_kernels::schedule::InTasks;
 use rayon::prelude::*;

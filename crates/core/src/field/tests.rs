@@ -1,4 +1,5 @@
 use super::*;
+use crate::bilinear::InterpolationWeights;
 use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use lsdc_rng::Rng;
@@ -33,7 +34,10 @@ impl Example {
             size: [height, width],
             right,
             down,
-            taps: pixels.into_iter().map(InterpolationWeights::pixel).collect(),
+            taps: pixels
+                .into_iter()
+                .map(InterpolationWeights::pixel)
+                .collect(),
             weights,
             columns,
             level: [0.0, 0.01][height % 2],
@@ -179,7 +183,8 @@ fn lumped_observations_are_those_of_their_pixels() {
         if example.right.iter().chain(&example.down).any(|c| *c == 0.0) {
             continue;
         }
-        let all = PrecisionSolver::with_lumped(&example.grid(0.0), taps, weights, |_| true).unwrap();
+        let all =
+            PrecisionSolver::with_lumped(&example.grid(0.0), taps, weights, |_| true).unwrap();
         let targets = example.targets(&x);
         let low = targets.iter().copied().fold(f64::INFINITY, f64::min);
         let high = targets.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -1,6 +1,6 @@
 //! Affinities (how strongly neighbouring pixels are tied together), and the smooth field that they define.
 
-use super::Blocks;
+use super::blocks::Blocks;
 use crate::bilinear::{InterpolationWeights, neighbours};
 use crate::error::FitError;
 use crate::field::{FieldPrior, Grid};
@@ -124,8 +124,14 @@ impl Affinities {
             return found;
         }
         // Not within the initialiser, as above.
-        let found = self.blocks().affinities(&self.grid(0.0));
+        let found = self.in_blocks(self.blocks());
         self.0.blocks.get_or_init(|| found)
+    }
+
+    /// The affinities of some blocks.
+    pub(super) fn in_blocks(&self, blocks: Blocks) -> Self {
+        let (right, down) = blocks.affinities(&self.grid(0.0));
+        Self::from_parts(blocks.counts(), right, down)
     }
 
     /// The mean logarithm of the affinities of each pixel with its right and its lower neighbour.

@@ -1,6 +1,5 @@
 //! Square blocks of pixels, for what a field needs not be solved at every pixel for.
 
-use super::Affinities;
 use crate::bilinear::InterpolationWeights;
 use crate::field::Grid;
 use rayon::prelude::*;
@@ -66,8 +65,8 @@ impl Blocks {
 
     /// The affinities of blocks, with which a field of blocks varies as one of pixels does: affinities conduct. Those
     /// along a row of pixels, from the middle of one block to that of the next, are in series, and rows are
-    /// parallel.
-    pub(super) fn affinities(self, grid: &Grid<'_>) -> Affinities {
+    /// parallel. Returns those with the right neighbour, and with the one below.
+    pub(super) fn affinities(self, grid: &Grid<'_>) -> (Vec<f64>, Vec<f64>) {
         let (height, width) = self.size;
         let columns = self.counts().1;
         let pixels =
@@ -87,8 +86,7 @@ impl Blocks {
             (right.sum::<f64>(), down.sum::<f64>())
         };
         let blocks = (0..self.counts().0 * columns).into_par_iter();
-        let (right, down) = blocks.map(block).unzip();
-        Affinities::from_parts(self.counts(), right, down)
+        blocks.map(block).unzip()
     }
 }
 
@@ -108,6 +106,7 @@ fn in_series(own: Range<usize>, after: Range<usize>, affinity: impl Fn(usize) ->
 mod tests {
     use super::*;
     use crate::field::PrecisionSolver;
+    use crate::fit::Affinities;
 
     #[test]
     fn blocks_of_equal_affinities_are_like_pixels() {
@@ -116,7 +115,7 @@ mod tests {
         let pixels = Affinities::new((height, width), &values).unwrap();
         let blocks = Blocks::new((height, width), height * width / 9);
         assert_eq!((blocks.counts(), blocks.area()), ((4, 6), 9));
-        let found = blocks.affinities(&pixels.grid(0.0));
+        let found = pixels.in_blocks(blocks);
         let grid = found.grid(0.0);
         for y in 0..4 {
             for x in 0..6 {
@@ -145,7 +144,7 @@ mod tests {
         };
         let values: Vec<f32> = (0..2 * height * width).map(value).collect();
         let pixels = Affinities::new((height, width), &values).unwrap();
-        let found = Blocks::new((height, width), 16).affinities(&pixels.grid(0.0));
+        let found = pixels.in_blocks(Blocks::new((height, width), 16));
         assert_eq!(found.size(), (4, 4));
         for (i, right) in found.grid(0.0).right.iter().enumerate() {
             assert_eq!(*right > 0.0, i % 4 == 2, "{i}");
@@ -168,7 +167,7 @@ mod tests {
             size: (1, width),
             side: 3,
         };
-        let found = blocks.affinities(&pixels.grid(0.0));
+        let found = pixels.in_blocks(blocks);
         let at = [4, 40, 76].map(InterpolationWeights::pixel);
         let fine = PrecisionSolver::new(&pixels.grid(0.0), &at, &[50.0; 3]).unwrap();
         let taps = at.map(|taps| blocks.taps(&taps));

@@ -1,8 +1,8 @@
 //! How far a guide is to be trusted: the prior over its weights that makes the points likeliest.
 
+use super::lambda::Lambda;
 use super::lstsq::Moments;
 use super::prior::Prior;
-use super::shrink::Lambda;
 use crate::error::Result;
 
 /// Standard deviations of the weights of the guide's functions, in units of the scene's scale.

@@ -1,7 +1,7 @@
 //! Points whose depths come with standard deviations: how much each counts beside what the model of depth
 //! leaves unexplained.
 
-use super::Estimate;
+use super::estimate::Estimate;
 use crate::error::Result;
 
 /// The logarithms of the largest and the smallest variance that may be the root differ by no more than this, when

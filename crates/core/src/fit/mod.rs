@@ -5,14 +5,21 @@ mod blocks;
 mod config;
 mod cosines;
 mod errors;
+mod estimate;
+mod estimator;
+mod fitting;
 mod guided;
 mod joint;
+mod lambda;
+mod leave_one_out;
 mod lstsq;
 mod measured;
+mod medians;
 mod noise;
 mod outcome;
 mod points;
 mod prior;
+mod reduced;
 mod robust;
 mod shrink;
 mod space;
@@ -23,239 +30,17 @@ mod tests;
 mod window;
 
 pub use affinities::{Affinities, Scene, Smooth};
-pub(crate) use blocks::Blocks;
 pub use config::{Changes, FitConfig, FitMethod, PriorKind};
 pub use cosines::CosineBasis;
-pub use errors::{PIXEL_FEATURES, PixelFeatures, ErrorModel, KNOTS, CalibrationNode, Sample};
+pub use errors::{CalibrationNode, ErrorModel, KNOTS, PIXEL_FEATURES, PixelFeatures, Sample};
+pub use fitting::{fit, judge};
 pub use joint::{Adjoint, Gradients, JointConfig, Variances};
+pub use lambda::{COUNTS, Lambda};
 pub use lstsq::{Moments, Problem, Solution, Solver, dot};
 pub use noise::LocalNoise;
 pub use outcome::{Fit, RANGE, root_mean_square};
 pub use points::{Bases, Functions, Points};
 pub use prior::{ImageMoments, NoisePrior, Prior};
 pub use robust::{InlierPosterior, Loss, Robust};
-pub use shrink::{COUNTS, Lambda};
 pub use space::Space;
 pub(crate) use window::Window;
-
-use crate::error::{FitError, Result};
-use joint::{FieldEstimator, FieldFit};
-use points::Rows;
-use std::borrow::Cow;
-use std::sync::Arc;
-
-/// How the weights of the basis functions are found for points with given weights.
-#[derive(Clone, Copy, Debug)]
-enum Estimator<'a> {
-    Plain(Solver),
-    Shrunk(&'a Prior, Lambda),
-    Field(FieldEstimator<'a>),
-}
-
-/// The result of an estimator.
-#[derive(Clone, Debug)]
-struct Estimate {
-    solution: Solution,
-    /// The residual of each value.
-    rests: Vec<f64>,
-    /// The noise variance of a point of weight 1, in the squared unit of the space.
-    noise: f64,
-    /// The strength of the prior.
-    lambda: Option<f64>,
-    /// The field that basis functions x weights are added to.
-    field: Option<Arc<FieldFit>>,
-}
-
-impl Estimate {
-    fn leverages(&self, rows: &Rows<'_>, weights: &[f64]) -> Vec<f64> {
-        match &self.field {
-            None => self.solution.leverages(&rows.bases(), weights),
-            Some(field) => field.leverages(&self.solution, weights),
-        }
-    }
-}
-
-impl Estimator<'_> {
-    /// The same without the surface that points span: a fit that is linear in their depths.
-    fn roughly(self) -> Self {
-        match self {
-            Self::Field(field) => Self::Field(FieldEstimator {
-                surface: false,
-                ..field
-            }),
-            other => other,
-        }
-    }
-
-    /// The inverse variance of the noise of a point of weight 1, in the unit of the fit.
-    fn data(self) -> f64 {
-        match self {
-            Self::Field(estimator) => estimator.joint.data,
-            Self::Plain(_) | Self::Shrunk(..) => 1.0,
-        }
-    }
-
-    fn solve(self, rows: &Rows<'_>, weights: &[f64]) -> Result<Estimate> {
-        let problem = || Problem::new(&rows.bases(), &rows.values, weights);
-        match self {
-            Self::Field(estimator) => estimator.solve(rows, weights),
-            Self::Shrunk(prior, lambda) => {
-                let found = problem().moments().shrunk(prior, lambda)?;
-                Ok(Estimate {
-                    rests: rows.residuals(&found.solution.weights),
-                    solution: found.solution,
-                    noise: found.noise,
-                    lambda: Some(found.lambda),
-                    field: None,
-                })
-            }
-            Self::Plain(solver) => {
-                let solution = problem().solve(solver)?;
-                let rests = rows.residuals(&solution.weights);
-                let squares: f64 = rests.iter().zip(weights).map(|(r, w)| w * r * r).sum();
-                let used = weights.iter().filter(|w| **w > 0.0).count();
-                let freedom = used.saturating_sub(solution.rank).max(1);
-                Ok(Estimate {
-                    solution,
-                    rests,
-                    noise: squares / freedom as f64,
-                    lambda: None,
-                    field: None,
-                })
-            }
-        }
-    }
-}
-
-/// Fits basis functions to points. `prior` is the prior learned for these basis functions, if any.
-///
-/// # Errors
-/// No points, values that are not finite, a required prior that is not given, or a decomposition that does
-/// not converge.
-pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
-    let (mut fit, trust) = with_plain(
-        points,
-        config,
-        prior,
-        config.robust.is_some(),
-        |rows, estimator, plain| {
-            let (estimate, point_weights) = match config.robust {
-                None => (plain, rows.weights.clone()),
-                Some(settings) => robust::robust(rows, estimator, plain, settings)?,
-            };
-            Ok(Fit::new(rows, estimate, point_weights))
-        },
-    )?;
-    fit.trust = trust;
-    Ok(fit)
-}
-
-/// What the other points say of each point; errors and scales are in metres. `config.robust` does not matter.
-///
-/// # Errors
-/// As for [`fit()`].
-pub fn judge(
-    points: &Points<'_>,
-    config: &FitConfig,
-    prior: Option<&Prior>,
-) -> Result<Vec<InlierPosterior>> {
-    let (judged, _) = with_plain(points, config, prior, true, |rows, estimator, plain| {
-        let mut judged = robust::judge(rows, estimator, &plain)?;
-        outcome::in_metres(&rows.values, &mut judged, rows.scale);
-        Ok(judged)
-    })?;
-    Ok(judged)
-}
-
-/// Checks points and settings, and hands on what solves them, with the solution in which all points count. Returns how
-/// far a guide is trusted too, if there is one.
-fn with_plain<T>(
-    points: &Points<'_>,
-    config: &FitConfig,
-    prior: Option<&Prior>,
-    rough_only: bool,
-    then: impl FnOnce(&Rows<'_>, Estimator<'_>, Estimate) -> Result<T>,
-) -> Result<(T, Option<f64>)> {
-    config.check()?;
-    let mut rows = points.rows(config.space)?;
-    let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
-    if !ridges.is_empty() && rows.columns() <= ridges.len() {
-        return Err(FitError::Shape(format!(
-            "{} columns are too few for basis functions and {} cosines",
-            rows.columns(),
-            ridges.len()
-        ))
-        .into());
-    }
-    let mut prior = match config.prior {
-        PriorKind::Learned if config.method != FitMethod::Field => {
-            Some(learned(prior, config.space)?.at(rows.values.len()))
-        }
-        PriorKind::None if config.method == FitMethod::Lse => None,
-        _ => Some(Cow::Owned(Prior::flat(rows.columns() - ridges.len()))),
-    };
-    let field = match config.method {
-        FitMethod::Lse => None,
-        method @ (FitMethod::Field | FitMethod::Joint) => Some(FieldEstimator {
-            scene: points.scene.ok_or(FitError::NoAffinities(method.name()))?,
-            joint: match method {
-                FitMethod::Field => config.joint.alone(),
-                _ => config.joint,
-            },
-            prior: None,
-            ridges: &ridges,
-            surface: config.joint.surface,
-        }),
-    };
-    let mut trust = None;
-    let learned = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
-    if let (Some(network), true) = (&prior, points.guides > 0 && learned) {
-        let (moments, lambda) = if let Some(field) = field {
-            let (moments, count) = field.some_moments(&rows)?;
-            (moments, config.field_lambda().at(count))
-        } else {
-            let problem = Problem::new(&rows.bases(), &rows.values, &rows.weights);
-            (problem.moments(), config.lambda)
-        };
-        let (found, deviation) = guided::likeliest(network, points.guides, &moments, lambda)?;
-        prior = Some(Cow::Owned(found));
-        trust = Some(deviation);
-    }
-    let estimator = match (field, prior.as_deref()) {
-        (None, None) => Estimator::Plain(config.solver()),
-        (None, Some(prior)) => Estimator::Shrunk(prior, config.lambda),
-        (Some(field), prior) => Estimator::Field(FieldEstimator {
-            prior: prior
-                .filter(|_| config.method == FitMethod::Joint)
-                .map(|prior| (prior, config.field_lambda())),
-            ..field
-        }),
-    };
-    let known = rows.variances.iter().any(|variance| *variance > 0.0);
-    let rough = if rough_only || known {
-        estimator.roughly()
-    } else {
-        estimator
-    };
-    let plain = rough.solve(&rows, &rows.weights)?;
-    let solve = |weights: &[f64]| rough.solve(&rows, weights);
-    let (mut plain, weights) = measured::weighed(plain, &rows.variances, estimator.data(), solve)?;
-    rows.weights = weights;
-    if known && !rough_only {
-        plain = estimator.solve(&rows, &rows.weights)?;
-    }
-    Ok((then(&rows, estimator, plain)?, trust))
-}
-
-/// The learned prior describes weights of depth, and does not apply to weights of its logarithm or inverse.
-fn learned(prior: Option<&Prior>, space: Space) -> Result<&Prior, FitError> {
-    match prior {
-        Some(prior) if space == Space::Depth => Ok(prior),
-        Some(_) => Err(FitError::NoPrior(
-            "the learned prior is one over weights of depths, not of logarithms or inverses",
-        )),
-        None => Err(FitError::NoPrior(
-            "the weights hold no prior, as `lsdc calibrate` adds it",
-        )),
-    }
-}

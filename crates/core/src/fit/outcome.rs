@@ -1,11 +1,13 @@
 //! The outcome of a fit, and what follows from it in closed form.
 
+use super::estimate::Estimate;
 use super::joint::{FieldFit, Variances};
+use super::leave_one_out::{least_freedom, leave_one_out};
 use super::lstsq::Solution;
 use super::points::Rows;
 use super::robust::InlierPosterior;
 use super::space::Scale;
-use super::{Estimate, Smooth, Space};
+use super::{Smooth, Space};
 use crate::error::FitError;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -239,20 +241,6 @@ pub(super) fn in_metres(values: &[f64], judged: &mut [InlierPosterior], scale: S
         found.error = error;
         found.scale *= scale.slope(scale.depth(*value));
     }
-}
-
-/// Residuals divided by 1 - leverage. A point that the fit passes through whatever its depth is gives no
-/// information: its residual is 0 / 0, and stays small. A field passes close to every point, up to the
-/// influence of the neighbours, which is exact to rounding.
-pub(super) fn leave_one_out(residuals: &[f64], leverages: &[f64], field: bool) -> Vec<f64> {
-    let least = least_freedom(field);
-    let pairs = residuals.iter().zip(leverages);
-    pairs.map(|(r, h)| r / (1.0 - h).max(least)).collect()
-}
-
-/// A smaller 1 - leverage is rounding error.
-pub(super) fn least_freedom(field: bool) -> f64 {
-    if field { 1e-9 } else { 1e-3 }
 }
 
 /// The root mean square.

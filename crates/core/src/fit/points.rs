@@ -1,7 +1,7 @@
 //! The points to be fitted.
 
 use super::lstsq::dot;
-use super::robust::median;
+use super::medians::median;
 use super::space::Scale;
 use super::{Scene, Space};
 use crate::error::FitError;

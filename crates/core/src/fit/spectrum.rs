@@ -1,7 +1,8 @@
 //! The directions in which the points say something of the weights, for a strength of the prior that is chosen by
 //! them.
 
-use super::shrink::{Lambda, ROUNDING, Reduced, Shrunk};
+use super::lambda::Lambda;
+use super::reduced::{ROUNDING, Reduced, Shrunk};
 use crate::error::FitError;
 use faer::{Mat, Side};
 

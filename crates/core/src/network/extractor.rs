@@ -198,7 +198,12 @@ impl Extractor {
         })
     }
 
-    pub(super) fn forward(&self, image: &Map, encoded: Option<&Map>, run: Run<'_>) -> ExtractorOutput {
+    pub(super) fn forward(
+        &self,
+        image: &Map,
+        encoded: Option<&Map>,
+        run: Run<'_>,
+    ) -> ExtractorOutput {
         let pool = run.pool;
         let x = self.stem.iter().fold(image.copied(pool), |x, layer| {
             let output = run.layer(layer, &x, None, true);

@@ -2,13 +2,21 @@
 //! to the first hidden layer.
 
 use super::encoding;
-use super::head::Head;
 use super::map::Map;
 use crate::bilinear::neighbours;
 use lsdc_kernels::simd::{Blend, Packed, Tail};
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// What the first hidden layer makes of the codes of positions.
+#[derive(Debug)]
+pub(super) struct CodeLayers {
+    /// On codes of columns (with the bias), and on codes of rows.
+    pub(super) columns: Packed,
+    pub(super) rows: Packed,
+    pub(super) octaves: usize,
+}
 
 /// Rows and columns of positions in an image, on its feature map.
 #[derive(Debug)]
@@ -25,14 +33,14 @@ pub(super) struct Grid {
 impl Grid {
     /// The grid of an image of `size` (height, width), at the given rows v and columns u.
     pub(super) fn new(
-        head: &Head,
+        layers: &CodeLayers,
         features: (usize, usize),
         size: (usize, usize),
         (rows, columns): (&[f64], &[f64]),
     ) -> Self {
         let codes = |places: &[f64], length: usize, layer: &Packed| {
             let mut values = vec![0.0; places.len() * layer.columns()];
-            let codes = encoding::codes(places.iter().copied(), length, head.octaves);
+            let codes = encoding::codes(places.iter().copied(), length, layers.octaves);
             layer.apply(&codes, Tail::default(), &mut values);
             values
         };
@@ -48,8 +56,8 @@ impl Grid {
             features,
             rows: axis(rows, size.0, features.0),
             columns: axis(columns, size.1, features.1),
-            row_codes: codes(rows, size.0, &head.rows),
-            column_codes: codes(columns, size.1, &head.columns),
+            row_codes: codes(rows, size.0, &layers.rows),
+            column_codes: codes(columns, size.1, &layers.columns),
         }
     }
 
@@ -143,14 +151,14 @@ impl Grids {
 
     pub(super) fn get(
         &self,
-        head: &Head,
+        layers: &CodeLayers,
         features: (usize, usize),
         size: (usize, usize),
     ) -> Arc<Grid> {
         let all = |length: usize| (0..length).map(|i| i as f64).collect::<Vec<_>>();
         let new = || {
             Arc::new(Grid::new(
-                head,
+                layers,
                 features,
                 size,
                 (&all(size.0), &all(size.1)),

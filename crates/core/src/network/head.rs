@@ -3,7 +3,7 @@
 use super::config::NetworkConfig;
 use super::encoding;
 use super::extractor::ExtractorOutput;
-use super::grid::{Grid, Grids, axis_of};
+use super::grid::{CodeLayers, Grid, Grids, axis_of};
 use super::map::{Map, Pool};
 use super::tensors::{Linear, Tensors};
 use crate::error::WeightsError;
@@ -15,11 +15,9 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub(super) struct Head {
     level: Level,
-    /// The first layer on features, on codes of columns (with the bias), and on codes of rows.
+    /// The first layer on features, and on codes of positions.
     features: Packed,
-    pub(super) columns: Packed,
-    pub(super) rows: Packed,
-    pub(super) octaves: usize,
+    positions: CodeLayers,
     /// The other hidden layers.
     hidden: Vec<Packed>,
     /// From the last hidden layer to the N basis functions.
@@ -94,9 +92,11 @@ impl Head {
         Ok(Self {
             level,
             features: part(0, features, &[]),
-            columns: part(features, codes, &first.bias),
-            rows: part(features + codes, codes, &[]),
-            octaves: config.octaves,
+            positions: CodeLayers {
+                columns: part(features, codes, &first.bias),
+                rows: part(features + codes, codes, &[]),
+                octaves: config.octaves,
+            },
             hidden,
             last: Packed::new(level, (from, functions), &[], last),
             weights: weights.to_vec(),
@@ -186,11 +186,14 @@ impl Head {
         if all.all(|&[u, v]| centred(u, size.1) && centred(v, size.0)) {
             // Those of all pixels, which the map needs as well.
             let cells = places.iter().map(|&[u, v]| (v as usize, u as usize));
-            return (self.grids.get(self, features, size), cells.collect());
+            return (
+                self.grids.get(&self.positions, features, size),
+                cells.collect(),
+            );
         }
         // Equal coordinates are encoded once.
         let [us, vs] = [0, 1].map(|axis| axis_of(places, axis));
-        let grid = Grid::new(self, features, size, (&vs, &us));
+        let grid = Grid::new(&self.positions, features, size, (&vs, &us));
         let index = |axis: &[f64], value: f64| axis.partition_point(|v| *v < value);
         let cells = places.iter().map(|&[u, v]| (index(&vs, v), index(&us, u)));
         (Arc::new(grid), cells.collect())
@@ -206,7 +209,9 @@ impl Head {
         scratch: &Scratch,
     ) -> Vec<f32> {
         let Inputs { hidden, .. } = inputs;
-        let grid = self.grids.get(self, (hidden.height, hidden.width), size);
+        let grid = self
+            .grids
+            .get(&self.positions, (hidden.height, hidden.width), size);
         let functions = self.last.columns();
         let (first, weights) = weights.split_first().unwrap_or((&0.0, &[]));
         let folded: Vec<f32> = self

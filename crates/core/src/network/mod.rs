@@ -36,7 +36,7 @@ pub use encoding::{channels, codes};
 pub use head::STEEPEST;
 
 use crate::error::{Error, WeightsError};
-use crate::weights::Tensor;
+use crate::tensor::Tensor;
 use affinity_net::AffinityNet;
 use colours::affinities;
 use extractor::Extractor;

@@ -2,7 +2,7 @@
 
 use super::config::EPSILON;
 use crate::error::WeightsError;
-use crate::weights::Tensor;
+use crate::tensor::Tensor;
 use lsdc_kernels::conv::{ConvSpec, Layer};
 use lsdc_kernels::simd::Level;
 use std::cell::RefCell;

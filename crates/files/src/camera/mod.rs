@@ -2,6 +2,7 @@
 
 mod file;
 mod ros;
+mod stored;
 
 pub use ros::CameraInfo;
 

@@ -2,7 +2,7 @@
 //! `ros2 topic echo` print.
 
 use super::Camera;
-use super::file::{Model, Stored, intrinsics};
+use super::stored::{Model, Stored, intrinsics};
 use std::collections::HashMap;
 
 /// What ROS says of a camera.

@@ -1,4 +1,4 @@
-use super::file::Stored;
+use super::stored::Stored;
 use super::*;
 
 fn stored(text: &str) -> std::result::Result<Camera, String> {

@@ -1,8 +1,8 @@
 //! Models in binary form: little-endian, as COLMAP's `reconstruction_io` writes them.
 
 use super::calibration::{Calibration, model};
-use super::rigs::{Frame, Frames, Placed, Rigs};
-use super::{Image, Landmark, Parsed};
+use super::records::{Image, Landmark, Parsed, Placed};
+use super::rigs::{Frame, Frames, Rigs};
 use std::collections::HashMap;
 
 /// The number of a point that is none.

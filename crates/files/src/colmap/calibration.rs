@@ -1,6 +1,6 @@
 //! The camera models of COLMAP (`src/colmap/sensor/models.h`).
 
-use super::Parsed;
+use super::records::Parsed;
 use crate::Camera;
 use lsdc_core::Lens;
 

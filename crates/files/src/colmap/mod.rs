@@ -3,13 +3,15 @@
 
 mod binary;
 mod calibration;
+mod records;
 mod rigs;
 mod text;
 
 use super::{Camera, Orientation, Unit};
 use crate::error::{Error, Result};
 use calibration::Calibration;
-use rigs::{Frames, Placed, Rigs};
+use records::{Image, Landmark, Parsed, Placed};
+use rigs::{Frames, Rigs};
 use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -49,25 +51,6 @@ pub(super) struct Keypoint {
     pub(super) sigma: f64,
 }
 
-/// What a file says of an image.
-struct Image {
-    id: u64,
-    placed: Placed,
-    camera: u32,
-    name: String,
-    /// Place and point of each observation that has one.
-    seen: Vec<([f64; 2], u64)>,
-}
-
-/// What a file says of a point.
-struct Landmark {
-    place: [f64; 3],
-    /// Mean reprojection error in pixels.
-    error: f64,
-    /// Images that see it.
-    track: usize,
-}
-
 /// The files of a model but for that of its images.
 struct Parts {
     cameras: HashMap<u32, Calibration>,
@@ -76,9 +59,6 @@ struct Parts {
     rigs: Option<Rigs>,
     frames: Option<Frames>,
 }
-
-/// What is wrong with a file, and where.
-type Parsed<T> = std::result::Result<T, String>;
 
 impl Colmap {
     /// Whether a folder holds a model.

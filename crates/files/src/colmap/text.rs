@@ -1,8 +1,8 @@
 //! Models as text: one camera or point to a line, two lines to an image.
 
 use super::calibration::Calibration;
-use super::rigs::{Frame, Frames, Placed, Rigs};
-use super::{Image, Landmark, Parsed};
+use super::records::{Image, Landmark, Parsed, Placed};
+use super::rigs::{Frame, Frames, Rigs};
 use std::collections::HashMap;
 use std::str::FromStr;
 

@@ -3,6 +3,7 @@
 use super::depth_png::declared_unit;
 use super::picture::open;
 use super::{check_pixels, chunks, pgm, read_tiff};
+use crate::DepthMap;
 use crate::doubts::{Doubt, Numbers};
 use crate::error::{Error, Result};
 use crate::raster::Raster;
@@ -23,7 +24,7 @@ pub(crate) fn read_grey(path: &Path) -> Result<Raster> {
             // JPEG, WebP and BMP hold 8 bits, which nothing scales.
             let image = open(path)?.0;
             if image.color().has_color() {
-                return Err(colour(path));
+                return Err(pgm::colour(path));
             }
             let (columns, rows) = (image.width() as usize, image.height() as usize);
             let values = image.into_luma8().iter().map(|&v| f32::from(v)).collect();
@@ -32,10 +33,14 @@ pub(crate) fn read_grey(path: &Path) -> Result<Raster> {
     }
 }
 
-/// The error of a colour image in the place of depths.
-pub(super) fn colour(path: &Path) -> Error {
-    Error::format(path, "is a colour image, expected grey depths")
-        .hint("depth images are grey and have 16 bits: PNG, TIFF or PGM")
+/// Reads a grey PNG as depth: metres = value x `scale`, 0 = no measurement, as are the marks of
+/// [`crate::doubts::leave_out_marks`].
+///
+/// # Errors
+/// A missing or damaged file, or a colour image.
+pub fn read_depth_png(path: &Path, scale: f64) -> Result<DepthMap> {
+    let (depth, _) = read_grey(path)?.depth(scale)?;
+    Ok(depth)
 }
 
 fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
@@ -51,7 +56,7 @@ fn read_png(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let samples = match info.color_type {
         ColorType::Grayscale => 1,
         ColorType::GrayscaleAlpha => 2,
-        ColorType::Rgb | ColorType::Rgba | ColorType::Indexed => return Err(colour(path)),
+        ColorType::Rgb | ColorType::Rgba | ColorType::Indexed => return Err(pgm::colour(path)),
     };
     if let Some([x, y]) = chunks::offset(bytes) {
         let what = format!("is a window at {x}, {y} of a larger picture (chunk oFFs)");
@@ -121,7 +126,7 @@ fn unpacked(row: &[u8], bits: usize) -> impl Iterator<Item = u16> + '_ {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use image::{ExtendedColorType, ImageEncoder as _};
+    use image::{ExtendedColorType, ImageBuffer, ImageEncoder as _, LumaA};
     use std::path::PathBuf;
 
     fn in_folder(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
@@ -226,6 +231,18 @@ mod tests {
         let (_folder, path) = in_folder("a.png", bytes.get_ref());
         let error = read_grey(&path).unwrap_err().to_string();
         assert!(error.contains("colour image"), "{error}");
+    }
+
+    #[test]
+    fn transparency_does_not_scale_depths_of_8_bits() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("grey.png");
+        let image: ImageBuffer<LumaA<u8>, Vec<u8>> =
+            ImageBuffer::from_fn(4, 3, |x, _| LumaA([10 * x as u8, 255]));
+        image.save(&path).unwrap();
+        let found = read_grey(&path).unwrap();
+        assert_eq!(found.numbers, Numbers::unsigned(8));
+        assert_eq!(found.values[3 + 2 * 4], 30.0);
     }
 
     #[test]

@@ -26,6 +26,7 @@ pub use colour_map::write_colour_map;
 pub use depth_png::{encode_depth_png, png_unit, raised_in_png, stored_unit, write_depth_png};
 pub(super) use exr::read_exr;
 pub use exr::{encode_exr, write_exr};
+pub use grey::read_depth_png;
 pub(super) use grey::read_grey;
 pub(crate) use hdf5::read_h5;
 pub use hdf5::{Hdf5, from_planes, read_pair};
@@ -38,9 +39,7 @@ pub use npz::{encode_npz, read_npz_lists, write_npz};
 pub(super) use pfm::read_pfm;
 pub use pfm::write_pfm;
 pub(super) use picture::image_kind;
-pub use picture::{
-    Upright, image_size, is_depth_image, read_depth_png, read_rgb, read_upright, write_rgb,
-};
+pub use picture::{Upright, image_size, is_depth_image, read_rgb, read_upright, write_rgb};
 pub use ply::{Colored, are_far, encode_ply, write_ply};
 pub use quiet::hide_caught_panics;
 pub use save::{

@@ -16,7 +16,7 @@ pub(super) fn read_pgm(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let text = match &bytes[..bytes.len().min(2)] {
         b"P2" => true,
         b"P5" => false,
-        b"P3" | b"P6" => return Err(super::grey::colour(path)),
+        b"P3" | b"P6" => return Err(colour(path)),
         _ => {
             return Err(Error::format(
                 path,
@@ -68,6 +68,12 @@ pub(super) fn read_pgm(path: &Path, bytes: &[u8]) -> Result<Raster> {
     let size = (width as usize, height as usize);
     let numbers = Numbers::unsigned(8 * each as u32);
     Ok(Raster::new(size, values, numbers))
+}
+
+/// The error of a colour image in the place of depths.
+pub(super) fn colour(path: &Path) -> Error {
+    Error::format(path, "is a colour image, expected grey depths")
+        .hint("depth images are grey and have 16 bits: PNG, TIFF or PGM")
 }
 
 /// Numbers between blanks, and remarks from `#` to the end of a line.

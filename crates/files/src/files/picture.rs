@@ -2,11 +2,11 @@
 
 use super::tags::Tags;
 use super::tiff::check_tags;
-use super::{check_pixels, chunks, read_grey, write_atomically};
+use super::{check_pixels, chunks, write_atomically};
+use crate::Orientation;
 use crate::doubts::{Doubt, check_jpeg, to_rgb8};
 use crate::error::{Error, Result};
 use crate::foreign::check_foreign;
-use crate::{DepthMap, Orientation};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
     ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, RgbImage,
@@ -47,16 +47,6 @@ pub fn read_upright(path: &Path) -> Result<Upright> {
         orientation,
         doubts,
     })
-}
-
-/// Reads a grey PNG as depth: metres = value x `scale`, 0 = no measurement, as are the marks of
-/// [`crate::doubts::leave_out_marks`].
-///
-/// # Errors
-/// A missing or damaged file, or a colour image.
-pub fn read_depth_png(path: &Path, scale: f64) -> Result<DepthMap> {
-    let (depth, _) = read_grey(path)?.depth(scale)?;
-    Ok(depth)
 }
 
 /// Writes an 8-bit colour PNG.
@@ -164,8 +154,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doubts::Numbers;
-    use image::{ImageBuffer, ImageEncoder as _, LumaA, Rgb};
+    use image::{ImageBuffer, ImageEncoder as _, Rgb};
 
     /// The EXIF record that says an orientation and nothing else: a TIFF directory of one tag.
     fn exif(orientation: u8) -> Vec<u8> {
@@ -196,18 +185,6 @@ mod tests {
                 assert_eq!(upright.get_pixel(u as u32, v as u32), pixel);
             }
         }
-    }
-
-    #[test]
-    fn transparency_does_not_scale_depths_of_8_bits() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("grey.png");
-        let image: ImageBuffer<LumaA<u8>, Vec<u8>> =
-            ImageBuffer::from_fn(4, 3, |x, _| LumaA([10 * x as u8, 255]));
-        image.save(&path).unwrap();
-        let found = read_grey(&path).unwrap();
-        assert_eq!(found.numbers, Numbers::unsigned(8));
-        assert_eq!(found.values[3 + 2 * 4], 30.0);
     }
 
     #[test]

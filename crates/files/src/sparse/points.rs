@@ -1,6 +1,6 @@
 //! Points on their way into an image.
 
-use super::Sparse;
+use super::depths::Sparse;
 use crate::error::Error;
 use crate::grid::pixel;
 use crate::{Camera, Unit};

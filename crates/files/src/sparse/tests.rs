@@ -1,6 +1,6 @@
 use super::*;
 use crate::Colored;
-use crate::{Colmap, write_exr, write_npy, write_npz, write_pfm, write_ply, write_tiff};
+use crate::{Colmap, DepthMap, write_exr, write_npy, write_npz, write_pfm, write_ply, write_tiff};
 
 const SIZE: (usize, usize) = (4, 3);
 

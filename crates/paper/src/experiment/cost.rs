@@ -238,10 +238,7 @@ impl<'a> Cost<'a> {
         let mut cells = Vec::new();
         for size in SIZES {
             let mut subjects = vec![
-                (
-                    "lsdc".to_owned(),
-                    Subject::Lab { full: false },
-                ),
+                ("lsdc".to_owned(), Subject::Lab { full: false }),
                 ("the paper's network and fit".to_owned(), Subject::Paper),
             ];
             if size != SIZES[0] {

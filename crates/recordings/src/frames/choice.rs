@@ -1,6 +1,6 @@
 //! Which topics hold what.
 
-use super::Wanted;
+use super::wanted::Wanted;
 use crate::message::Kind;
 use crate::{Recording, Survey, Topic};
 use lsdc_files::error::{Error, Result};

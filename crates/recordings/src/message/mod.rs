@@ -4,6 +4,7 @@ mod bayer;
 mod camera_info;
 mod cloud;
 mod image;
+mod raw;
 mod rvl;
 mod transform;
 mod yuv;

@@ -1,6 +1,6 @@
 //! Colours from brightness and two differences of colour: YUV, which cameras and video decoders deliver.
 
-use super::image::Raw;
+use super::raw::Raw;
 use crate::cdr::damaged;
 use image::RgbImage;
 use lsdc_files::error::Result;

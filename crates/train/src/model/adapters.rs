@@ -2,7 +2,7 @@
 //! `lsdc_core::network::Encoder` adds the same to its weights.
 
 use super::layers::{Init, Linear};
-use super::weights::named;
+use super::parameters::named;
 use burn::module::Module;
 use burn::tensor::Tensor;
 use lsdc_core::network::ADAPTERS;

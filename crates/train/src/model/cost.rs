@@ -2,7 +2,7 @@
 
 use super::BasisNet;
 use super::decoder::Decoder;
-use super::weights::named;
+use super::parameters::named;
 use burn::module::Module;
 
 impl BasisNet {

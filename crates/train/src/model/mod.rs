@@ -7,6 +7,7 @@ mod affinities;
 mod affinity_net;
 mod backbone;
 mod bases;
+mod basis_net;
 mod cost;
 mod decoder;
 mod encoding;
@@ -14,6 +15,7 @@ mod extractor;
 mod grid;
 pub mod layers;
 mod on_device;
+pub mod parameters;
 mod pooling;
 #[cfg(test)]
 mod prepared_tests;
@@ -27,159 +29,13 @@ pub mod weights;
 pub use adapters::Adapters;
 pub(crate) use bases::every;
 pub use bases::{Bases, BasisHead, HiddenBases};
+pub use basis_net::{BasisNet, InitNetwork};
 pub use encoding::encode;
 pub use extractor::{Extractor, ExtractorOutput};
 pub use on_device::{AnyEncoder, OnDevice, encoded_tensor};
+pub use parameters::parameter_count;
 #[cfg(test)]
 pub(crate) use random_encoder::random_encoder;
 pub use vision::{LastBlocks, VisionTransformer};
 pub(crate) use weights::fill;
 pub use weights::{load, transfer, weights_of};
-
-use affinity_net::AffinityNet;
-use burn::module::Module;
-use burn::tensor::{Device, Tensor};
-use layers::Init;
-use lsdc_core::network::{EncoderConfig, NetworkConfig};
-use lsdc_files::error::Result;
-use lsdc_rng::Rng;
-
-/// Networks from their sizes.
-pub trait InitNetwork {
-    /// Builds the network with random weights: He et al. 2015 for convolutions (fan-out, as PSMNet)
-    /// and linear layers, drawn from the stream of `seed`.
-    ///
-    /// # Errors
-    /// A setting is out of range.
-    fn init(&self, seed: u64, device: &Device) -> Result<BasisNet>;
-
-    /// Builds the network with weights 0, to be filled: random ones take longer than a completion.
-    ///
-    /// # Errors
-    /// A setting is out of range.
-    fn blank(&self, device: &Device) -> Result<BasisNet>;
-}
-
-impl InitNetwork for NetworkConfig {
-    fn init(&self, seed: u64, device: &Device) -> Result<BasisNet> {
-        build(self, Some(Rng::stream(seed, &["weights"])), device)
-    }
-
-    fn blank(&self, device: &Device) -> Result<BasisNet> {
-        build(self, None, device)
-    }
-}
-
-fn build(config: &NetworkConfig, rng: Option<Rng>, device: &Device) -> Result<BasisNet> {
-    let mut init = Init {
-        rng,
-        norm: config.norm,
-        momentum: layers::MOMENTUM,
-        device: device.clone(),
-    };
-    BasisNet::init(config, &mut init)
-}
-
-/// The network with its weights.
-#[derive(Module, Debug)]
-pub struct BasisNet {
-    extractor: Extractor,
-    head: BasisHead,
-    /// Named as the tensors in weights files.
-    edges: Option<AffinityNet>,
-    adapters: Option<Adapters>,
-}
-
-impl BasisNet {
-    /// What the backbone's stages see in images `[batch, height, width, 3]`.
-    #[cfg(test)]
-    pub(crate) fn seen_by_backbone(&self, images: Tensor<4>) -> Vec<Tensor<4>> {
-        let backbone = self.extractor.backbone.as_ref();
-        backbone.map_or_else(Vec::new, |net| net.forward(images))
-    }
-
-    /// Builds the network layer by layer.
-    ///
-    /// # Errors
-    /// A setting is out of range.
-    pub fn init(config: &NetworkConfig, init: &mut Init) -> Result<Self> {
-        config.check()?;
-        Ok(Self {
-            extractor: extractor::build(&config.extractor, config.mean, init),
-            head: BasisHead::init(config, init),
-            edges: (config.affinities > 0).then(|| AffinityNet::init(config, init)),
-            adapters: config
-                .adapters
-                .map(|adapters| Adapters::init(adapters, EncoderConfig::small().width, init)),
-        })
-    }
-
-    /// Computes the basis functions of normalised images `[batch, height, width, 3]`. `encoded [batch, rows, columns,
-    /// channels]` is what a pretrained encoder says of them, for networks trained on one.
-    pub fn bases(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Bases {
-        Bases::new(self.extractor.forward(images, encoded), self.head.clone())
-    }
-
-    /// The map of depth that the backbone suggests of normalised images `[batch, height, width, 3]`, at pixels as in
-    /// [`Bases::at`]: `[batch, pixels]`, up to scale. Nothing else of the network is run. Nothing if it has no backbone
-    /// that predicts such a map.
-    pub fn map_at(
-        &self,
-        images: Tensor<4>,
-        size: (usize, usize),
-        pixels: &[Vec<u32>],
-    ) -> Option<Tensor<2>> {
-        let logarithm = self.extractor.logarithm(images)?;
-        Some(bases::map_at(logarithm, size, pixels))
-    }
-
-    /// How strongly each pixel of normalised images `[batch, height, width, 3]` is joined to its
-    /// right and lower neighbour, `[batch, height, width, 2]`, above 0: 1 where nothing tells them
-    /// apart.
-    pub fn affinities(&self, images: Tensor<4>, encoded: Option<Tensor<4>>) -> Tensor<4> {
-        let edges = self.edges.as_ref();
-        let changes = edges.map(|net| net.forward(images.clone(), encoded));
-        affinities::affinities(images, changes)
-    }
-
-    /// The changes of the pretrained encoder, if it has any: what [`BasisNet::bases`] and [`BasisNet::affinities`] are
-    /// given must have been computed with them.
-    pub fn adapters(&self) -> Option<&Adapters> {
-        self.adapters.as_ref()
-    }
-
-    /// Keeps the changes of the pretrained encoder as they are from now on.
-    #[must_use]
-    pub fn fix_adapters(self) -> Self {
-        Self {
-            adapters: self.adapters.map(Adapters::no_grad),
-            ..self
-        }
-    }
-
-    /// Keeps the affinity network, its statistics included, as it is from now on.
-    #[must_use]
-    pub fn fix_affinities(self) -> Self {
-        let fixed = |net: AffinityNet| net.no_grad().map(&mut layers::FreezeStatistics);
-        Self {
-            edges: self.edges.map(fixed),
-            ..self
-        }
-    }
-
-    /// Lets batch normalisation use its running statistics from now on, in training too, so that
-    /// the network learns with the very statistics it will be used with.
-    #[must_use]
-    pub fn freeze_statistics(self) -> Self {
-        self.map(&mut layers::FreezeStatistics)
-    }
-}
-
-/// The number of trained parameters: weights, gains and shifts, without running statistics.
-pub fn parameter_count<M: Module>(module: &M) -> usize {
-    weights::named(module)
-        .into_iter()
-        .filter(|tensor| !tensor.is_statistic())
-        .map(|tensor| tensor.data.num_elements())
-        .sum()
-}

@@ -1,10 +1,11 @@
 //! Weights between files and burn's tensors.
 
-use super::{BasisNet, InitNetwork as _};
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{DType, Device, Tensor, TensorData};
+use super::basis_net::{BasisNet, InitNetwork as _};
+use super::parameters::named;
+use burn::module::{Module, ModuleMapper, Param};
+use burn::tensor::{Device, Tensor, TensorData};
 use lsdc_core::network::NetworkConfig;
-use lsdc_core::weights::{Normalisation, Tensor as Table, is_statistic};
+use lsdc_core::weights::{Normalisation, Tensor as Table};
 use lsdc_core::{Weights, WeightsError};
 use lsdc_files::error::{Error, Result};
 use std::collections::BTreeMap;
@@ -59,51 +60,6 @@ pub fn fill(tensors: BTreeMap<String, Table>, net: BasisNet) -> Result<BasisNet>
     filler.wrong.retain(shape);
     filler.check()?;
     Ok(net)
-}
-
-/// A tensor of a module and its path, such as `extractor.stem.0.conv.weight`.
-pub struct Named {
-    /// The path, its parts joined by dots.
-    pub name: String,
-    /// Its values.
-    pub data: TensorData,
-}
-
-impl Named {
-    /// Whether this is a running statistic, not a trained parameter.
-    pub fn is_statistic(&self) -> bool {
-        is_statistic(&self.name)
-    }
-}
-
-/// All float tensors of a module.
-pub fn named<M: Module>(module: &M) -> Vec<Named> {
-    let mut collector = Collector::default();
-    module.visit(&mut collector);
-    collector.found
-}
-
-#[derive(Default)]
-struct Collector {
-    path: Vec<String>,
-    found: Vec<Named>,
-}
-
-impl ModuleVisitor for Collector {
-    fn enter_module(&mut self, name: &str, _: &str) {
-        self.path.push(name.to_owned());
-    }
-
-    fn exit_module(&mut self, _: &str, _: &str) {
-        self.path.pop();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.found.push(Named {
-            name: self.path.join("."),
-            data: param.val().into_data().convert_dtype(DType::F32),
-        });
-    }
 }
 
 /// What is wrong with a tensor that is not there.

@@ -12,6 +12,6 @@ pub mod norm;
 pub mod propagate;
 mod reweighted;
 
-pub use joint::{JointBackend, JointFit, Scenes, joint};
+pub use joint::{JointBackend, JointFit, Problems, joint};
 pub use lstsq::{Factored, LstsqBackend, lstsq};
 pub use reweighted::{Reweighting, RobustGradient, reweighted};

@@ -92,7 +92,8 @@ mod tests {
         let crowded = Crowded::among(&taps, size);
         assert!(crowded.is(0) && !crowded.is(taps.len() - 1));
         // Sites on pixels need no lumping.
-        let on_pixels: Vec<InterpolationWeights> = (0..600).map(InterpolationWeights::pixel).collect();
+        let on_pixels: Vec<InterpolationWeights> =
+            (0..600).map(InterpolationWeights::pixel).collect();
         assert!(!Crowded::among(&on_pixels, size).any());
     }
 }

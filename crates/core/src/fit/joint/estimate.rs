@@ -4,17 +4,19 @@ use super::JointConfig;
 use super::fitted::{FieldFit, FieldSolver};
 use super::holes::Holes;
 use super::marginal::determined;
-use super::merged_observations::{Sample, MergedObservations};
+use super::merged_observations::{MergedObservations, Sample};
 use super::smoothness::Smoothness;
 use super::stacking::{Stack, Stacked, rest_of, stack_few, stack_many};
 use super::surface::Surface;
+use super::weighed::Weighed;
 use crate::error::{FitError, Result};
-use crate::field::{self, CovarianceSolver, PrecisionSolver};
+use crate::field::{self, PrecisionSolver};
 use crate::fit::affinities::{Affinities, Scene, Smooth};
+use crate::fit::estimate::Estimate;
+use crate::fit::lambda::Lambda;
 use crate::fit::lstsq::{Moments, Solution, dot};
 use crate::fit::points::Rows;
 use crate::fit::prior::Prior;
-use crate::fit::{Estimate, Lambda};
 use faer::Mat;
 use lsdc_kernels::schedule::join;
 use rayon::prelude::*;
@@ -50,18 +52,6 @@ struct Found {
     residuals: Option<Vec<f64>>,
     /// Pixels in holes at which basis functions contradicted the depths around.
     limited: usize,
-}
-
-/// The weights of basis functions and cosines.
-pub(super) struct Weighed {
-    pub(super) solution: Solution,
-    noise: f64,
-    lambda: f64,
-    /// What the sites determine of the weights, in directions.
-    pub(super) determined: f64,
-    /// The sites that they were estimated from, and the field of these.
-    pub(super) sample: Sample,
-    pub(super) field: CovarianceSolver,
 }
 
 /// Weights are estimated from at most so many sites.
@@ -248,7 +238,12 @@ impl FieldEstimator<'_> {
     }
 
     /// Few sites, from all of which the weights are estimated.
-    fn few(self, sites: &MergedObservations, rows: &Rows<'_>, prior: (&Prior, Lambda)) -> Result<Found> {
+    fn few(
+        self,
+        sites: &MergedObservations,
+        rows: &Rows<'_>,
+        prior: (&Prior, Lambda),
+    ) -> Result<Found> {
         let smoothness = self.smoothness();
         let (found, surface) = join(
             || self.weighed((sites, sites.len()), rows, prior, &smoothness),
@@ -278,7 +273,12 @@ impl FieldEstimator<'_> {
     }
 
     /// The weights from some of the sites, and the field of all.
-    fn many(self, sites: &mut MergedObservations, rows: &Rows<'_>, prior: (&Prior, Lambda)) -> Result<Found> {
+    fn many(
+        self,
+        sites: &mut MergedObservations,
+        rows: &Rows<'_>,
+        prior: (&Prior, Lambda),
+    ) -> Result<Found> {
         let untied = self.smoothness().untied();
         let (found, surface) = join(
             || self.weighed((sites, SOME), rows, prior, &untied),

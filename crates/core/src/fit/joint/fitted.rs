@@ -1,7 +1,7 @@
 //! What follows from a joint fit: leverages and variances.
 
 use super::coarse::Coarse;
-use super::merged_observations::{Sample, MergedObservations};
+use super::merged_observations::{MergedObservations, Sample};
 use super::smoothness::Smoothness;
 use super::stacking::{self, Stacked};
 use super::surface::left_out;
@@ -9,8 +9,8 @@ use crate::bilinear::InterpolationWeights;
 use crate::error::FitError;
 use crate::field::{CovarianceSolver, PrecisionSolver};
 use crate::fit::affinities::Smooth;
+use crate::fit::leave_one_out::leave_one_out;
 use crate::fit::lstsq::Solution;
-use crate::fit::outcome::leave_one_out;
 use faer::{Mat, MatRef};
 
 /// A field that was fitted.
@@ -223,7 +223,8 @@ impl FieldFit {
             }
         };
         let places: Vec<[f64; 2]> = coarse.pixels().map(|(x, y)| [x as f64, y as f64]).collect();
-        let pixel = |(x, y): (usize, usize)| InterpolationWeights::pixel((y * self.size.1 + x) as u32);
+        let pixel =
+            |(x, y): (usize, usize)| InterpolationWeights::pixel((y * self.size.1 + x) as u32);
         let taps: Vec<InterpolationWeights> = coarse.pixels().map(pixel).collect();
         let bases = bases(&places);
         let columns = bases.len() / taps.len().max(1);

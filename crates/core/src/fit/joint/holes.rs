@@ -201,7 +201,10 @@ mod tests {
     fn holes(is_hole: impl Fn(usize, usize) -> bool) -> Option<Holes> {
         let pixels = (0..SIZE.0 * SIZE.1).filter(|i| !is_hole(i % SIZE.1, i / SIZE.1));
         let pixels: Vec<usize> = pixels.collect();
-        let taps: Vec<InterpolationWeights> = pixels.iter().map(|&i| InterpolationWeights::pixel(i as u32)).collect();
+        let taps: Vec<InterpolationWeights> = pixels
+            .iter()
+            .map(|&i| InterpolationWeights::pixel(i as u32))
+            .collect();
         let depth = |&i: &usize| if i % SIZE.1 < 25 { 2.0 } else { 3.0 };
         let depths: Vec<f64> = pixels.iter().map(depth).collect();
         let scale = Scale::of_points(Space::Depth, &[2.0, 3.0]);

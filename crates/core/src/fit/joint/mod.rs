@@ -18,13 +18,14 @@ mod estimate;
 mod fitted;
 mod holes;
 mod marginal;
-mod problem;
 mod merged_observations;
+mod problem;
 mod smoothness;
 mod stacking;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod weighed;
 
 pub(super) use estimate::FieldEstimator;
 pub(super) use fitted::FieldFit;

@@ -2,7 +2,7 @@
 
 use super::JointConfig;
 use crate::bilinear::InterpolationWeights;
-use crate::field::{self, FieldPrior, Grid, CovarianceSolver, Observations, PrecisionSolver};
+use crate::field::{self, CovarianceSolver, FieldPrior, Grid, Observations, PrecisionSolver};
 use crate::fit::lstsq::dot;
 use faer::linalg::solvers::{Llt, Solve as _};
 use faer::{Mat, Side};
@@ -85,7 +85,10 @@ impl Adjoint {
         config: JointConfig,
         free: usize,
     ) -> Option<Self> {
-        let taps: Vec<InterpolationWeights> = pixels.iter().map(|&pixel| InterpolationWeights::pixel(pixel)).collect();
+        let taps: Vec<InterpolationWeights> = pixels
+            .iter()
+            .map(|&pixel| InterpolationWeights::pixel(pixel))
+            .collect();
         let seen = Observations {
             taps: &taps,
             weights: &vec![config.data; pixels.len()],

@@ -1,10 +1,10 @@
 //! How smooth the field of an image is, and how sites join it.
 
 use super::crowded::Crowded;
-use super::merged_observations::{Sample, MergedObservations};
+use super::merged_observations::{MergedObservations, Sample};
 use crate::bilinear::InterpolationWeights;
 use crate::error::FitError;
-use crate::field::{Grid, CovarianceSolver, Observations, PrecisionSolver};
+use crate::field::{CovarianceSolver, Grid, Observations, PrecisionSolver};
 use crate::fit::affinities::Affinities;
 
 /// The field of an image before any site.
@@ -51,7 +51,9 @@ impl Smoothness {
             CovarianceSolver::new(&prior, &seen)
         } else {
             // Ties are further observations, of a step of 0 without basis functions.
-            let steps = ties.iter().map(|tie| InterpolationWeights::difference(tie.one, tie.other));
+            let steps = ties
+                .iter()
+                .map(|tie| InterpolationWeights::difference(tie.one, tie.other));
             let weights = ties.iter().map(|tie| tie.weight);
             let nothing = vec![0.0; ties.len() * count];
             let tied = Observations {
@@ -94,7 +96,11 @@ impl Smoothness {
     ///
     /// # Errors
     /// Equations that are not positive definite.
-    pub(super) fn observed(&self, taps: &[InterpolationWeights], weights: &[f64]) -> Result<PrecisionSolver, FitError> {
+    pub(super) fn observed(
+        &self,
+        taps: &[InterpolationWeights],
+        weights: &[f64],
+    ) -> Result<PrecisionSolver, FitError> {
         let grid = self.affinities.grid(self.level);
         let crowded = self.crowded(taps);
         let ties = self.ties(taps, weights, &crowded);
@@ -127,7 +133,12 @@ impl Smoothness {
     }
 
     /// The ties of the sites that are not lumped.
-    fn ties(&self, taps: &[InterpolationWeights], weights: &[f64], crowded: &Crowded) -> Vec<SmoothnessTerm> {
+    fn ties(
+        &self,
+        taps: &[InterpolationWeights],
+        weights: &[f64],
+        crowded: &Crowded,
+    ) -> Vec<SmoothnessTerm> {
         /// Weight of the product of shares and squared step, relative to that of the site. Of 0.001, 0.003, 0.01,
         /// 0.03 and 0.1 on frames of training and of other cameras: with more, edges are less sharp.
         const TIE: f64 = 0.01;

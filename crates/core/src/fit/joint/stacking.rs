@@ -12,13 +12,13 @@
 //! themselves: in wider ones s is smaller, and outside of what the sites span the map is the joint fit. With many sites,
 //! none of which judge, the map is the median inside.
 
-use super::estimate::Weighed;
 use super::merged_observations::MergedObservations;
 use super::smoothness::Smoothness;
 use super::surface::{LeftOut, Surface, left_out};
+use super::weighed::Weighed;
 use crate::field::{CovarianceSolver, PrecisionSolver};
+use crate::fit::leave_one_out::least_freedom;
 use crate::fit::lstsq::dot;
-use crate::fit::outcome::least_freedom;
 use crate::fit::points::Rows;
 use lsdc_kernels::schedule::join;
 

@@ -668,7 +668,11 @@ fn leave_one_out_residuals_between_pixels_are_those_of_fits_without_the_point() 
             let mut own = vec![0.0; HEIGHT * WIDTH];
             field.add_to((HEIGHT, WIDTH), &mut own);
             let own: Vec<f64> = own.into_iter().map(f64::from).collect();
-            let taps = crate::bilinear::InterpolationWeights::new(example.places[i], size, (HEIGHT, WIDTH));
+            let taps = crate::bilinear::InterpolationWeights::new(
+                example.places[i],
+                size,
+                (HEIGHT, WIDTH),
+            );
             let row = &example.bases[3 * i..][..3];
             let functions = row
                 .iter()

@@ -12,8 +12,8 @@
 //! more than elsewhere, so may this one be. And a point that agrees with several neighbours, right or not, may lie
 //! with them on an object that the image does not show: independent errors do not agree.
 
-use super::medians::{deviation, median, weighted_median};
 use crate::error::Result;
+use crate::fit::medians::{deviation, median, weighted_median};
 use crate::nearest::Cells;
 use rayon::prelude::*;
 
@@ -290,7 +290,12 @@ impl<'a> Judged<'a> {
     }
 }
 
-fn judgements(found: &Predictions, right: &[f64], scales: &[f64], noise: &[f64]) -> Vec<InlierPosterior> {
+fn judgements(
+    found: &Predictions,
+    right: &[f64],
+    scales: &[f64],
+    noise: &[f64],
+) -> Vec<InlierPosterior> {
     let all = (0..right.len()).map(|i| InlierPosterior {
         right: right[i],
         error: found.errors[i],

@@ -1,20 +1,19 @@
 //! Robust fits, which limit the influence of points that are wrong.
 
-mod outlier_test;
 mod local;
-mod medians;
 mod mixture;
+mod outlier_test;
 mod refit;
 mod reweighted;
 #[cfg(test)]
 mod tests;
 
-pub(super) use outlier_test::judge;
-pub(super) use medians::median;
 pub use mixture::InlierPosterior;
+pub(super) use outlier_test::judge;
 
+use super::estimate::Estimate;
+use super::estimator::Estimator;
 use super::points::Rows;
-use super::{Estimate, Estimator};
 use crate::error::{Result, SettingsError};
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,6 @@
 //! Points judged by one another, whatever is fitted to them.
 
 use super::local::Local;
-use super::medians::deviation;
 use super::mixture::{
     Evidence, InlierPosterior, Neighbours, judge as judge_all, judge_twice, judge_with,
 };
@@ -10,10 +9,12 @@ use super::reweighted::reweighted;
 use super::{Loss, Robust};
 use crate::error::Result;
 use crate::field::MOST;
-use crate::fit::Blocks;
+use crate::fit::blocks::Blocks;
+use crate::fit::estimate::Estimate;
+use crate::fit::estimator::Estimator;
 use crate::fit::joint::FieldEstimator;
+use crate::fit::medians::deviation;
 use crate::fit::points::Rows;
-use crate::fit::{Estimate, Estimator};
 use rayon::prelude::*;
 
 /// More points than this are judged by the field alone.
@@ -108,7 +109,7 @@ fn close(
     let field = field.without_functions();
     let fine = field.scene.affinities;
     let blocks = Blocks::new(fine.size(), BLOCKS);
-    let coarse = blocks.affinities(&fine.grid(0.0));
+    let coarse = fine.in_blocks(blocks);
     let refit = |field| Refit::new(&rows, Estimator::Field(field));
     let rough = refit(field.on(&coarse, blocks.area()));
     let (neighbours, start) = start(&points, &rows.values);
@@ -117,7 +118,11 @@ fn close(
 }
 
 /// Where points are dense, some of them judge one another by a field of blocks of pixels, and then all others.
-fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result<Vec<InlierPosterior>> {
+fn dense(
+    rows: &Rows<'_>,
+    field: FieldEstimator<'_>,
+    plain: &Estimate,
+) -> Result<Vec<InlierPosterior>> {
     let rests = rows.residuals(&plain.solution.weights);
     let (mut judges, others) = judges(rows);
     sort(rows, &mut judges);
@@ -126,7 +131,7 @@ fn dense(rows: &Rows<'_>, field: FieldEstimator<'_>, plain: &Estimate) -> Result
     let own = rows.alone(&judges, places(&points), &rests, &zeros);
     let fine = field.scene.affinities;
     let blocks = Blocks::new(fine.size(), BLOCKS);
-    let coarse = blocks.affinities(&fine.grid(0.0));
+    let coarse = fine.in_blocks(blocks);
     let field = field.without_functions().on(&coarse, blocks.area());
     let refit = Refit::new(&own, Estimator::Field(field));
     let (neighbours, start) = start(&points, &own.values);

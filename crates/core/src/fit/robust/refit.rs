@@ -3,9 +3,10 @@
 use super::mixture::{Predict, Predictions};
 use crate::bilinear::InterpolationWeights;
 use crate::error::Result;
-use crate::fit::outcome::{least_freedom, leave_one_out};
+use crate::fit::estimate::Estimate;
+use crate::fit::estimator::Estimator;
+use crate::fit::leave_one_out::{least_freedom, leave_one_out};
 use crate::fit::points::Rows;
-use crate::fit::{Estimate, Estimator};
 use rayon::prelude::*;
 
 /// A fit to all points, in closed form without each of them.

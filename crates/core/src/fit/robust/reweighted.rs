@@ -1,12 +1,13 @@
 //! Iteratively reweighted least squares (paper Algorithm 2) with the weights of the paper or of the classic
 //! M-estimators.
 
-use super::medians::{deviation, weighted_median};
 use super::{Loss, Robust};
 use crate::error::Result;
-use crate::fit::outcome::leave_one_out;
+use crate::fit::estimate::Estimate;
+use crate::fit::estimator::Estimator;
+use crate::fit::leave_one_out::leave_one_out;
+use crate::fit::medians::{deviation, weighted_median};
 use crate::fit::points::Rows;
-use crate::fit::{Estimate, Estimator};
 use crate::nearest::Cells;
 
 impl Loss {

@@ -5,7 +5,7 @@ use super::Encoder;
 use crate::error::{Error, WeightsError};
 use crate::network::config::AdapterConfig;
 use crate::network::tensors::Tensors;
-use crate::weights::Tensor;
+use crate::tensor::Tensor;
 use lsdc_kernels::simd::Scratch;
 use std::collections::BTreeMap;
 use std::sync::Arc;

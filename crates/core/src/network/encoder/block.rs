@@ -1,12 +1,18 @@
 //! A block of a transformer.
 
-use super::{EncoderConfig, LAYER_EPSILON, share};
+use super::config::{EncoderConfig, LAYER_EPSILON};
 use crate::error::WeightsError;
 use crate::network::tensors::Tensors;
 use lsdc_kernels::attention::{attention, gelu, layer_norm};
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
 use rayon::prelude::*;
 use std::sync::Arc;
+
+/// Tokens that a task takes of so many: an even number of tasks of at most 84 tokens.
+pub(super) fn share(tokens: usize) -> usize {
+    const MOST: usize = 56;
+    tokens.div_ceil(2 * tokens.div_ceil(2 * MOST).max(1)).max(1)
+}
 
 /// What blocks work with.
 #[derive(Clone, Copy)]
@@ -109,15 +115,17 @@ impl Block {
             .zip(answers.par_chunks(part))
             .for_each(|(x, answers)| {
                 let count = x.len() / width;
-                workspace.scratch.with(count * (2 * width + hidden), |memory| {
-                    let (sum, memory) = memory.split_at_mut(count * width);
-                    let (y, inner) = memory.split_at_mut(count * width);
-                    self.mixed.apply(answers, added(x), sum);
-                    self.normalise(workspace, 1, sum, y);
-                    self.first.apply(y, Tail::default(), inner);
-                    gelu(workspace.level, inner);
-                    self.second.apply(inner, added(sum), x);
-                });
+                workspace
+                    .scratch
+                    .with(count * (2 * width + hidden), |memory| {
+                        let (sum, memory) = memory.split_at_mut(count * width);
+                        let (y, inner) = memory.split_at_mut(count * width);
+                        self.mixed.apply(answers, added(x), sum);
+                        self.normalise(workspace, 1, sum, y);
+                        self.first.apply(y, Tail::default(), inner);
+                        gelu(workspace.level, inner);
+                        self.second.apply(inner, added(sum), x);
+                    });
             });
     }
 

@@ -6,14 +6,16 @@
 
 mod adapters;
 mod block;
+mod config;
 mod encoded;
 mod position;
 
 use super::tensors::Tensors;
-use crate::error::{Error, FitError, WeightsError};
-use crate::weights::Tensor;
+use crate::error::{Error, FitError};
+use crate::tensor::Tensor;
 pub use adapters::{ADAPTERS, MORE_BLOCKS};
-use block::{Block, Workspace};
+use block::{Block, Workspace, share};
+pub use config::{EncoderConfig, LAYER_EPSILON, PATCH};
 pub use encoded::{Encoded, in_patches};
 use lsdc_kernels::attention::layer_norm;
 use lsdc_kernels::simd::{Level, Packed, Scratch, Tail};
@@ -21,68 +23,6 @@ pub use position::positions;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-
-/// Pixels of a side of a patch.
-pub const PATCH: usize = 14;
-/// What layer normalisation adds to variances.
-pub const LAYER_EPSILON: f32 = 1e-6;
-/// Tokens that a task takes of so many: an even number of tasks of at most 84 tokens.
-fn share(tokens: usize) -> usize {
-    const MOST: usize = 56;
-    tokens.div_ceil(2 * tokens.div_ceil(2 * MOST).max(1)).max(1)
-}
-
-/// The sizes of an encoder.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct EncoderConfig {
-    /// Channels of a token.
-    pub width: usize,
-    /// Heads of attention, which divide the channels.
-    pub heads: usize,
-    /// Number of blocks.
-    pub blocks: usize,
-    /// Channels between the two layers of a perceptron.
-    pub hidden: usize,
-    /// Patches of a side of the images that positions were learned for.
-    pub side: usize,
-    /// The blocks, from 0, whose tokens are features.
-    pub taps: Vec<usize>,
-}
-
-impl EncoderConfig {
-    /// ViT-S/14, as in `DINOv2` and Depth Anything V2 Small: 22,056,576 parameters.
-    pub fn small() -> Self {
-        Self {
-            width: 384,
-            heads: 6,
-            blocks: 12,
-            hidden: 1536,
-            side: 37,
-            taps: vec![2, 5, 8, 11],
-        }
-    }
-
-    /// Channels of all taps together.
-    pub fn channels(&self) -> usize {
-        self.taps.len() * self.width
-    }
-
-    fn check(&self) -> Result<(), WeightsError> {
-        let fine = self.heads > 0
-            && self.width > 0
-            && self.width.is_multiple_of(self.heads)
-            && self.side > 0
-            && self.hidden > 0
-            && !self.taps.is_empty()
-            && self.taps.is_sorted()
-            && self.taps.iter().all(|tap| *tap < self.blocks);
-        if fine {
-            Ok(())
-        } else {
-            Err(WeightsError::Unsupported("an encoder of such sizes"))
-        }
-    }
-}
 
 /// An encoder, prepared for one instruction set.
 #[derive(Debug)]

@@ -3,6 +3,7 @@
 //! cameras, and at a higher resolution than that of the image.
 
 mod clock;
+mod comparison;
 mod conditions;
 mod entrants;
 mod narrow;
@@ -14,31 +15,12 @@ mod tables;
 pub(super) mod tests;
 mod training;
 
+use super::Study;
 use super::trial::Trial;
-use super::{ExperimentContext, Study};
-use clock::Clock;
-use conditions::Conditions;
-use entrants::{ComparedSystem, Field};
+pub(super) use comparison::Systems;
+use entrants::ComparedSystem;
 use lsdc_eval::report::Section;
 use lsdc_files::error::Result;
-use std::rc::Rc;
-
-pub(super) struct Systems<'a> {
-    field: Rc<Field<'a>>,
-    conditions: Conditions<'a>,
-    clocks: Vec<Clock<'a>>,
-}
-
-impl<'a> Systems<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Result<Self> {
-        let field = Rc::new(Field::new(lab)?);
-        Ok(Self {
-            conditions: Conditions::new(&field)?,
-            clocks: Clock::all(&field),
-            field,
-        })
-    }
-}
 
 impl Study for Systems<'_> {
     fn cells(&self) -> Vec<&dyn Trial> {

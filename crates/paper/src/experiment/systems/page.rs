@@ -1,8 +1,9 @@
 //! The page: its words, and the order of its tables and pictures.
 
+use super::comparison::Systems;
 use super::entrants::{ComparedSystem, OURS, SAME};
 use super::training::Budget;
-use super::{Systems, pictures, tables};
+use super::{pictures, tables};
 use crate::experiment::published;
 use crate::systems::SystemConfig;
 use lsdc_eval::metrics::{Metric, Scores};

@@ -1,7 +1,7 @@
 //! The tables of the page, with the rows that were published.
 
-use super::Systems;
 use super::clock::{Clock, SIZE};
+use super::comparison::Systems;
 use super::conditions::{Conditions, Group};
 use super::entrants::OURS;
 use super::side::Side;

@@ -1,6 +1,6 @@
 //! The adjoint on burn's tape.
 
-use super::{JointBackend, Scenes};
+use super::{JointBackend, Problems};
 use burn::backend::AutodiffBackend as _;
 use burn::backend::autodiff::Autodiff;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
@@ -12,13 +12,13 @@ use burn::backend::tensor::FloatTensor;
 struct JointBackward;
 
 impl<B: JointBackend> Backward<B, 2> for JointBackward {
-    type State = (FloatTensor<B>, Scenes);
+    type State = (FloatTensor<B>, Problems);
 
     fn backward(self, ops: Ops<Self::State, 2>, grads: &mut Gradients, _: &mut Checkpointer) {
         let [bases_node, affinities_node] = ops.parents;
         let grad = grads.consume::<B>(&ops.node);
-        let (affinities, scenes) = ops.state;
-        let (bases, affinities) = B::joint_backward(grad, affinities, scenes);
+        let (affinities, problems) = ops.state;
+        let (bases, affinities) = B::joint_backward(grad, affinities, problems);
         if let Some(node) = bases_node {
             grads.register::<B>(node.id, bases);
         }
@@ -34,7 +34,7 @@ impl<B: JointBackend, C: CheckpointStrategy> JointBackend for Autodiff<B, C> {
         depths: FloatTensor<Self>,
         draws: FloatTensor<Self>,
         affinities: FloatTensor<Self>,
-        scenes: Scenes,
+        problems: Problems,
     ) -> FloatTensor<Self> {
         let prepared = JointBackward
             .prepare::<C>([bases.node(), affinities.node()])
@@ -42,9 +42,9 @@ impl<B: JointBackend, C: CheckpointStrategy> JointBackend for Autodiff<B, C> {
             .stateful();
         let (depths, draws) = (depths.into_primitive(), draws.into_primitive());
         let (bases, affinities) = (bases.into_primitive(), affinities.into_primitive());
-        let result = B::joint(bases, depths, draws, affinities.clone(), scenes.clone());
+        let result = B::joint(bases, depths, draws, affinities.clone(), problems.clone());
         match prepared {
-            OpsKind::Tracked(prep) => prep.finish((affinities, scenes), result),
+            OpsKind::Tracked(prep) => prep.finish((affinities, problems), result),
             OpsKind::UnTracked(prep) => prep.finish(result),
         }
     }
@@ -52,10 +52,10 @@ impl<B: JointBackend, C: CheckpointStrategy> JointBackend for Autodiff<B, C> {
     fn joint_backward(
         grad: FloatTensor<Self>,
         affinities: FloatTensor<Self>,
-        scenes: Scenes,
+        problems: Problems,
     ) -> (FloatTensor<Self>, FloatTensor<Self>) {
         let (bases, affinities) =
-            B::joint_backward(grad.into_primitive(), affinities.into_primitive(), scenes);
+            B::joint_backward(grad.into_primitive(), affinities.into_primitive(), problems);
         (Self::from_inner(bases), Self::from_inner(affinities))
     }
 }

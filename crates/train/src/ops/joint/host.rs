@@ -1,6 +1,6 @@
 //! The op on tensors of any backend: read, solve in f64, write back.
 
-use super::{Inner, Scenes};
+use super::problems::{Inner, Problems};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata as _};
 use burn::tensor::{TensorData, try_read_sync};
@@ -13,16 +13,16 @@ pub(super) fn forward<B: Backend>(
     depths: FloatTensor<B>,
     draws: FloatTensor<B>,
     affinities: FloatTensor<B>,
-    scenes: &Scenes,
+    problems: &Problems,
 ) -> FloatTensor<B> {
     let Inner {
         pixels,
         config,
         free,
         ..
-    } = &*scenes.0;
+    } = &*problems.0;
     let (device, dtype) = (bases.device(), bases.dtype());
-    let [problems, points, k] = bases.shape().dims();
+    let [count, points, k] = bases.shape().dims();
     let [images, height, width, _] = affinities.shape().dims();
     let (bases, depths, draws) = (read::<B>(bases), read::<B>(depths), read::<B>(draws));
     let joins: Vec<[Vec<f64>; 2]> = read::<B>(affinities)
@@ -54,43 +54,43 @@ pub(super) fn forward<B: Backend>(
         let field = (grids[image], priors[image].as_ref());
         Adjoint::solve(field, (rows, points), pixels, values, *config, *free)
     };
-    let solved: Vec<Option<Adjoint>> = (0..problems).into_par_iter().map(solve).collect();
+    let solved: Vec<Option<Adjoint>> = (0..count).into_par_iter().map(solve).collect();
     let length = k + height * width;
-    let mut result = Vec::with_capacity(problems * length);
+    let mut result = Vec::with_capacity(count * length);
     for solution in &solved {
         match solution {
             Some(solution) => result.extend(solution.solution()),
             None => result.resize(result.len() + length, f64::NAN),
         }
     }
-    if let Ok(mut place) = scenes.0.solved.lock() {
+    if let Ok(mut place) = problems.0.solved.lock() {
         *place = solved;
     }
-    let data = TensorData::new(result, [problems, length]).convert_dtype(dtype);
+    let data = TensorData::new(result, [count, length]).convert_dtype(dtype);
     B::float_from_data(data, &device)
 }
 
 pub(super) fn backward<B: Backend>(
     grad: FloatTensor<B>,
     affinities: FloatTensor<B>,
-    scenes: &Scenes,
+    problems: &Problems,
 ) -> (FloatTensor<B>, FloatTensor<B>) {
     let (device, dtype) = (affinities.device(), affinities.dtype());
     let [images, height, width, _] = affinities.shape().dims();
-    let [problems, length] = grad.shape().dims();
+    let [count, length] = grad.shape().dims();
     let k = length - height * width;
     let grad = read::<B>(grad);
-    let solved = match scenes.0.solved.lock() {
+    let solved = match problems.0.solved.lock() {
         Ok(mut solved) => std::mem::take(&mut *solved),
         Err(_) => Vec::new(),
     };
-    let points = scenes.0.pixels.first().map_or(0, Vec::len);
+    let points = problems.0.pixels.first().map_or(0, Vec::len);
     let gradients: Vec<_> = solved
         .par_iter()
         .zip(grad.par_chunks_exact(length))
         .map(|(solution, grad)| Some(solution.as_ref()?.backward(grad, width)))
         .collect();
-    let mut bases = vec![0.0; problems * points * k];
+    let mut bases = vec![0.0; count * points * k];
     let mut joins = vec![0.0; images * height * width * 2];
     let per_image = (2 * height * width).max(1);
     let mut sums: Vec<&mut [f64]> = joins.chunks_exact_mut(per_image).collect();
@@ -113,7 +113,7 @@ pub(super) fn backward<B: Backend>(
         B::float_from_data(TensorData::new(values, shape).convert_dtype(dtype), &device)
     };
     (
-        write(bases, vec![problems, points, k]),
+        write(bases, vec![count, points, k]),
         write(joins, vec![images, height, width, 2]),
     )
 }

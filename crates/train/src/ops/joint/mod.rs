@@ -4,6 +4,7 @@
 mod autodiff;
 mod columns;
 mod host;
+mod problems;
 #[cfg(test)]
 mod tests;
 
@@ -11,23 +12,8 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::{Tensor, s};
 use columns::Columns;
-use lsdc_core::fit::{Adjoint, FitConfig, JointConfig, PriorKind};
-use std::sync::{Arc, Mutex};
-
-/// The problems of a batch, as far as they are not tensors.
-#[derive(Clone, Debug)]
-pub struct Scenes(Arc<Inner>);
-
-#[derive(Debug)]
-struct Inner {
-    /// Candidate points `y * width + x` of each image.
-    pixels: Vec<Vec<u32>>,
-    config: JointConfig,
-    /// The number of basis functions, the first ones, whose weights are not penalised.
-    free: usize,
-    /// What the way back needs, problem by problem.
-    solved: Mutex<Vec<Option<Adjoint>>>,
-}
+use lsdc_core::fit::{FitConfig, PriorKind};
+pub use problems::Problems;
 
 /// Backends that fit jointly.
 #[backend_extension(
@@ -44,14 +30,14 @@ pub trait JointBackend: Backend {
         depths: FloatTensor<Self>,
         draws: FloatTensor<Self>,
         affinities: FloatTensor<Self>,
-        scenes: Scenes,
+        problems: Problems,
     ) -> FloatTensor<Self>;
 
     /// The gradients of `bases` and `affinities` from that of the result.
     fn joint_backward(
         grad: FloatTensor<Self>,
         affinities: FloatTensor<Self>,
-        scenes: Scenes,
+        problems: Problems,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 }
 
@@ -63,17 +49,17 @@ macro_rules! on_the_host {
                 depths: FloatTensor<Self>,
                 draws: FloatTensor<Self>,
                 affinities: FloatTensor<Self>,
-                scenes: Scenes,
+                problems: Problems,
             ) -> FloatTensor<Self> {
-                host::forward::<Self>(bases, depths, draws, affinities, &scenes)
+                host::forward::<Self>(bases, depths, draws, affinities, &problems)
             }
 
             fn joint_backward(
                 grad: FloatTensor<Self>,
                 affinities: FloatTensor<Self>,
-                scenes: Scenes,
+                problems: Problems,
             ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-                host::backward::<Self>(grad, affinities, &scenes)
+                host::backward::<Self>(grad, affinities, &problems)
             }
         }
     )?};
@@ -111,28 +97,24 @@ pub fn joint(
     fit: &FitConfig,
 ) -> JointFit {
     let config = fit.joint;
-    let [problems, _, k] = bases.dims();
+    let [count, _, k] = bases.dims();
     let [images, height, width, _] = affinities.dims();
     let cosines = Columns::new(&config, (height, width), &bases);
     let bases = match &cosines {
         None => bases,
         Some(cosines) => {
-            let columns = cosines.at(&pixels).repeat_dim(0, problems / images);
+            let columns = cosines.at(&pixels).repeat_dim(0, count / images);
             Tensor::cat(vec![bases, columns], 2)
         }
     };
-    let scenes = Scenes(Arc::new(Inner {
-        pixels,
-        config,
-        free: usize::from(fit.prior == PriorKind::Flat),
-        solved: Mutex::default(),
-    }));
+    let free = usize::from(fit.prior == PriorKind::Flat);
+    let problems = Problems::new(pixels, config, free);
     let result: Tensor<2> = Tensor::from_dispatch(Dispatch::joint(
         bases.into_dispatch(),
         depths.into_dispatch(),
         draws.into_dispatch(),
         affinities.into_dispatch(),
-        scenes,
+        problems,
     ));
     let columns = k + cosines.as_ref().map_or(0, Columns::count);
     let field = result.clone().slice(s![.., columns..]);

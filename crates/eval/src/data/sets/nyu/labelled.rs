@@ -1,7 +1,8 @@
 //! `nyu_depth_v2_labeled.mat`: MATLAB v7.3, which is HDF5 behind a user block. MATLAB stores
 //! columns first, so that an image is `[3, width, height]`.
 
-use super::{Depths, official};
+use super::depths::Depths;
+use super::official;
 use crate::data::{Dataset, DepthMap, Frame, FrameId, Split};
 use lsdc_files::error::{Error, Result};
 use lsdc_files::{Hdf5, from_planes};

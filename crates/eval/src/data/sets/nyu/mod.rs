@@ -5,8 +5,11 @@
 //! that they get the same sparse points.
 
 mod crops;
+mod depths;
 mod labelled;
 mod official;
+
+pub use depths::Depths;
 
 use super::Folder;
 use super::folder::{Files, FolderConfig, find};
@@ -17,18 +20,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Which depths of the labelled file are meant.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Depths {
-    /// With the sensor's holes filled by colorisation: what the field measures on. A network
-    /// with an RMSE of 0.09 m on these has 0.46 m on raw ones (NLSPN, issue 40).
-    #[default]
-    Filled,
-    /// As the sensor gave them, projected to the colour image.
-    Raw,
-}
 
 /// Settings of `dataset = "nyu"`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

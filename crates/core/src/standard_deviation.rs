@@ -4,7 +4,9 @@
 use crate::completion::Completion;
 use crate::error::{FitError, Result, SettingsError};
 use crate::fit::student_t::{self, ONE_DEVIATION};
-use crate::fit::{Affinities, PixelFeatures, FitMethod, CalibrationNode, LocalNoise, Smooth, Window};
+use crate::fit::{
+    Affinities, CalibrationNode, FitMethod, LocalNoise, PixelFeatures, Smooth, Window,
+};
 use crate::image::check_size;
 use crate::map::DepthMap;
 use crate::nearest::Cells;

@@ -1,0 +1,29 @@
+//! What an estimator finds.
+
+use super::joint::FieldFit;
+use super::lstsq::Solution;
+use super::points::Rows;
+use std::sync::Arc;
+
+/// The result of an estimator.
+#[derive(Clone, Debug)]
+pub(super) struct Estimate {
+    pub(super) solution: Solution,
+    /// The residual of each value.
+    pub(super) rests: Vec<f64>,
+    /// The noise variance of a point of weight 1, in the squared unit of the space.
+    pub(super) noise: f64,
+    /// The strength of the prior.
+    pub(super) lambda: Option<f64>,
+    /// The field that basis functions x weights are added to.
+    pub(super) field: Option<Arc<FieldFit>>,
+}
+
+impl Estimate {
+    pub(super) fn leverages(&self, rows: &Rows<'_>, weights: &[f64]) -> Vec<f64> {
+        match &self.field {
+            None => self.solution.leverages(&rows.bases(), weights),
+            Some(field) => field.leverages(&self.solution, weights),
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! Fits points as the settings say.
+
+use super::config::{FitConfig, FitMethod, PriorKind};
+use super::cosines::CosineBasis;
+use super::estimate::Estimate;
+use super::estimator::Estimator;
+use super::joint::FieldEstimator;
+use super::lstsq::Problem;
+use super::outcome::{self, Fit};
+use super::points::{Points, Rows};
+use super::prior::Prior;
+use super::robust::{self, InlierPosterior};
+use super::space::Space;
+use super::{guided, measured};
+use crate::error::{FitError, Result};
+use std::borrow::Cow;
+
+/// Fits basis functions to points. `prior` is the prior learned for these basis functions, if any.
+///
+/// # Errors
+/// No points, values that are not finite, a required prior that is not given, or a decomposition that does
+/// not converge.
+pub fn fit(points: &Points<'_>, config: &FitConfig, prior: Option<&Prior>) -> Result<Fit> {
+    let (mut fit, trust) = with_plain(
+        points,
+        config,
+        prior,
+        config.robust.is_some(),
+        |rows, estimator, plain| {
+            let (estimate, point_weights) = match config.robust {
+                None => (plain, rows.weights.clone()),
+                Some(settings) => robust::robust(rows, estimator, plain, settings)?,
+            };
+            Ok(Fit::new(rows, estimate, point_weights))
+        },
+    )?;
+    fit.trust = trust;
+    Ok(fit)
+}
+
+/// What the other points say of each point; errors and scales are in metres. `config.robust` does not matter.
+///
+/// # Errors
+/// As for [`fit()`].
+pub fn judge(
+    points: &Points<'_>,
+    config: &FitConfig,
+    prior: Option<&Prior>,
+) -> Result<Vec<InlierPosterior>> {
+    let (judged, _) = with_plain(points, config, prior, true, |rows, estimator, plain| {
+        let mut judged = robust::judge(rows, estimator, &plain)?;
+        outcome::in_metres(&rows.values, &mut judged, rows.scale);
+        Ok(judged)
+    })?;
+    Ok(judged)
+}
+
+/// Checks points and settings, and hands on what solves them, with the solution in which all points count. Returns how
+/// far a guide is trusted too, if there is one.
+fn with_plain<T>(
+    points: &Points<'_>,
+    config: &FitConfig,
+    prior: Option<&Prior>,
+    rough_only: bool,
+    then: impl FnOnce(&Rows<'_>, Estimator<'_>, Estimate) -> Result<T>,
+) -> Result<(T, Option<f64>)> {
+    config.check()?;
+    let mut rows = points.rows(config.space)?;
+    let ridges = CosineBasis::up_to(config.cosines()).ridges(config.joint.bending);
+    if !ridges.is_empty() && rows.columns() <= ridges.len() {
+        return Err(FitError::Shape(format!(
+            "{} columns are too few for basis functions and {} cosines",
+            rows.columns(),
+            ridges.len()
+        ))
+        .into());
+    }
+    let mut prior = match config.prior {
+        PriorKind::Learned if config.method != FitMethod::Field => {
+            Some(learned(prior, config.space)?.at(rows.values.len()))
+        }
+        PriorKind::None if config.method == FitMethod::Lse => None,
+        _ => Some(Cow::Owned(Prior::flat(rows.columns() - ridges.len()))),
+    };
+    let field = match config.method {
+        FitMethod::Lse => None,
+        method @ (FitMethod::Field | FitMethod::Joint) => Some(FieldEstimator {
+            scene: points.scene.ok_or(FitError::NoAffinities(method.name()))?,
+            joint: match method {
+                FitMethod::Field => config.joint.alone(),
+                _ => config.joint,
+            },
+            prior: None,
+            ridges: &ridges,
+            surface: config.joint.surface,
+        }),
+    };
+    let mut trust = None;
+    let learned = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
+    if let (Some(network), true) = (&prior, points.guides > 0 && learned) {
+        let (moments, lambda) = if let Some(field) = field {
+            let (moments, count) = field.some_moments(&rows)?;
+            (moments, config.field_lambda().at(count))
+        } else {
+            let problem = Problem::new(&rows.bases(), &rows.values, &rows.weights);
+            (problem.moments(), config.lambda)
+        };
+        let (found, deviation) = guided::likeliest(network, points.guides, &moments, lambda)?;
+        prior = Some(Cow::Owned(found));
+        trust = Some(deviation);
+    }
+    let estimator = match (field, prior.as_deref()) {
+        (None, None) => Estimator::Plain(config.solver()),
+        (None, Some(prior)) => Estimator::Shrunk(prior, config.lambda),
+        (Some(field), prior) => Estimator::Field(FieldEstimator {
+            prior: prior
+                .filter(|_| config.method == FitMethod::Joint)
+                .map(|prior| (prior, config.field_lambda())),
+            ..field
+        }),
+    };
+    let known = rows.variances.iter().any(|variance| *variance > 0.0);
+    let rough = if rough_only || known {
+        estimator.roughly()
+    } else {
+        estimator
+    };
+    let plain = rough.solve(&rows, &rows.weights)?;
+    let solve = |weights: &[f64]| rough.solve(&rows, weights);
+    let (mut plain, weights) = measured::weighed(plain, &rows.variances, estimator.data(), solve)?;
+    rows.weights = weights;
+    if known && !rough_only {
+        plain = estimator.solve(&rows, &rows.weights)?;
+    }
+    Ok((then(&rows, estimator, plain)?, trust))
+}
+
+/// The learned prior describes weights of depth, and does not apply to weights of its logarithm or inverse.
+fn learned(prior: Option<&Prior>, space: Space) -> Result<&Prior, FitError> {
+    match prior {
+        Some(prior) if space == Space::Depth => Ok(prior),
+        Some(_) => Err(FitError::NoPrior(
+            "the learned prior is one over weights of depths, not of logarithms or inverses",
+        )),
+        None => Err(FitError::NoPrior(
+            "the weights hold no prior, as `lsdc calibrate` adds it",
+        )),
+    }
+}

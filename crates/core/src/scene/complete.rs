@@ -1,0 +1,124 @@
+//! Fits to the image of a scene: from observations to a completion.
+
+use super::Scene;
+use crate::completion::Completion;
+use crate::error::{FitError, Result};
+use crate::fit::{Bases, FitMethod, Prior, PriorKind, fit};
+use crate::observations::Observations;
+use crate::usable::Usable;
+use std::time::Instant;
+
+/// How much closer the weights are expected to be to those of the previous frame than to those of an
+/// arbitrary image, as a ratio of variances.
+const CLOSER: f64 = 10.0;
+
+impl Scene {
+    /// Fits the basis functions of the image to observations of its depth.
+    ///
+    /// Observations outside the image, or whose depth or standard deviation is not between 1e-15 and 1e15,
+    /// are left out; the [report](Completion::report) counts them.
+    ///
+    /// # Errors
+    /// No usable observation, or a damaged network.
+    ///
+    /// ```
+    /// # #[cfg(feature = "weights")]
+    /// # fn main() -> lsdc_core::Result<()> {
+    /// # use lsdc_core::{Channels, Completer, Image, Observations, Weights};
+    /// # let completer = Completer::new(&Weights::builtin_small())?;
+    /// # let grey = vec![128_u8; 3 * 64 * 48];
+    /// # let scene = completer.scene(&Image::new(64, 48, Channels::Rgb, &grey)?)?;
+    /// // A robot that stands still: the points change, the network runs once.
+    /// for depth in [2.0, 2.1, 2.2] {
+    ///     let mut points = Observations::new();
+    ///     points.add(32.0, 24.0, depth);
+    ///     points.add(500.0, 24.0, depth);
+    ///     let completion = scene.complete(&points)?;
+    ///     assert_eq!((completion.report().used, completion.report().outside), (1, 1));
+    ///     // One point scales a plausible map.
+    ///     assert!((completion.at(&[[32.0, 24.0]])?[0] / depth - 1.0).abs() < 0.05);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// # #[cfg(not(feature = "weights"))]
+    /// # fn main() {}
+    /// ```
+    pub fn complete(&self, observations: &Observations) -> Result<Completion> {
+        self.complete_with(observations, None, false)
+    }
+
+    /// The same where no other fit to the image follows: what only others need is given back, and is computed again
+    /// if one does.
+    ///
+    /// # Errors
+    /// As for [`Self::complete`].
+    #[doc(hidden)]
+    pub fn complete_once(&self, observations: &Observations) -> Result<Completion> {
+        self.complete_with(observations, None, true)
+    }
+
+    /// The same, but with a prior centred on the weights of another fit, up to their scale: for the next
+    /// frame of a video. `weights` are [those](Completion::weights) of the previous frame.
+    ///
+    /// # Errors
+    /// As for [`Self::complete`]; weights files without a prior, or weights of other basis functions.
+    pub fn complete_near(
+        &self,
+        observations: &Observations,
+        weights: &[f64],
+    ) -> Result<Completion> {
+        self.complete_with(observations, Some(weights), false)
+    }
+
+    fn complete_with(
+        &self,
+        observations: &Observations,
+        near: Option<&[f64]>,
+        once: bool,
+    ) -> Result<Completion> {
+        let started = Instant::now();
+        let inner = &*self.0;
+        let usable = Usable::new(observations, inner.size)?;
+        let mut config = *inner.completer.fit_config();
+        let drawn = config.prior == PriorKind::Learned && config.method != FitMethod::Field;
+        let about: Option<Prior> = match (near, inner.completer.prior()) {
+            (None, _) => None,
+            (Some(weights), Some(prior)) if drawn => {
+                config.lambda = config.lambda.times(CLOSER);
+                Some(prior.about(weights, inner.guides() + inner.cosines.len())?)
+            }
+            (Some(_), _) => return Err(FitError::NearWithoutPrior.into()),
+        };
+        let prior = about.as_ref().or(inner.completer.prior());
+        // On a thread of the pool, which need not be awaited for each step.
+        let found = inner.completer.run(|| {
+            rayon::scope(|_| {
+                let rows = inner.held(&usable, config.robust.is_some());
+                let affinities = inner.needed_affinities()?;
+                let factorising = Instant::now();
+                if let (FitMethod::Joint, Some(affinities)) = (config.method, affinities) {
+                    affinities.prior(config.joint.level);
+                }
+                let (field, solving) = (factorising.elapsed(), Instant::now());
+                let bases = rows
+                    .as_deref()
+                    .map_or(Bases::Functions(inner), |rows| Bases::Held(rows, inner));
+                let points = inner.points(bases, &usable, affinities, once);
+                Ok((fit(&points, &config, prior)?, field, solving.elapsed()))
+            })
+        });
+        let (fit, field, solve) = found.map_err(|error| match error {
+            // What was left out, and why, is known here.
+            crate::Error::Fit(FitError::NoObservations { .. }) => usable.none().into(),
+            other => other,
+        })?;
+        let times = [inner.network, started.elapsed(), field, solve];
+        Ok(Completion::new(
+            self.clone(),
+            fit,
+            usable,
+            config.method,
+            times,
+        ))
+    }
+}
