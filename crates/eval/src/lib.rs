@@ -6,14 +6,14 @@
 //! ```
 //! # fn main() -> lsdc_files::error::Result<()> {
 //! use lsdc_eval::data::{Dataset as _, Rooms, RoomsConfig, Split};
-//! use lsdc_eval::metrics::{Rules, Scores};
+//! use lsdc_eval::metrics::{Metric, Rules, Scores};
 //! use lsdc_eval::predict::{Classic, complete_classic};
 //! use lsdc_eval::sampling::Pattern;
 //! let frame = Rooms::new(Split::Val, &RoomsConfig::default())?.load(0)?;
 //! let sparse = Pattern::Exactly(500).draw(&frame, 0)?;
 //! let depth = complete_classic(Classic::Linear, &frame.rgb, &sparse)?;
 //! let scores = Scores::of(&depth, &frame.depth, &Rules::default())?;
-//! assert!(scores.rmse < 1.0);
+//! assert!(scores[Metric::Rmse] < 1.0);
 //! # Ok(())
 //! # }
 //! ```

@@ -3,14 +3,16 @@
 use crate::answer;
 use crate::app::App;
 use crate::complete::Completed;
-use crate::encode::{Encoded, Form, encode, no_camera};
+use crate::encode::{Encoded, encode, no_camera};
 use crate::fault::Fault;
+use crate::forms::Form;
 use crate::frame::{Frame, check_points};
 use crate::options::Options;
+use crate::part::Part;
 use crate::points;
 use crate::receive::{Receiver, Request};
 use crate::scenes::CachedScene;
-use crate::task::{Part, Task};
+use crate::task::Task;
 use crate::upload::Upload;
 use axum::body::Body;
 use axum::extract::{Path, State};

@@ -1,9 +1,10 @@
 //! A completion, part by part.
 
-use crate::encode::Form;
 use crate::fault::Fault;
+use crate::forms::Form;
 use crate::options::{Layer, Options};
-use crate::task::{Part, Task};
+use crate::part::Part;
+use crate::task::Task;
 use lsdc_core::{Completion, DepthMap, Outlier, Scene};
 use lsdc_files::Sparse;
 use std::time::Duration;

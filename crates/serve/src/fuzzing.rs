@@ -2,7 +2,7 @@
 
 use crate::body::Incoming;
 use crate::config::Limits;
-use crate::encode::Form;
+use crate::forms::Form;
 use crate::frame::{Frame, check_points};
 use crate::options::Options;
 use crate::points;

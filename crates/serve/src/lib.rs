@@ -29,6 +29,7 @@ mod config;
 mod encode;
 mod error;
 mod fault;
+mod forms;
 mod frame;
 #[doc(hidden)]
 pub mod fuzzing;
@@ -40,6 +41,7 @@ mod observe;
 mod options;
 mod pace;
 mod page;
+mod part;
 mod points;
 mod receive;
 mod report;

@@ -1,7 +1,7 @@
 //! Counts and times, in the text format of Prometheus (version 0.0.4).
 
 use crate::fault::Kind;
-use crate::task::Part;
+use crate::part::Part;
 use std::collections::BTreeMap;
 use std::fmt::{Display, Write as _};
 use std::sync::atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering};

@@ -2,8 +2,8 @@
 
 use crate::app::App;
 use crate::body::Incoming;
-use crate::encode::Form;
 use crate::fault::{Fault, Kind};
+use crate::forms::Form;
 use crate::upload::Upload;
 use crate::worker_pool::QueueSlot;
 use axum::body::Body;

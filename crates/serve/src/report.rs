@@ -1,7 +1,7 @@
 //! What is said of a completion, by the names of `lsdc complete --json`.
 
 use crate::complete::Completed;
-use crate::encode::Forms;
+use crate::forms::Forms;
 use lsdc_files::{DescribedCloud, DescribedDepth, DescribedFit};
 use serde::Serialize;
 use std::fmt::Write as _;

@@ -1,45 +1,12 @@
-//! One computation: its parts, how long they take, and whether it is still wanted.
+//! One computation: how long its parts take, and whether it is still wanted.
 
 use crate::config::Trace;
 use crate::fault::{Fault, Kind};
 use crate::metrics::Metrics;
+use crate::part::Part;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-
-/// The parts of a computation, between which it can stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Part {
-    /// Image, camera and points from their files.
-    Read,
-    /// The network, on the image alone.
-    Network,
-    /// The fit to the points.
-    Fit,
-    /// The dense depth.
-    Depth,
-    /// The standard deviation of every pixel.
-    Deviation,
-    /// What the points say of each other.
-    Judge,
-    /// The bytes of the answer.
-    Encode,
-}
-
-impl Part {
-    /// The name in metrics and traces.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Read => "read",
-            Self::Network => "network",
-            Self::Fit => "fit",
-            Self::Depth => "depth",
-            Self::Deviation => "standard-deviation",
-            Self::Judge => "judge",
-            Self::Encode => "encode",
-        }
-    }
-}
 
 /// A computation on its way.
 pub(crate) struct Task {

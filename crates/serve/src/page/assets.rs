@@ -1,6 +1,6 @@
 //! The files of the page, which the build has put into the program.
 
-use super::media;
+use super::media::media;
 use crate::answer;
 use crate::fault::{Fault, Kind};
 use axum::body::Body;

@@ -1,6 +1,6 @@
 //! Images to try.
 
-use super::media;
+use super::media::media;
 use super::start::page;
 use crate::answer;
 use crate::app::App;

@@ -1,7 +1,7 @@
 //! The gallery: results that were made before.
 
-use super::media;
-use super::results::{Frame, Run, runs};
+use super::media::media;
+use super::results::{Frame, Run};
 use super::start::page;
 use crate::answer;
 use crate::app::App;
@@ -17,35 +17,12 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Cursor;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Width of a small picture.
 const SMALL: u32 = 240;
 /// Frames of a run whose standard deviations are summed up, for which their maps are read.
 const SUMMED: usize = 500;
-
-/// The runs as they were listed last, by whose numbers and names files are found: no folder is read again for a picture.
-#[derive(Default)]
-pub(crate) struct Index(Mutex<Option<Arc<Vec<Run>>>>);
-
-impl Index {
-    /// Reads the folders.
-    fn renew(&self, folders: &[PathBuf]) -> Arc<Vec<Run>> {
-        let found = Arc::new(folders.iter().flat_map(|folder| runs(folder)).collect());
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&found));
-        found
-    }
-
-    /// What was read last, or is read now.
-    fn get(&self, folders: &[PathBuf]) -> Arc<Vec<Run>> {
-        let known = self
-            .0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
-        known.unwrap_or_else(|| self.renew(folders))
-    }
-}
 
 /// Results are few beside what a service computes, and on this machine: read in the thread that serves them, apart.
 async fn apart<T: Send + 'static>(

@@ -1,6 +1,7 @@
 //! What the command line has opened.
 
-use super::{Page, Start, media};
+use super::media::media;
+use super::settings::{Page, Start};
 use crate::answer;
 use crate::app::App;
 use crate::fault::{Fault, Kind};
