@@ -41,30 +41,24 @@ pub(super) fn run(args: &Train) -> Result<Exit> {
         data,
     };
     let train = config.train.clone();
-    match config.system.clone() {
-        Some(system) => {
-            let trainer = trainer(&run.folder, system, train, frames, &devices)?;
-            if args.resume.is_none() {
-                config
-                    .system
-                    .iter()
-                    .for_each(|system| ui::say(&begins(system)));
-            }
-            run.go(&trainer)
+    if let Some(system) = config.system.clone() {
+        let words = begins(&system);
+        let trainer = trainer(&run.folder, system, train, frames, &devices)?;
+        if args.resume.is_none() {
+            ui::say(&words);
         }
-        None => {
-            let fit = config.fit.over(&FitConfig::default())?;
-            let network = config.network();
-            run.go(&Trainer::new(
-                &run.folder,
-                network,
-                fit,
-                train,
-                frames,
-                &devices,
-            )?)
-        }
+        return run.go(&trainer);
     }
+    let fit = config.fit.over(&FitConfig::default())?;
+    let network = config.network();
+    run.go(&Trainer::new(
+        &run.folder,
+        network,
+        fit,
+        train,
+        frames,
+        &devices,
+    )?)
 }
 
 /// A run folder with its settings, and what is known of its frames.

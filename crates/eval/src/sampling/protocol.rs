@@ -137,6 +137,9 @@ impl Protocol {
     }
 
     /// The last crop's upper left pixel in a frame.
+    ///
+    /// # Errors
+    /// A frame that is smaller than the crop.
     pub fn corner(&self, frame: &Frame) -> Result<(usize, usize)> {
         let whole = Size {
             height: frame.depth.height(),

@@ -85,6 +85,9 @@ impl Filler {
     }
 
     /// Checks that each tensor of the module was there, and no other.
+    ///
+    /// # Errors
+    /// The first tensor that is missing, superfluous or of another shape.
     pub fn check(self) -> Result<()> {
         let superfluous = self.tensors.keys().min();
         let superfluous = superfluous.map(|name| (name.clone(), "is superfluous".to_owned()));
@@ -96,6 +99,9 @@ impl Filler {
 }
 
 /// The values of a table for a parameter, or what is wrong with its shape.
+///
+/// # Errors
+/// Another shape, in words.
 pub fn fits<const D: usize>(
     param: &Param<Tensor<D>>,
     table: &Table,

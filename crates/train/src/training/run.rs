@@ -48,11 +48,7 @@ pub trait Subject: Sized {
     ///
     /// # Errors
     /// As [`start`](Self::start).
-    fn learner(
-        &self,
-        run: &Trainer<Self>,
-        device: &Device,
-    ) -> Result<Learner<Self::Net, Self::Objective>>;
+    fn learner(&self, run: &Trainer<Self>, device: &Device) -> Result<LearnerOf<Self>>;
 
     /// What completes depth with the network as it is now.
     ///
@@ -66,6 +62,9 @@ pub trait Subject: Sized {
     /// A file that cannot be written.
     fn publish(&self, run: &Trainer<Self>, net: &Self::Net, record: Record) -> Result<()>;
 }
+
+/// What learns in the run of a subject.
+type LearnerOf<S> = Learner<<S as Subject>::Net, <S as Subject>::Objective>;
 
 /// Trains a network in a run folder.
 pub struct Trainer<S> {
@@ -173,7 +172,7 @@ impl<S: Subject> Trainer<S> {
         mut learner: Learner<S::Net, S::Objective>,
         stop: &AtomicBool,
         mut report: impl FnMut(&Event),
-    ) -> Result<(Learner<S::Net, S::Objective>, Outcome)> {
+    ) -> Result<(LearnerOf<S>, Outcome)> {
         let checkpoints = Checkpoints::new(&self.folder);
         let mut step = 0;
         if let Some(&last) = checkpoints.steps().last() {

@@ -8,7 +8,7 @@
 //!
 //! > sum over sites |d - z' - s (m' - z')|
 //!
-//! whose minimum is a weighted median of the ratios of `d - z'` to `m' - z'`. MergedObservations judge gaps as wide as those around
+//! whose minimum is a weighted median of the ratios of `d - z'` to `m' - z'`. Sites judge gaps as wide as those around
 //! themselves: in wider ones s is smaller, and outside of what the sites span the map is the joint fit. With many sites,
 //! none of which judge, the map is the median inside.
 
