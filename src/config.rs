@@ -17,18 +17,12 @@ use std::path::Path;
 /// What configuration files say of training, in a build that cannot train.
 #[cfg(not(feature = "train"))]
 mod unused {
-    use super::{Deserialize, Result, Serialize};
+    use super::{Deserialize, Serialize};
 
     /// Settings that are read and ignored.
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
     #[serde(transparent)]
     pub struct Unused(toml::Table);
-
-    impl Unused {
-        pub(super) fn check(&self) -> Result<()> {
-            Ok(())
-        }
-    }
 }
 #[cfg(not(feature = "train"))]
 use unused::{Unused as SystemConfig, Unused as TrainConfig};
@@ -180,10 +174,13 @@ impl Config {
 
     fn check(&self) -> Result<()> {
         self.network().check()?;
-        self.system.as_ref().map_or(Ok(()), SystemConfig::check)?;
+        #[cfg(feature = "train")]
+        {
+            self.system.as_ref().map_or(Ok(()), SystemConfig::check)?;
+            self.train.check()?;
+        }
         self.fit.over(&FitConfig::default())?;
         self.data.check()?;
-        self.train.check()?;
         self.eval.check()
     }
 }
@@ -245,7 +242,7 @@ fn assignment(setting: &str) -> Result<toml::Table> {
         })
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "train"))]
 mod tests {
     use super::*;
     use lsdc_core::fit::{FitMethod, Lambda};

@@ -3,7 +3,9 @@
 use super::args::{Settings, Source};
 use super::ui;
 use crate::config::Config;
-use lsdc_eval::data::{DataConfig, Dataset, Mixture, Split};
+#[cfg(feature = "train")]
+use lsdc_eval::data::Mixture;
+use lsdc_eval::data::{DataConfig, Dataset, Split};
 use lsdc_files::error::Result;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
