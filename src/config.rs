@@ -68,6 +68,7 @@ pub struct Config {
     /// The dataset.
     pub data: DataConfig,
     /// Training.
+    #[cfg_attr(not(feature = "train"), serde(skip_serializing))]
     pub train: TrainConfig,
     /// Evaluation.
     pub eval: EvalConfig,
@@ -127,6 +128,12 @@ impl Config {
                 .hint("`lsdc config` prints every setting and its value")
         })?;
         config.check()?;
+        #[cfg(not(feature = "train"))]
+        if config.train != TrainConfig::default() || config.system.is_some() {
+            remarks.push(
+                "settings of `train` and `system` are ignored: this build cannot train".to_owned(),
+            );
+        }
         Ok(Self { remarks, ..config })
     }
 

@@ -5,8 +5,8 @@
 //! "Depth-Independent Depth Completion via Least Square Estimation"), `lsdc-serve` answers over HTTP.
 //!
 //! ```
-//! let config = lsdc::config::Config::load(None, &["train.steps=10".to_owned()])?;
-//! assert_eq!(config.train.steps, 10);
+//! let config = lsdc::config::Config::load(None, &["eval.seeds=3".to_owned()])?;
+//! assert_eq!(config.eval.seeds, 3);
 //! # Ok::<(), lsdc_files::error::Error>(())
 //! ```
 

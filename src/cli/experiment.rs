@@ -22,25 +22,25 @@ use std::time::{Duration, Instant};
 const RECIPE: &str = "nyu-half.toml";
 
 pub(super) fn run(args: &Experiments) -> Result<Exit> {
-    let lab = lab(args)?;
+    let context = context(args)?;
     if args.force {
-        experiment::forget(&lab.folder)?;
+        experiment::forget(&context.folder)?;
     }
     let stop = ui::stop_flag();
     let bar = ui::bar(1, "s");
     let mut announced = None;
     let experiments = Chosen::experiments(&args.names);
-    let sections = experiment::run(&experiments, &lab, |event| {
+    let sections = experiment::run(&experiments, &context, |event| {
         match event {
             Event::Resumed(count) => {
                 bar.suspend(|| {
                     ui::say(&format!("{count} results of an earlier run are used again"));
                 });
             }
-            Event::Trying { done, total, cell } => {
+            Event::Trying { done, total, trial } => {
                 bar.set_length(total as u64);
                 bar.set_position(done as u64);
-                bar.set_message(format!("trying {cell}"));
+                bar.set_message(format!("trying {trial}"));
             }
             Event::Announced(time) => {
                 announced = Some((Instant::now(), time));
@@ -48,10 +48,10 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
                 bar.set_length(time.as_secs());
                 bar.reset_eta();
             }
-            Event::Progress { done, total, cell } => {
+            Event::Progress { done, total, trial } => {
                 bar.set_length(total.as_secs().max(1));
                 bar.set_position(done.as_secs());
-                bar.set_message(cell.to_owned());
+                bar.set_message(trial.to_owned());
             }
         }
         ui::unless(&stop)
@@ -61,7 +61,7 @@ pub(super) fn run(args: &Experiments) -> Result<Exit> {
         ui::say("hint: the same command goes on where it stopped");
         return Ok(Exit::Interrupted);
     };
-    let page = lab.folder.join(page(&experiments));
+    let page = context.folder.join(page(&experiments));
     write_page(&page, "Experiments", &sections)?;
     for section in &sections {
         ui::print(&section.to_string());
@@ -128,7 +128,7 @@ fn system_recipes(shared: &TrainConfig) -> Result<Vec<SystemRecipe>> {
 /// How long a part is tried before the time for all is announced.
 const TRIAL: Duration = Duration::from_secs(1);
 
-fn lab(args: &Experiments) -> Result<ExperimentContext> {
+fn context(args: &Experiments) -> Result<ExperimentContext> {
     let path = args.settings.config.as_deref().unwrap_or(Path::new(RECIPE));
     let mut config = Config::load(Some(path), &args.settings.set)?;
     args.source.apply(&mut config.data);

@@ -9,12 +9,9 @@ mod eval;
 mod experiment;
 mod forms;
 mod guide;
-// Other features have other commands.
-#[cfg(all(feature = "download", feature = "serve"))]
 mod help;
 mod inputs;
 mod looking;
-#[cfg(feature = "download")]
 #[path = "../loopback/mod.rs"]
 mod loopback;
 mod many;
@@ -25,7 +22,6 @@ mod recordings;
 mod reuse;
 #[path = "../scans/mod.rs"]
 mod scans;
-#[cfg(feature = "serve")]
 mod serve;
 mod summary;
 mod weights;

@@ -67,7 +67,7 @@ pub(crate) async fn complete(
         };
         work().map_err(|fault| upload.named(fault))
     };
-    let encoded = app.crew.run(&app.task(), work).await?;
+    let encoded = app.pool.run(&app.task(), work).await?;
     Ok(answer::of(encoded, place))
 }
 
@@ -91,7 +91,7 @@ pub(crate) async fn create(State(app): State<Arc<App>>, headers: HeaderMap, body
         };
         work().map_err(|fault| upload.named(fault))
     };
-    let kept = app.crew.run(&app.task(), work).await?;
+    let kept = app.pool.run(&app.task(), work).await?;
     let mut described = described(&app, &kept);
     let name = app.scenes.keep(kept)?;
     described["id"] = name.clone().into();
@@ -178,7 +178,7 @@ pub(crate) async fn again(
         let read = (frame.remarks.clone(), reading);
         finish(task, &scene, frame, points, (&options, form), read)
     };
-    let encoded = app.crew.run(&app.task(), work).await?;
+    let encoded = app.pool.run(&app.task(), work).await?;
     Ok(answer::of(encoded, place))
 }
 

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub(crate) struct App {
     pub(crate) completer: Completer,
     pub(crate) config: Config,
-    pub(crate) crew: WorkerPool,
+    pub(crate) pool: WorkerPool,
     pub(crate) scenes: Scenes,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) guard: Guard,
@@ -36,10 +36,10 @@ impl App {
     ) -> std::io::Result<Self> {
         let metrics = Arc::new(Metrics::default());
         let limits = &config.limits;
-        let crew = WorkerPool::new(limits.workers, limits.queue, metrics.clone())?;
+        let pool = WorkerPool::new(limits.workers, limits.queue, metrics.clone())?;
         Ok(Self {
             completer,
-            crew,
+            pool,
             scenes: Scenes::new(limits.scenes, limits.expiry, metrics.clone()),
             guard: Guard::new(&config, address),
             gallery: Index::default(),

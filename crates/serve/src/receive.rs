@@ -116,7 +116,7 @@ fn checked(app: &App, headers: &HeaderMap, body: &Incoming) -> Result<(Form, Que
     let form = Form::accepted(accept.map(|value| value.to_str().unwrap_or_default()))?;
     let length = headers.get(header::CONTENT_LENGTH);
     body.check(length.and_then(|value| value.to_str().ok()?.parse().ok()))?;
-    Ok((form, app.crew.place()?))
+    Ok((form, app.pool.place()?))
 }
 
 /// A request that is refused, whose body is read to its end so that its client hears of it.

@@ -67,18 +67,18 @@ impl WorkerPool {
             changed: Condvar::new(),
             metrics: metrics.clone(),
         });
-        let mut crew = Self {
+        let mut pool = Self {
             queue: shared,
             places: Arc::new(Semaphore::new(count.saturating_add(queue))),
             threads: Vec::new(),
             metrics,
         };
         for number in 0..count {
-            let queue = crew.queue.clone();
+            let queue = pool.queue.clone();
             let thread = std::thread::Builder::new().name(format!("lsdc-work-{number}"));
-            crew.threads.push(thread.spawn(move || queue.work())?);
+            pool.threads.push(thread.spawn(move || queue.work())?);
         }
-        Ok(crew)
+        Ok(pool)
     }
 
     /// A place for a request, which is taken before its body is read and held until its answer has been sent: there are

@@ -62,6 +62,12 @@ fn ndarray() -> Device {
 #[cfg(feature = "wgpu")]
 fn wgpu(name: &str, which: &str) -> Result<Device> {
     use burn::tensor::DeviceKind;
+    use std::collections::BTreeMap;
+    use std::sync::{Mutex, PoisonError};
+
+    /// A process opens a device once; burn refuses a second time.
+    static OPENED: Mutex<BTreeMap<String, Device>> = Mutex::new(BTreeMap::new());
+
     let kind = match which {
         "" => DeviceKind::DefaultDevice,
         "integrated" => DeviceKind::IntegratedGpu(0),
@@ -71,14 +77,20 @@ fn wgpu(name: &str, which: &str) -> Result<Device> {
                 .hint(format!("devices of this build: {}", names().join(", ")))
         })?),
     };
-    Device::wgpu_options()
+    let mut opened = OPENED.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(device) = opened.get(name) {
+        return Ok(device.clone());
+    }
+    let device = Device::wgpu_options()
         .device_kind(kind)
         .init()
         .map_err(|e| {
             Error::device(format!("no device `{name}` can be opened"))
                 .because(e)
                 .hint("check the graphics driver (`vulkaninfo --summary`), or use `--device cpu`")
-        })
+        })?;
+    opened.insert(name.to_owned(), device.clone());
+    Ok(device)
 }
 
 #[cfg(all(test, not(feature = "wgpu")))]

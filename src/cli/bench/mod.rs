@@ -76,7 +76,7 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
         return training::run(args);
         #[cfg(not(feature = "train"))]
         return Err(Error::config("this build cannot train")
-            .hint("it was built without the feature `train`; `cargo install lsdc` has it"));
+            .hint("it was built without the feature `train`; `cargo install --path .` installs one with it"));
     }
     let outcome = complete(args, size(args, 640, 480))?;
     let mut lines = vec![work(

@@ -11,11 +11,20 @@ use std::path::{Path, PathBuf};
 
 /// Opens weights by name, on the one device of this build.
 pub(in crate::cli) fn open_completer(weights: Option<&Path>, name: &str) -> Result<Completer> {
-    if name == "cpu" {
-        return lsdc_weights::open_completer(weights);
+    check_device(name)?;
+    lsdc_weights::open_completer(weights)
+}
+
+fn check_device(name: &str) -> Result<()> {
+    let (kind, _) = name.split_once(':').unwrap_or((name, ""));
+    match (name, kind) {
+        ("cpu", _) => Ok(()),
+        (_, "wgpu" | "ndarray") => Err(Error::device(format!("this build has no device `{name}`"))
+            .hint(format!(
+                "`cargo install --path . --features {kind}` installs one that has"
+            ))),
+        _ => Err(Error::device(format!("unknown device `{name}`")).hint("this build has `cpu`")),
     }
-    Err(Error::device(format!("this build has no device `{name}`"))
-        .hint("`cargo install lsdc --features wgpu` installs one that has; this one has `cpu`"))
 }
 
 /// No system: there is none in this build.
@@ -42,8 +51,9 @@ pub(in crate::cli) fn open_system(kind: SystemKind, _: Option<&Path>, _: &str) -
 /// The same of the systems of `--system`, if there are any.
 pub(in crate::cli) fn system_candidates(
     files: &[(Option<String>, PathBuf)],
-    _: &str,
+    device: &str,
 ) -> Result<Vec<(String, Candidate)>> {
+    check_device(device)?;
     match files {
         [] => Ok(Vec::new()),
         [(_, path), ..] => Err(missing(&path.display().to_string())),
@@ -51,6 +61,7 @@ pub(in crate::cli) fn system_candidates(
 }
 
 fn missing(what: &str) -> Error {
-    Error::config(format!("this build cannot use the system `{what}`"))
-        .hint("it was built without the feature `train`; `cargo install lsdc` has it")
+    Error::config(format!("this build cannot use the system `{what}`")).hint(
+        "it was built without the feature `train`; `cargo install --path .` installs one with it",
+    )
 }

@@ -88,13 +88,13 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
             "`{}` holds a system that this build cannot use",
             path.display()
         ))
-        .hint("it was built without the feature `train`; `cargo install lsdc` has it"));
+        .hint("it was built without the feature `train`; `cargo install --path .` installs one with it"));
     }
     let weights = open_weights(file)?;
     let fit = weights.fit()?.unwrap_or_default();
     let calibration = weights.prior()?.map(|(_, calibration)| calibration);
     let notes = &weights.notes;
-    let training: Option<Value> = parsed(notes.get(TRAINING_NOTE))?;
+    let training = training(notes.get(TRAINING_NOTE))?;
     let scores: Option<Scores> = parsed(notes.get(SCORES_NOTE))?;
     let history = history::of(notes)?;
     if as_json {
@@ -148,7 +148,10 @@ fn trained(training: Option<&Value>, scores: Option<Scores>) {
     if let Some(training) = training {
         ui::print(&format!(
             "training   {} steps of {} images, peak learning rate {}, seed {}",
-            training["steps"], training["batch"], training["learning_rate"], training["seed"]
+            training["steps"],
+            training["batch"],
+            training["learning_rate"].as_f64().unwrap_or_default(),
+            training["seed"]
         ));
     }
     if let Some(scores) = scores {
@@ -158,6 +161,16 @@ fn trained(training: Option<&Value>, scores: Option<Scores>) {
             scores[Metric::Rel]
         ));
     }
+}
+
+/// The settings of a training, where this build knows them with what a file leaves open.
+fn training(note: Option<&String>) -> Result<Option<Value>> {
+    #[cfg(feature = "train")]
+    type Training = lsdc_train::training::TrainConfig;
+    #[cfg(not(feature = "train"))]
+    type Training = Value;
+    let training: Option<Training> = parsed(note)?;
+    Ok(training.map(|training| json!(training)))
 }
 
 fn parsed<T: serde::de::DeserializeOwned>(note: Option<&String>) -> Result<Option<T>> {

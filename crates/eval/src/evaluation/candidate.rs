@@ -131,13 +131,13 @@ impl<'a> Prepared<'a> {
             }
             (Candidate::Method(Method::Lsdc), Some((_, scene))) => {
                 let completion = scene.complete(&Observations::from_map(sparse))?;
-                let foretold = self.uncertainty.then(|| {
+                let predicted_errors = self.uncertainty.then(|| {
                     Ok::<_, Error>(PredictedErrors {
                         deviations: completion.standard_deviation()?,
                         freedom: completion.freedom(),
                     })
                 });
-                Ok((completion.depth()?, foretold.transpose()?))
+                Ok((completion.depth()?, predicted_errors.transpose()?))
             }
             (Candidate::Method(Method::Lsdc), None) => {
                 Err(Error::weights("method `lsdc` needs a network"))

@@ -252,15 +252,15 @@ impl Evaluation<'_> {
                     .candidates
                     .iter()
                     .map(|(_, candidate)| {
-                        let (depth, foretold) =
+                        let (depth, predicted_errors) =
                             prepared.predict(candidate, &frame, &sparse, seed)?;
-                        let certain = foretold.as_ref().zip(self.sigma_cut);
+                        let certain = predicted_errors.as_ref().zip(self.sigma_cut);
                         let certain = certain.map(|(f, cut)| (&f.deviations, cut));
                         Ok(Outcome {
                             scores: Scores::of(&depth, &truth, &self.rules)?,
                             profile: Profile::of(&depth, &truth, &far),
                             ranges: Some(Ranges::of(&depth, &truth, certain)),
-                            certainty: foretold.map(|f| Certainty::of(&depth, &truth, &f)),
+                            certainty: predicted_errors.map(|f| Certainty::of(&depth, &truth, &f)),
                         })
                     })
                     .collect::<Result<_>>()?;

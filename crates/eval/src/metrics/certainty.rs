@@ -72,9 +72,9 @@ impl From<Slice> for (u64, u64) {
 
 impl Certainty {
     /// Of a frame: pixels with a true depth. A standard deviation of 0 holds no error.
-    pub fn of(depth: &DepthMap, truth: &DepthMap, foretold: &PredictedErrors) -> Self {
+    pub fn of(depth: &DepthMap, truth: &DepthMap, predicted_errors: &PredictedErrors) -> Self {
         let mut certainty = Self::default();
-        let freedom = foretold.freedom.unwrap_or(NORMAL);
+        let freedom = predicted_errors.freedom.unwrap_or(NORMAL);
         let unit = student_t::bound(student_t::ONE_DEVIATION, freedom);
         let [one, two] = LEVELS.map(|level| student_t::bound(level, freedom));
         let bounds: Vec<f64> = (1..SLICES)
@@ -84,7 +84,7 @@ impl Certainty {
             .values()
             .iter()
             .zip(truth.values())
-            .zip(foretold.deviations.values());
+            .zip(predicted_errors.deviations.values());
         let mut pairs: Vec<(f64, f64)> = pixels
             .filter(|((_, truth), _)| **truth > 0.0)
             .map(|((depth, truth), deviation)| {
@@ -273,11 +273,15 @@ mod tests {
             1000.0 + (std::f32::consts::PI * (u - 0.5)).tan()
         });
         let map = |values: Vec<f32>| DepthMap::new(100, 100, values).unwrap();
-        let foretold = PredictedErrors {
+        let predicted_errors = PredictedErrors {
             deviations: map(vec![unit; size]),
             freedom: Some(1.0),
         };
-        let found = Certainty::of(&map(drawn.collect()), &map(vec![1000.0; size]), &foretold);
+        let found = Certainty::of(
+            &map(drawn.collect()),
+            &map(vec![1000.0; size]),
+            &predicted_errors,
+        );
         let (one, two) = found.coverage();
         assert!(
             (one - 0.6827).abs() < 1e-3 && (two - 0.9545).abs() < 1e-3,

@@ -70,7 +70,11 @@ impl Report {
         self.by_depth()
             .iter()
             .for_each(|table| page.push_str(&table.html()));
-        for line in self.comparisons().into_iter().chain(self.foretold()) {
+        for line in self
+            .comparisons()
+            .into_iter()
+            .chain(self.predicted_errors())
+        {
             let _ = write!(page, "<p>{}.</p>", marked(&line));
         }
         page.push_str("\n<h2>Where the errors are</h2>");

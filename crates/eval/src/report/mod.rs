@@ -98,7 +98,7 @@ pub struct Outcome {
     pub scores: Scores,
     /// Where the errors are.
     pub profile: Profile,
-    /// How well they were foretold, if they were.
+    /// How well they were predicted, if they were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certainty: Option<Certainty>,
     /// The errors by true depth; absent from records of older versions.
@@ -325,7 +325,7 @@ impl Report {
         &self.profiles
     }
 
-    /// How well each method foretold its errors, if it did.
+    /// How well each method predicted its errors, if it did.
     pub fn certainties(&self) -> &[Option<Certainty>] {
         &self.certainties
     }

@@ -69,8 +69,8 @@ impl Report {
         lines
     }
 
-    /// How well methods foretold their errors, in words.
-    pub(super) fn foretold(&self) -> Vec<String> {
+    /// How well methods predicted their errors, in words.
+    pub(super) fn predicted_errors(&self) -> Vec<String> {
         let pairs = self.heading.methods.iter().zip(&self.certainties);
         pairs
             .filter_map(|(method, certainty)| {
@@ -141,7 +141,7 @@ impl Display for Report {
         for table in self.by_depth() {
             write!(f, "\n{table}")?;
         }
-        for line in self.foretold() {
+        for line in self.predicted_errors() {
             writeln!(f, "\n{line}")?;
         }
         let comparisons = self.comparisons();

@@ -20,29 +20,29 @@ struct Family<'a> {
     name: &'static str,
     variable: &'static str,
     labels: Vec<String>,
-    /// Places among the cells.
+    /// Places among the trials.
     members: Vec<usize>,
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
 }
 
 pub(super) struct Ablation<'a> {
-    lab: &'a ExperimentContext,
-    cells: Vec<Trained<'a>>,
+    context: &'a ExperimentContext,
+    trials: Vec<Trained<'a>>,
     families: Vec<Family<'a>>,
 }
 
 impl<'a> Ablation<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Result<Self> {
-        let frames = (lab.recipe.frames)()?;
-        let base = &lab.recipe.network;
-        let mut cells: Vec<Trained<'a>> = Vec::new();
+    pub(super) fn new(context: &'a ExperimentContext) -> Result<Self> {
+        let frames = (context.recipe.frames)()?;
+        let base = &context.recipe.network;
+        let mut trials: Vec<Trained<'a>> = Vec::new();
         // The network that both families have is trained once.
         let mut member = |network: NetworkConfig| {
-            let there = cells.iter().position(|cell| cell.network == network);
+            let there = trials.iter().position(|trial| trial.network == network);
             there.unwrap_or_else(|| {
                 let name = format!("bases-{}-octaves-{}", network.bases, network.octaves);
-                cells.push(Trained::new(lab, name, network, frames.clone()));
-                cells.len() - 1
+                trials.push(Trained::new(context, name, network, frames.clone()));
+                trials.len() - 1
             })
         };
         let bases = BASES.map(|bases| {
@@ -80,7 +80,7 @@ impl<'a> Ablation<'a> {
                 variable: "N",
                 labels: BASES.map(|n| format!("N = {n}")).into(),
                 members: bases.into(),
-                lab,
+                context,
             },
             Family {
                 title: "Encoding of the position",
@@ -88,26 +88,29 @@ impl<'a> Ablation<'a> {
                 variable: "encoding",
                 labels: OCTAVES.map(called).into(),
                 members: octaves.into(),
-                lab,
+                context,
             },
         ];
         Ok(Self {
-            lab,
-            cells,
+            context,
+            trials,
             families,
         })
     }
 }
 
 impl Study for Ablation<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        self.cells.iter().map(|cell| cell as &dyn Trial).collect()
+    fn trials(&self) -> Vec<&dyn Trial> {
+        self.trials
+            .iter()
+            .map(|trial| trial as &dyn Trial)
+            .collect()
     }
 
     fn section(&self) -> Result<Section> {
         let title = "Number of basis functions, and encoding of the position";
         let mut section = Section::new("ablation", title);
-        let train = &self.lab.recipe.train;
+        let train = &self.context.recipe.train;
         section.about.push(format!(
             "Each network is trained from seed {} for {} steps of {} images through the plain fit of the recipe, \
              and measured after each of {EPOCHS} parts of the steps on {} frames kept out of training, \
@@ -116,8 +119,8 @@ impl Study for Ablation<'_> {
             train.steps,
             train.batch,
             train.held_out,
-            self.lab.dataset,
-            self.lab.preset.points
+            self.context.dataset,
+            self.context.preset.points
         ));
         section.notes.push(
             "The paper trains 300,000 steps (100 epochs of 6,000 frames, two at a time) and takes \
@@ -126,20 +129,20 @@ impl Study for Ablation<'_> {
                 .into(),
         );
         for family in &self.families {
-            family.report(&self.cells, &mut section)?;
+            family.report(&self.trials, &mut section)?;
         }
         Ok(section)
     }
 }
 
 impl Family<'_> {
-    fn report(&self, cells: &[Trained<'_>], section: &mut Section) -> Result<()> {
+    fn report(&self, trials: &[Trained<'_>], section: &mut Section) -> Result<()> {
         let metrics = [Metric::Rmse, Metric::Rel, Metric::Delta1];
         let mut rows = Vec::new();
         for (label, &member) in self.labels.iter().zip(&self.members) {
-            let cell = &cells[member];
-            let net = cell.network.init(0, &Device::flex())?;
-            let mut row = Row::of(label, &cell.measured()?.first()?, &metrics);
+            let trial = &trials[member];
+            let net = trial.network.init(0, &Device::flex())?;
+            let mut row = Row::of(label, &trial.measured()?.first()?, &metrics);
             let parameters = lsdc_train::model::parameter_count(&net);
             row.values.insert(0, Some(parameters as f64 / 1e6));
             rows.push(row);
@@ -158,9 +161,9 @@ impl Family<'_> {
             columns,
             rows,
         });
-        let folders: Vec<_> = self.members.iter().map(|&i| cells[i].folder()).collect();
+        let folders: Vec<_> = self.members.iter().map(|&i| trials[i].folder()).collect();
         let curves = Training::read(&folders)?.held_out();
-        let epoch = self.lab.recipe.train.steps.div_ceil(EPOCHS) as f64;
+        let epoch = self.context.recipe.train.steps.div_ceil(EPOCHS) as f64;
         for metric in [Metric::Rmse, Metric::Rel] {
             let lines = self.labels.iter().zip(&curves).enumerate();
             let lines = lines.map(|(colour, (label, curve))| Line {

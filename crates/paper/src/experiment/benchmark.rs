@@ -31,35 +31,37 @@ const METRICS: [Metric; 7] = [
 ];
 
 pub(super) struct Benchmark<'a> {
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
     methods: Measured<'a>,
     plain: Measured<'a>,
 }
 
 impl<'a> Benchmark<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
-        let others = lab.predictions.iter();
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
+        let others = context.predictions.iter();
         let others = others.map(|(name, folder)| (name.clone(), Candidate::Files(folder.clone())));
         Self {
-            lab,
-            methods: Measured::new(lab, "benchmark")
+            context,
+            methods: Measured::new(context, "benchmark")
                 .methods(&all())
                 .beside(others),
-            plain: Measured::new(lab, "benchmark-plain").plain(),
+            plain: Measured::new(context, "benchmark-plain").plain(),
         }
     }
 }
 
 impl Study for Benchmark<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
+    fn trials(&self) -> Vec<&dyn Trial> {
         vec![&self.methods, &self.plain]
     }
 
     fn section(&self) -> Result<Section> {
         let mut section = Section::new("benchmark", "Errors beside other methods (table 1)");
-        section
-            .about
-            .push(format!("{} {}.", self.lab.about(), self.lab.preset.points));
+        section.about.push(format!(
+            "{} {}.",
+            self.context.about(),
+            self.context.preset.points
+        ));
         let measured = self.methods.means()?;
         let mut rows: Vec<Row> = measured
             .iter()
@@ -73,7 +75,7 @@ impl Study for Benchmark<'_> {
             rows.push(published::row(name, values));
         }
         let table = Table {
-            title: format!("Errors, {}", self.lab.preset.points),
+            title: format!("Errors, {}", self.context.preset.points),
             rows_are: "method".into(),
             contest: Contest::Rows,
             columns: METRICS.iter().map(|&m| Column::of(m)).collect(),

@@ -56,7 +56,7 @@ pub struct ExperimentContext {
 }
 
 impl ExperimentContext {
-    pub(super) fn cells(&self) -> PathBuf {
+    pub(super) fn trials(&self) -> PathBuf {
         self.folder.join("cells")
     }
 
@@ -65,8 +65,8 @@ impl ExperimentContext {
     }
 
     /// The file of a part.
-    pub(super) fn cell(&self, name: &str, ending: &str) -> PathBuf {
-        self.cells().join(format!("{name}.{ending}"))
+    pub(super) fn trial(&self, name: &str, ending: &str) -> PathBuf {
+        self.trials().join(format!("{name}.{ending}"))
     }
 
     /// What all experiments on the dataset have in common, in words.

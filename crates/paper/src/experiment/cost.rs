@@ -46,9 +46,9 @@ fn room(size: Size) -> Result<Frame> {
 
 /// What is measured, once.
 pub(super) struct Timed<'a> {
-    pub(super) lab: &'a ExperimentContext,
+    pub(super) context: &'a ExperimentContext,
     pub(super) name: String,
-    /// Changes with everything that is not the lab's.
+    /// Changes with everything that is not the context's.
     pub(super) label: String,
     pub(super) subject: Subject,
     pub(super) size: Size,
@@ -56,8 +56,8 @@ pub(super) struct Timed<'a> {
 
 #[derive(Clone)]
 pub(super) enum Subject {
-    /// The network of the lab, and whether it sees all pixels.
-    Lab { full: bool },
+    /// The network of the context, and whether it sees all pixels.
+    Ours { full: bool },
     /// Another network.
     Other(Box<Completer>),
     /// The paper's network with random weights and the paper's fit.
@@ -68,7 +68,7 @@ pub(super) enum Subject {
     System(Predictor),
 }
 
-/// The times that a cell keeps.
+/// The times that a trial keeps.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct KeptTimes {
     /// Numerics, weights, device and machine.
@@ -81,15 +81,15 @@ struct KeptTimes {
 
 impl Timed<'_> {
     fn path(&self) -> PathBuf {
-        self.lab.cell(&self.name, "json")
+        self.context.trial(&self.name, "json")
     }
 
     fn of(&self) -> Value {
         json!({
             "numerics": provenance::numerics(),
-            "weights": self.lab.weights,
-            "device": self.lab.device.1,
-            "fit": self.lab.completer.fit_config(),
+            "weights": self.context.weights,
+            "device": self.context.device.1,
+            "fit": self.context.completer.fit_config(),
             "label": self.label,
             "threads": rayon::current_num_threads(),
         })
@@ -120,12 +120,12 @@ impl Timed<'_> {
         let frame = room(self.size)?;
         let points = Pattern::Exactly(POINTS);
         let sparse = points.draw(&frame, 0)?;
-        let device = &self.lab.device.0;
+        let device = &self.context.device.0;
         let size = (self.size.height, self.size.width);
         match &self.subject {
-            &Subject::Lab { full } => {
-                let mut completer = self.lab.completer.clone();
-                let net = self.lab.network.init(0, device)?;
+            &Subject::Ours { full } => {
+                let mut completer = self.context.completer.clone();
+                let net = self.context.network.init(0, device)?;
                 // Larger images are reduced to this before the network.
                 let mut seen = SIZES[0];
                 if full {
@@ -229,22 +229,22 @@ impl Trial for Timed<'_> {
 }
 
 pub(super) struct Cost<'a> {
-    lab: &'a ExperimentContext,
-    cells: Vec<Timed<'a>>,
+    context: &'a ExperimentContext,
+    trials: Vec<Timed<'a>>,
 }
 
 impl<'a> Cost<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
-        let mut cells = Vec::new();
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
+        let mut trials = Vec::new();
         for size in SIZES {
             let mut subjects = vec![
-                ("lsdc".to_owned(), Subject::Lab { full: false }),
+                ("lsdc".to_owned(), Subject::Ours { full: false }),
                 ("the paper's network and fit".to_owned(), Subject::Paper),
             ];
             if size != SIZES[0] {
                 let all = (
                     "lsdc, network at this size".to_owned(),
-                    Subject::Lab { full: true },
+                    Subject::Ours { full: true },
                 );
                 subjects.insert(1, all);
             }
@@ -254,8 +254,8 @@ impl<'a> Cost<'a> {
                 }
             }
             for (number, (label, subject)) in subjects.into_iter().enumerate() {
-                cells.push(Timed {
-                    lab,
+                trials.push(Timed {
+                    context,
                     name: format!("cost-{}-{number}", size.width),
                     label,
                     subject,
@@ -263,13 +263,16 @@ impl<'a> Cost<'a> {
                 });
             }
         }
-        Self { lab, cells }
+        Self { context, trials }
     }
 }
 
 impl Study for Cost<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        self.cells.iter().map(|cell| cell as &dyn Trial).collect()
+    fn trials(&self) -> Vec<&dyn Trial> {
+        self.trials
+            .iter()
+            .map(|trial| trial as &dyn Trial)
+            .collect()
     }
 
     fn section(&self) -> Result<Section> {
@@ -277,9 +280,9 @@ impl Study for Cost<'_> {
         section.about.push(format!(
             "Device {}, {} threads; {POINTS} points; median of {RUNS} runs from an image in memory to \
              depth in memory, taken when the experiment first ran. {}.",
-            self.lab.device.1,
+            self.context.device.1,
             rayon::current_num_threads(),
-            self.lab.weights
+            self.context.weights
         ));
         section.about.push(
             "GFLOP: two to each multiplication with a weight. `lsdc` reduces larger images to its \
@@ -295,16 +298,16 @@ impl Study for Cost<'_> {
         };
         for size in SIZES {
             let mut rows = Vec::new();
-            for cell in self.cells.iter().filter(|cell| cell.size == size) {
+            for trial in self.trials.iter().filter(|trial| trial.size == size) {
                 let KeptTimes {
                     times,
                     parameters,
                     multiply_adds,
                     ..
-                } = cell.times()?;
+                } = trial.times()?;
                 let staged = parameters.is_some();
                 rows.push(Row {
-                    label: cell.label.clone(),
+                    label: trial.label.clone(),
                     aside: false,
                     values: vec![
                         parameters.map(|n| n as f64 / 1e6),
@@ -355,17 +358,17 @@ impl Study for Cost<'_> {
 
 impl Cost<'_> {
     fn bars(&self) -> Result<Vec<(String, Vec<f64>)>> {
-        let small = self.cells.iter().filter(|cell| cell.size == SIZES[0]);
+        let small = self.trials.iter().filter(|trial| trial.size == SIZES[0]);
         small
-            .map(|cell| {
+            .map(|trial| {
                 let KeptTimes {
                     times, parameters, ..
-                } = cell.times()?;
+                } = trial.times()?;
                 let parts = match parameters {
                     Some(_) => vec![times.network_ms, times.fit_ms, times.dense_ms, 0.0],
                     None => vec![0.0, 0.0, 0.0, times.total_ms],
                 };
-                Ok((cell.label.clone(), parts))
+                Ok((trial.label.clone(), parts))
             })
             .collect()
     }

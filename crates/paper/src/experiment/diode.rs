@@ -13,49 +13,49 @@ const PRESETS: [&str; 3] = ["diode-paper", "diode-masked", "diode-robustdc"];
 const METRICS: [Metric; 4] = [Metric::Rmse, Metric::Rel, Metric::Delta1, Metric::Mae];
 
 pub(super) struct Diode<'a> {
-    cells: Vec<(Preset, Measured<'a>)>,
-    lab: &'a ExperimentContext,
+    trials: Vec<(Preset, Measured<'a>)>,
+    context: &'a ExperimentContext,
 }
 
 impl<'a> Diode<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Result<Self> {
-        let mut cells = Vec::new();
+    pub(super) fn new(context: &'a ExperimentContext) -> Result<Self> {
+        let mut trials = Vec::new();
         for name in PRESETS {
-            let (preset, Some(frames)) = (Preset::named(name)?, &lab.diode) else {
+            let (preset, Some(frames)) = (Preset::named(name)?, &context.diode) else {
                 continue;
             };
-            let cell = Measured::new(lab, name)
+            let trial = Measured::new(context, name)
                 .methods(&all())
                 .on("diode val".into(), frames.clone())
                 .protocol(&preset);
-            cells.push((preset, cell));
+            trials.push((preset, trial));
         }
-        Ok(Self { cells, lab })
+        Ok(Self { trials, context })
     }
 }
 
 impl Study for Diode<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        self.cells
+    fn trials(&self) -> Vec<&dyn Trial> {
+        self.trials
             .iter()
-            .map(|(_, cell)| cell as &dyn Trial)
+            .map(|(_, trial)| trial as &dyn Trial)
             .collect()
     }
 
     fn section(&self) -> Result<Section> {
         let mut section = Section::new("diode", "The same weights on DIODE (table 4)");
-        match &self.lab.diode {
+        match &self.context.diode {
             None => section
                 .about
                 .push("Not measured: give the folder of DIODE with --diode.".into()),
             Some(frames) => section.about.push(format!(
                 "{}; {}. Nothing was trained on DIODE.",
                 frames.about(),
-                self.lab.weights
+                self.context.weights
             )),
         }
-        for (preset, cell) in &self.cells {
-            let report = cell.report()?;
+        for (preset, trial) in &self.trials {
+            let report = trial.report()?;
             for place in report.places() {
                 let (word, number) = match place {
                     Place::Indoor => ("indoor", 0),
@@ -91,9 +91,9 @@ impl Study for Diode<'_> {
         }
         section.notes = published::notes(&published::TABLE_4_NOTES);
         // With the mask: what lies beyond is not known.
-        if let Some((_, cell)) = self.cells.get(1) {
+        if let Some((_, trial)) = self.trials.get(1) {
             let caption = "The frame on which lsdc is neither good nor bad, with the mask.";
-            cell.show(&mut section, caption)?;
+            trial.show(&mut section, caption)?;
         }
         Ok(section)
     }

@@ -9,17 +9,17 @@ use lsdc_files::error::Result;
 const FRAMES: usize = 3;
 
 pub(super) struct Kernels<'a> {
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
 }
 
 impl<'a> Kernels<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
-        Self { lab }
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
+        Self { context }
     }
 }
 
 impl Study for Kernels<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
+    fn trials(&self) -> Vec<&dyn Trial> {
         Vec::new()
     }
 
@@ -28,23 +28,23 @@ impl Study for Kernels<'_> {
         section.about.push(format!(
             "{}. The kernel of a pixel is the cosine of the angle between its base vector and those \
              of all pixels, less the mean over the image: a fit moves pixels of a high value together.",
-            self.lab.weights
+            self.context.weights
         ));
-        let frames = self.lab.frames.len();
+        let frames = self.context.frames.len();
         let shown = FRAMES.min(frames);
         let mut rows = Vec::new();
         for number in 0..shown {
             let index = number * frames / shown;
-            let frame = self.lab.frames.load(index)?;
-            let rgb = self.lab.preset.protocol.apply(&frame)?.rgb;
+            let frame = self.context.frames.load(index)?;
+            let rgb = self.context.preset.protocol.apply(&frame)?.rgb;
             if number == 0 {
                 section.show(
                     "functions",
                     "The basis functions that change most over the first frame.",
-                    contact_sheet(&self.lab.completer, &rgb)?,
+                    contact_sheet(&self.context.completer, &rgb)?,
                 );
             }
-            rows.push(kernels(&self.lab.completer, rgb)?);
+            rows.push(kernels(&self.context.completer, rgb)?);
         }
         let panels = Panels {
             title: "Kernels of pixels".into(),

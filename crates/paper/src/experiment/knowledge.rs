@@ -27,25 +27,25 @@ struct ComparedWeights<'a> {
 }
 
 pub(super) struct Knowledge<'a> {
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
     contestants: Vec<ComparedWeights<'a>>,
     /// Weights that cannot be opened, and why.
     missing: Vec<String>,
 }
 
 impl<'a> Knowledge<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
         let (mut contestants, mut missing) = (Vec::new(), Vec::new());
-        let guided = GUIDED.into_iter().filter(|_| lab.guides.is_some());
+        let guided = GUIDED.into_iter().filter(|_| context.guides.is_some());
         let all = WEIGHTS.into_iter().map(|name| (name, false));
         for (name, guided) in all.chain(guided.map(|name| (name, true))) {
-            match ComparedWeights::new(lab, name, guided) {
+            match ComparedWeights::new(context, name, guided) {
                 Ok(contestant) => contestants.push(contestant),
                 Err(error) => missing.push(format!("`{name}` is left out: {error}.")),
             }
         }
         Self {
-            lab,
+            context,
             contestants,
             missing,
         }
@@ -60,8 +60,8 @@ impl<'a> Knowledge<'a> {
         let mut lines = Vec::new();
         for (colour, contestant) in self.contestants.iter().enumerate() {
             let mut points = Vec::new();
-            for ((count, row), cell) in COUNTS.iter().zip(&mut rows).zip(&contestant.errors) {
-                let value = cell.first()?[metric];
+            for ((count, row), trial) in COUNTS.iter().zip(&mut rows).zip(&contestant.errors) {
+                let value = trial.first()?[metric];
                 row.values.push(Some(value));
                 points.push((*count as f64, value));
             }
@@ -115,9 +115,9 @@ impl<'a> Knowledge<'a> {
 }
 
 impl<'a> ComparedWeights<'a> {
-    fn new(lab: &'a ExperimentContext, weights: &str, guided: bool) -> Result<Self> {
+    fn new(context: &'a ExperimentContext, weights: &str, guided: bool) -> Result<Self> {
         let path = Some(Path::new(weights));
-        let completer = open_completer(path, &lab.device.0)?;
+        let completer = open_completer(path, &context.device.0)?;
         let label = weights_name(path)?;
         let parameters = if weights == "none" {
             0
@@ -130,15 +130,15 @@ impl<'a> ComparedWeights<'a> {
             weights.to_owned()
         };
         let stem = format!("knowledge-{}", name.replace(" + ", "-"));
-        let guides = lab.guides.clone().filter(|_| guided);
+        let guides = context.guides.clone().filter(|_| guided);
         let error = |count: usize| {
-            Measured::new(lab, format!("{stem}-{count}"))
+            Measured::new(context, format!("{stem}-{count}"))
                 .completer(completer.clone(), label.clone())
                 .guides(guides.clone())
                 .points(Pattern::Exactly(count))
         };
         let time = |size: lsdc_eval::sampling::Size| Timed {
-            lab,
+            context,
             name: format!("{stem}-{}", size.width),
             label: label.clone(),
             subject: Subject::Other(Box::new(completer.clone())),
@@ -159,18 +159,18 @@ impl<'a> ComparedWeights<'a> {
 }
 
 impl Study for Knowledge<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        let mut cells: Vec<&dyn Trial> = Vec::new();
+    fn trials(&self) -> Vec<&dyn Trial> {
+        let mut trials: Vec<&dyn Trial> = Vec::new();
         for contestant in &self.contestants {
-            cells.extend(contestant.errors.iter().map(|cell| cell as &dyn Trial));
-            cells.extend(contestant.times.iter().map(|cell| cell as &dyn Trial));
+            trials.extend(contestant.errors.iter().map(|trial| trial as &dyn Trial));
+            trials.extend(contestant.times.iter().map(|trial| trial as &dyn Trial));
         }
-        cells
+        trials
     }
 
     fn section(&self) -> Result<Section> {
         let mut section = Section::new("knowledge", "What the knowledge of a network is worth");
-        section.about.push(self.lab.about());
+        section.about.push(self.context.about());
         section.about.push(
             "The weights that there are, each with its own fit. `none` has no network: a field along the colours of \
              the image."

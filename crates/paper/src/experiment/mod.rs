@@ -93,20 +93,20 @@ impl Experiment {
     }
 
     /// The experiment's parts.
-    fn prepare<'a>(self, lab: &'a ExperimentContext) -> Result<Box<dyn Study + 'a>> {
+    fn prepare<'a>(self, context: &'a ExperimentContext) -> Result<Box<dyn Study + 'a>> {
         Ok(match self {
-            Self::Benchmark => Box::new(benchmark::Benchmark::new(lab)),
-            Self::Ablation => Box::new(ablation::Ablation::new(lab)?),
-            Self::Points => Box::new(points::Points::new(lab)),
-            Self::Scale => Box::new(scale::Scale::new(lab)),
-            Self::Noise => Box::new(noise::NoiseStudy::new(lab)),
-            Self::Uncertainty => Box::new(uncertainty::Uncertainty::new(lab)),
-            Self::Knowledge => Box::new(knowledge::Knowledge::new(lab)),
-            Self::Kernels => Box::new(kernels::Kernels::new(lab)),
-            Self::Resolution => Box::new(resolution::Resolution::new(lab)),
-            Self::Diode => Box::new(diode::Diode::new(lab)?),
-            Self::Cost => Box::new(cost::Cost::new(lab)),
-            Self::Systems => Box::new(systems::Systems::new(lab)?),
+            Self::Benchmark => Box::new(benchmark::Benchmark::new(context)),
+            Self::Ablation => Box::new(ablation::Ablation::new(context)?),
+            Self::Points => Box::new(points::Points::new(context)),
+            Self::Scale => Box::new(scale::Scale::new(context)),
+            Self::Noise => Box::new(noise::NoiseStudy::new(context)),
+            Self::Uncertainty => Box::new(uncertainty::Uncertainty::new(context)),
+            Self::Knowledge => Box::new(knowledge::Knowledge::new(context)),
+            Self::Kernels => Box::new(kernels::Kernels::new(context)),
+            Self::Resolution => Box::new(resolution::Resolution::new(context)),
+            Self::Diode => Box::new(diode::Diode::new(context)?),
+            Self::Cost => Box::new(cost::Cost::new(context)),
+            Self::Systems => Box::new(systems::Systems::new(context)?),
         })
     }
 }
@@ -123,7 +123,7 @@ pub enum Event<'a> {
         /// Parts in all.
         total: usize,
         /// Its name.
-        cell: &'a str,
+        trial: &'a str,
     },
     /// It will take this long from now.
     Announced(Duration),
@@ -134,11 +134,11 @@ pub enum Event<'a> {
         /// Estimated time of all.
         total: Duration,
         /// The part's name.
-        cell: &'a str,
+        trial: &'a str,
     },
 }
 
-/// Runs experiments, writes what each found into the folder of `lab`, and returns it; nothing if `tell`
+/// Runs experiments, writes what each found into the folder of `context`, and returns it; nothing if `tell`
 /// broke off: then the same call goes on.
 ///
 /// # Errors
@@ -146,53 +146,53 @@ pub enum Event<'a> {
 /// folder that cannot be written.
 pub fn run(
     experiments: &[Experiment],
-    lab: &ExperimentContext,
+    context: &ExperimentContext,
     mut tell: impl FnMut(Event<'_>) -> ControlFlow<()>,
 ) -> Result<Option<Vec<Section>>> {
-    for folder in [&lab.folder, &lab.cells(), &lab.runs()] {
+    for folder in [&context.folder, &context.trials(), &context.runs()] {
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
     }
     let studies: Vec<Box<dyn Study>> = experiments
         .iter()
-        .map(|experiment| experiment.prepare(lab))
+        .map(|experiment| experiment.prepare(context))
         .collect::<Result<_>>()?;
-    let cells: Vec<&dyn Trial> = studies.iter().flat_map(|study| study.cells()).collect();
+    let trials: Vec<&dyn Trial> = studies.iter().flat_map(|study| study.trials()).collect();
 
     let mut kept = 0;
-    for cell in &cells {
-        kept += cell.kept()?;
+    for trial in &trials {
+        kept += trial.kept()?;
     }
     if kept > 0 && tell(Event::Resumed(kept)).is_break() {
         return Ok(None);
     }
 
-    let mut left = Vec::with_capacity(cells.len());
-    for (done, cell) in cells.iter().enumerate() {
+    let mut left = Vec::with_capacity(trials.len());
+    for (done, trial) in trials.iter().enumerate() {
         let trying = Event::Trying {
             done,
-            total: cells.len(),
-            cell: cell.name(),
+            total: trials.len(),
+            trial: trial.name(),
         };
         if tell(trying).is_break() {
             return Ok(None);
         }
-        left.push(try_out(*cell, lab.trial)?);
+        left.push(try_out(*trial, context.trial)?);
     }
     let total = left.iter().sum();
     if tell(Event::Announced(total)).is_break() {
         return Ok(None);
     }
     let mut before = Duration::ZERO;
-    for (cell, &left) in cells.iter().zip(&left) {
+    for (trial, &left) in trials.iter().zip(&left) {
         let mut start = None;
         let mut stopped = false;
-        cell.run(&mut |share| {
+        trial.run(&mut |share| {
             let start = *start.get_or_insert(share);
             let part = (share - start) / (1.0 - start).max(f64::EPSILON);
             let flow = tell(Event::Progress {
                 done: before + left.mul_f64(part.clamp(0.0, 1.0)),
                 total,
-                cell: cell.name(),
+                trial: trial.name(),
             });
             stopped |= flow.is_break();
             flow
@@ -206,29 +206,29 @@ pub fn run(
         .iter()
         .map(|study| {
             let mut section = study.section()?;
-            for cell in study.cells() {
-                section.leave_out(cell.failures()?);
+            for trial in study.trials() {
+                section.leave_out(trial.failures()?);
             }
             Ok(section)
         })
         .collect::<Result<_>>()?;
     for section in &sections {
-        section.write(&lab.folder)?;
+        section.write(&context.folder)?;
     }
     Ok(Some(sections))
 }
 
 /// Lets a part go on for a moment; how long the rest of it will take. What the trial measures is kept.
-fn try_out(cell: &dyn Trial, trial: Duration) -> Result<Duration> {
+fn try_out(trial: &dyn Trial, limit: Duration) -> Result<Duration> {
     let mut first: Option<(Instant, f64)> = None;
     let mut left = Duration::ZERO;
-    cell.run(&mut |share| {
+    trial.run(&mut |share| {
         let (started, start) = *first.get_or_insert((Instant::now(), share));
         let elapsed = started.elapsed();
         if share > start {
             left = elapsed.mul_f64((1.0 - share).max(0.0) / (share - start));
         }
-        if share > start && elapsed >= trial {
+        if share > start && elapsed >= limit {
             ControlFlow::Break(())
         } else {
             ControlFlow::Continue(())

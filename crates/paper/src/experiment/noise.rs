@@ -48,7 +48,7 @@ const COMPARED: [Option<Loss>; 4] = [
 ];
 
 pub(super) struct NoiseStudy<'a> {
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
     clean: Measured<'a>,
     noisy: Measured<'a>,
     robust: Vec<(Loss, Measured<'a>)>,
@@ -59,55 +59,58 @@ pub(super) struct NoiseStudy<'a> {
 }
 
 impl<'a> NoiseStudy<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
-        let cell = |name: &str| Measured::new(lab, name).points(Pattern::Exactly(POINTS));
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
+        let trial = |name: &str| Measured::new(context, name).points(Pattern::Exactly(POINTS));
         let robust = |loss: Loss| {
-            let cell = cell(&format!("noise-{}", loss.name()))
+            let trial = trial(&format!("noise-{}", loss.name()))
                 .noise(Some(NOISE))
                 .fit(|fit| fit.robust = Some(Robust::new(loss)));
-            (loss, cell)
+            (loss, trial)
         };
         let named = |kind: &str, loss: Option<Loss>, points: usize| {
             let name = format!("noise-{kind}-{}", loss.map_or("none", Loss::name));
-            Measured::new(lab, name)
+            Measured::new(context, name)
                 .points(Pattern::Exactly(points))
                 .fit(|fit| fit.robust = loss.map(Robust::new))
         };
         let others = |loss: Option<Loss>| {
             let kinds = OTHERS.iter();
-            let cells = kinds.map(|(_, kind, noise)| named(kind, loss, POINTS).noise(Some(*noise)));
-            cells.collect()
+            let trials =
+                kinds.map(|(_, kind, noise)| named(kind, loss, POINTS).noise(Some(*noise)));
+            trials.collect()
         };
         let untouched = |loss: Option<Loss>| {
             let counts = CLEAN.iter();
-            let cells = counts.map(|&count| named(&format!("clean-{count}"), loss, count));
-            cells.collect()
+            let trials = counts.map(|&count| named(&format!("clean-{count}"), loss, count));
+            trials.collect()
         };
         Self {
-            lab,
+            context,
             others: COMPARED.map(others).into(),
             untouched: COMPARED.map(untouched).into(),
-            clean: cell("noise-clean").methods(&all()),
-            noisy: cell("noise-none").methods(&all()).noise(Some(NOISE)),
+            clean: trial("noise-clean").methods(&all()),
+            noisy: trial("noise-none").methods(&all()).noise(Some(NOISE)),
             robust: Loss::ALL.map(robust).into(),
         }
     }
 }
 
 impl Study for NoiseStudy<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        let mut cells: Vec<&dyn Trial> = vec![&self.clean, &self.noisy];
-        cells.extend(self.robust.iter().map(|(_, cell)| cell as &dyn Trial));
+    fn trials(&self) -> Vec<&dyn Trial> {
+        let mut trials: Vec<&dyn Trial> = vec![&self.clean, &self.noisy];
+        trials.extend(self.robust.iter().map(|(_, trial)| trial as &dyn Trial));
         let more = self.others.iter().chain(&self.untouched).flatten();
-        cells.extend(more.map(|cell| cell as &dyn Trial));
-        cells
+        trials.extend(more.map(|trial| trial as &dyn Trial));
+        trials
     }
 
     fn section(&self) -> Result<Section> {
         let mut section = Section::new("noise", "Wrong points, with and without robust losses");
-        section
-            .about
-            .push(format!("{} {POINTS} points, {}.", self.lab.about(), NOISE));
+        section.about.push(format!(
+            "{} {POINTS} points, {}.",
+            self.context.about(),
+            NOISE
+        ));
         let clean = self.clean.means()?;
         let noisy = self.noisy.means()?;
         let row = |label: &str, clean: &Scores, noisy: &Scores| {
@@ -128,8 +131,8 @@ impl Study for NoiseStudy<'_> {
             rows.push(row(name, clean, noisy));
         }
         let mut ours = Vec::new();
-        for (loss, cell) in &self.robust {
-            ours.push(row(&robust_name(*loss), &clean[0].1, &cell.first()?));
+        for (loss, trial) in &self.robust {
+            ours.push(row(&robust_name(*loss), &clean[0].1, &trial.first()?));
         }
         let mut rivals = vec![ours.iter().find(|r| r.label == robust_name(OURS)).cloned()];
         rivals.extend(rows.iter().skip(1).cloned().map(Some));
@@ -204,9 +207,9 @@ impl NoiseStudy<'_> {
         };
         let mut exhibit = self.noisy.exhibit(&frame, seed)?;
         exhibit.predictions.truncate(1);
-        for (loss, cell) in &self.robust {
+        for (loss, trial) in &self.robust {
             if [Loss::Irls, OURS].contains(loss) {
-                let found = cell.exhibit(&frame, seed)?.predictions;
+                let found = trial.exhibit(&frame, seed)?.predictions;
                 let named = found
                     .into_iter()
                     .map(|(_, rmse, d)| (robust_name(*loss), rmse, d));
@@ -224,23 +227,23 @@ impl NoiseStudy<'_> {
     }
 }
 
-/// The errors of each of the compared losses, a column for each cell.
+/// The errors of each of the compared losses, a column for each trial.
 fn compared(
     title: &str,
     labels: impl Iterator<Item = String>,
-    cells: &[Vec<Measured<'_>>],
+    trials: &[Vec<Measured<'_>>],
 ) -> Result<Table> {
-    let row = |(loss, cells): (Option<Loss>, &Vec<Measured<'_>>)| -> Result<Row> {
-        let values = cells
+    let row = |(loss, trials): (Option<Loss>, &Vec<Measured<'_>>)| -> Result<Row> {
+        let values = trials
             .iter()
-            .map(|cell| Ok(Some(cell.first()?[Metric::Rmse])));
+            .map(|trial| Ok(Some(trial.first()?[Metric::Rmse])));
         Ok(Row {
             label: loss.map_or("lsdc".into(), robust_name),
             aside: false,
             values: values.collect::<Result<_>>()?,
         })
     };
-    let rows = COMPARED.into_iter().zip(cells).map(row);
+    let rows = COMPARED.into_iter().zip(trials).map(row);
     Ok(Table {
         title: title.into(),
         rows_are: "method".into(),

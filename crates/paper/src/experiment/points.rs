@@ -11,35 +11,38 @@ use lsdc_files::error::Result;
 const COUNTS: [usize; 9] = [50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000];
 
 pub(super) struct Points<'a> {
-    lab: &'a ExperimentContext,
-    cells: Vec<Measured<'a>>,
+    context: &'a ExperimentContext,
+    trials: Vec<Measured<'a>>,
 }
 
 impl<'a> Points<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
-        let cell = |count: usize| {
-            Measured::new(lab, format!("points-{count}"))
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
+        let trial = |count: usize| {
+            Measured::new(context, format!("points-{count}"))
                 .methods(&benchmark::all())
                 .points(Pattern::Exactly(count))
         };
         Self {
-            lab,
-            cells: COUNTS.map(cell).into(),
+            context,
+            trials: COUNTS.map(trial).into(),
         }
     }
 }
 
 impl Study for Points<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        self.cells.iter().map(|cell| cell as &dyn Trial).collect()
+    fn trials(&self) -> Vec<&dyn Trial> {
+        self.trials
+            .iter()
+            .map(|trial| trial as &dyn Trial)
+            .collect()
     }
 
     fn section(&self) -> Result<Section> {
         let mut section = Section::new("points", "Errors against the number of points");
-        section.about.push(self.lab.about());
+        section.about.push(self.context.about());
         for metric in [Metric::Rmse, Metric::Rel] {
             let labels = COUNTS.map(|count| (count.to_string(), count as f64));
-            let (table, chart) = compare(metric, &labels, "points", &self.cells)?;
+            let (table, chart) = compare(metric, &labels, "points", &self.trials)?;
             section.judge(table, "lsdc");
             let drawing = Chart {
                 title: metric.label(),
@@ -66,13 +69,13 @@ pub(super) fn compare(
     metric: Metric,
     conditions: &[(String, f64)],
     rows_are: &str,
-    cells: &[Measured<'_>],
+    trials: &[Measured<'_>],
 ) -> Result<(Table, Vec<Line>)> {
     let mut names = Vec::new();
     let mut rows = Vec::new();
     let mut curves: Vec<Vec<(f64, f64)>> = Vec::new();
-    for ((label, at), cell) in conditions.iter().zip(cells) {
-        let means = cell.means()?;
+    for ((label, at), trial) in conditions.iter().zip(trials) {
+        let means = trial.means()?;
         names = means.iter().map(|(name, _)| name.clone()).collect();
         curves.resize(means.len(), Vec::new());
         for (curve, (_, scores)) in curves.iter_mut().zip(&means) {

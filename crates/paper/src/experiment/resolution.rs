@@ -27,16 +27,16 @@ pub(super) const POINTS: usize = 500;
 pub(super) const METRICS: [Metric; 4] = [Metric::Rmse, Metric::Rel, Metric::See, Metric::Delta1];
 
 pub(super) struct Resolution<'a> {
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
     small: Measured<'a>,
     plain: Measured<'a>,
 }
 
 impl<'a> Resolution<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
-        let protocol = protocol(lab);
-        let cell = |name: &str| {
-            Measured::new(lab, name)
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
+        let protocol = protocol(context);
+        let trial = |name: &str| {
+            Measured::new(context, name)
                 .resized(protocol, "of the experiment")
                 .points(Pattern::Exactly(POINTS))
         };
@@ -51,9 +51,9 @@ impl<'a> Resolution<'a> {
         methods.push(("lsdc, large image".into(), Candidate::Method(Method::Lsdc)));
         let plain = |name: &str, by| enlarged(name.into(), Method::Lsdc, by);
         Self {
-            lab,
-            small: cell("resolution").candidates(methods),
-            plain: cell("resolution-plain")
+            context,
+            small: trial("resolution").candidates(methods),
+            plain: trial("resolution-plain")
                 .candidates(vec![
                     plain("lsdc, the paper's fit", Enlargement::Bases),
                     plain("lsdc, the paper's fit, bilinear", Enlargement::Bilinear),
@@ -64,14 +64,14 @@ impl<'a> Resolution<'a> {
 }
 
 /// Frames at the higher resolution.
-pub(super) fn protocol(lab: &ExperimentContext) -> Protocol {
+pub(super) fn protocol(context: &ExperimentContext) -> Protocol {
     Protocol {
-        cut: lab.preset.name.starts_with("nyu").then_some(INSIDE),
+        cut: context.preset.name.starts_with("nyu").then_some(INSIDE),
         resize: Some(LARGE),
         crop: None,
         // Depths between those of two surfaces would be no edge.
         depth_resize: Interpolation::PilNearest,
-        ..lab.preset.protocol
+        ..context.preset.protocol
     }
 }
 
@@ -82,7 +82,7 @@ pub(super) fn enlarged(name: String, method: Method, by: Enlargement) -> (String
 }
 
 impl Study for Resolution<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
+    fn trials(&self) -> Vec<&dyn Trial> {
         vec![&self.small, &self.plain]
     }
 
@@ -92,8 +92,8 @@ impl Study for Resolution<'_> {
         section.about.push(format!(
             "{} Image and {POINTS} points at {SMALL}, depth at {LARGE}: basis functions read there, or \
              depths enlarged bilinearly. Averaged {}.",
-            self.lab.about(),
-            self.lab.rules
+            self.context.about(),
+            self.context.rules
         ));
         section.about.push(
             "\"Large image\" is what users have who see more than 120x160 pixels: the image at \

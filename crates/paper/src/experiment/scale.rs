@@ -20,41 +20,44 @@ const METHODS: [Method; 3] = [
 ];
 
 pub(super) struct Scale<'a> {
-    lab: &'a ExperimentContext,
-    cells: Vec<Measured<'a>>,
+    context: &'a ExperimentContext,
+    trials: Vec<Measured<'a>>,
 }
 
 impl<'a> Scale<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
-        let cell = |factor: f32| {
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
+        let trial = |factor: f32| {
             let frames = Arc::new(Scaled {
-                frames: lab.frames.clone(),
+                frames: context.frames.clone(),
                 factor,
             });
-            Measured::new(lab, format!("scale-{factor}"))
+            Measured::new(context, format!("scale-{factor}"))
                 .methods(&METHODS)
-                .on(format!("{} x {factor}", lab.dataset), frames)
+                .on(format!("{} x {factor}", context.dataset), frames)
         };
         Self {
-            lab,
-            cells: FACTORS.map(cell).into(),
+            context,
+            trials: FACTORS.map(trial).into(),
         }
     }
 }
 
 impl Study for Scale<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        self.cells.iter().map(|cell| cell as &dyn Trial).collect()
+    fn trials(&self) -> Vec<&dyn Trial> {
+        self.trials
+            .iter()
+            .map(|trial| trial as &dyn Trial)
+            .collect()
     }
 
     fn section(&self) -> Result<Section> {
         let mut section = Section::new("scale", "Errors against the scale of the depths");
         section.about.push(format!(
             "{} Sparse and true depths are multiplied by the factor; the image stays.",
-            self.lab.about()
+            self.context.about()
         ));
         let labels = FACTORS.map(|factor| (factor.to_string(), f64::from(factor)));
-        let (table, lines) = compare(Metric::Rel, &labels, "factor", &self.cells)?;
+        let (table, lines) = compare(Metric::Rel, &labels, "factor", &self.trials)?;
         section.findings.extend(table.verdict("lsdc"));
         let ours: Vec<f64> = table.rows.iter().filter_map(|row| row.values[0]).collect();
         let most = ours.iter().copied().fold(f64::MIN, f64::max);

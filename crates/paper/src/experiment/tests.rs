@@ -12,7 +12,7 @@ use lsdc_train::training::TrainConfig;
 use std::sync::Arc;
 
 /// Small rooms, and trainings of a few steps.
-pub(super) fn lab(folder: &Path) -> ExperimentContext {
+pub(super) fn context(folder: &Path) -> ExperimentContext {
     let config = RoomsConfig {
         train: 8,
         width: 64,
@@ -83,13 +83,13 @@ pub(super) fn go_on(_: Event<'_>) -> ControlFlow<()> {
 /// The sections of experiments that were broken off after some events, `more` events later every time.
 pub(super) fn interrupted(
     experiments: &[Experiment],
-    lab: &ExperimentContext,
+    context: &ExperimentContext,
     more: usize,
 ) -> Vec<Section> {
     let mut stops = 0;
     loop {
         let mut left = more * (stops + 1);
-        let found = run(experiments, lab, |_| {
+        let found = run(experiments, context, |_| {
             left -= 1;
             if left == 0 {
                 ControlFlow::Break(())
@@ -109,11 +109,11 @@ pub(super) fn interrupted(
 fn an_interrupted_experiment_ends_with_the_same_bits() {
     let experiments = [Experiment::Ablation, Experiment::Benchmark];
     let whole = tempfile::tempdir().unwrap();
-    let sections = run(&experiments, &lab(whole.path()), go_on)
+    let sections = run(&experiments, &context(whole.path()), go_on)
         .unwrap()
         .unwrap();
     let torn = tempfile::tempdir().unwrap();
-    let again = interrupted(&experiments, &lab(torn.path()), 7);
+    let again = interrupted(&experiments, &context(torn.path()), 7);
     assert_eq!(sections, again);
     for name in [
         "ablation.json",
@@ -129,7 +129,7 @@ fn an_interrupted_experiment_ends_with_the_same_bits() {
 #[test]
 fn the_scale_of_the_depths_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let sections = run(&[Experiment::Scale], &lab(folder.path()), go_on);
+    let sections = run(&[Experiment::Scale], &context(folder.path()), go_on);
     let table = &sections.unwrap().unwrap()[0].tables[0];
     let spread = |column: usize| {
         let values = table.rows.iter().filter_map(|row| row.values[column]);
@@ -145,11 +145,11 @@ fn the_scale_of_the_depths_changes_nothing() {
 #[test]
 fn a_folder_of_other_settings_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let first = lab(folder.path());
+    let first = context(folder.path());
     run(&[Experiment::Scale], &first, go_on).unwrap();
     let other = ExperimentContext {
         seeds: vec![1],
-        ..lab(folder.path())
+        ..context(folder.path())
     };
     assert!(run(&[Experiment::Scale], &other, go_on).is_err());
     // Every constant of the fit counts, and where the frames lie.
@@ -157,11 +157,11 @@ fn a_folder_of_other_settings_is_refused() {
     fit.joint.data *= 2.0;
     let refit = ExperimentContext {
         completer: first.completer.clone().with_fit(fit),
-        ..lab(folder.path())
+        ..context(folder.path())
     };
     let moved = ExperimentContext {
         place: serde_json::json!({ "folder": "/elsewhere" }),
-        ..lab(folder.path())
+        ..context(folder.path())
     };
     for (other, word) in [(refit, "fit.joint.data"), (moved, "place")] {
         let error = run(&[Experiment::Scale], &other, go_on).unwrap_err();
@@ -187,7 +187,7 @@ fn a_folder_of_other_settings_is_refused() {
         }
     })
     .unwrap();
-    let mut longer = lab(folder.path());
+    let mut longer = context(folder.path());
     longer.recipe.train.steps += 1;
     assert!(run(&[Experiment::Ablation], &longer, go_on).is_err());
     forget(folder.path()).unwrap();
@@ -197,7 +197,7 @@ fn a_folder_of_other_settings_is_refused() {
 #[test]
 fn experiments_without_their_data_say_so() {
     let folder = tempfile::tempdir().unwrap();
-    let sections = run(&[Experiment::Diode], &lab(folder.path()), go_on)
+    let sections = run(&[Experiment::Diode], &context(folder.path()), go_on)
         .unwrap()
         .unwrap();
     assert!(sections[0].tables.is_empty());
@@ -235,7 +235,7 @@ impl Dataset for Torn {
 #[test]
 fn frames_that_fail_are_named_once() {
     let folder = tempfile::tempdir().unwrap();
-    let whole = lab(folder.path());
+    let whole = context(folder.path());
     let config = RoomsConfig {
         width: 64,
         height: 48,
@@ -243,11 +243,11 @@ fn frames_that_fail_are_named_once() {
     };
     let frames = Torn(Rooms::new(Split::Val, &config).unwrap());
     let name = frames.id(1).clone();
-    let lab = ExperimentContext {
+    let context = ExperimentContext {
         frames: Arc::new(frames),
         ..whole
     };
-    let sections = run(&[Experiment::Scale], &lab, go_on).unwrap().unwrap();
+    let sections = run(&[Experiment::Scale], &context, go_on).unwrap().unwrap();
     let failed = &sections[0].failures;
     assert_eq!(failed.len(), 1, "{failed:?}");
     assert_eq!((&failed[0].frame, &*failed[0].error), (&name, "torn"));

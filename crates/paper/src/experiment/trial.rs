@@ -44,7 +44,7 @@ pub(super) trait Trial {
 /// An experiment whose parts are known.
 pub(super) trait Study {
     /// The parts.
-    fn cells(&self) -> Vec<&dyn Trial>;
+    fn trials(&self) -> Vec<&dyn Trial>;
 
     /// What was found, once all parts are done.
     fn section(&self) -> Result<Section>;
@@ -52,7 +52,7 @@ pub(super) trait Study {
 
 /// Methods measured on frames.
 pub(super) struct Measured<'a> {
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
     name: String,
     dataset: String,
     frames: Arc<dyn Dataset>,
@@ -69,20 +69,20 @@ pub(super) struct Measured<'a> {
 }
 
 impl<'a> Measured<'a> {
-    /// `lsdc` on the frames, protocol and points of the lab.
-    pub(super) fn new(lab: &'a ExperimentContext, name: impl Into<String>) -> Self {
+    /// `lsdc` on the frames, protocol and points of the context.
+    pub(super) fn new(context: &'a ExperimentContext, name: impl Into<String>) -> Self {
         Self {
-            lab,
+            context,
             name: name.into(),
-            dataset: lab.dataset.clone(),
-            frames: lab.frames.clone(),
-            completer: lab.completer.clone(),
-            weights: lab.weights.clone(),
+            dataset: context.dataset.clone(),
+            frames: context.frames.clone(),
+            completer: context.completer.clone(),
+            weights: context.weights.clone(),
             guides: None,
             candidates: vec![("lsdc".to_owned(), Candidate::Method(Method::Lsdc))],
-            followed: format!("{}: {}", lab.preset.name, lab.preset.source),
-            protocol: lab.preset.protocol,
-            points: lab.preset.points.clone(),
+            followed: format!("{}: {}", context.preset.name, context.preset.source),
+            protocol: context.preset.protocol,
+            points: context.preset.points.clone(),
             noise: None,
             uncertainty: false,
         }
@@ -164,7 +164,7 @@ impl<'a> Measured<'a> {
         })
     }
 
-    /// Another network than that of the lab.
+    /// Another network than that of the context.
     pub(super) fn completer(mut self, completer: Completer, weights: String) -> Self {
         (self.completer, self.weights) = (completer, weights);
         self
@@ -180,11 +180,11 @@ impl<'a> Measured<'a> {
             points: self.points.clone(),
             hold_out: None,
             noise: self.noise,
-            seeds: self.lab.seeds.clone(),
-            rules: self.lab.rules,
+            seeds: self.context.seeds.clone(),
+            rules: self.context.rules,
             uncertainty: self.uncertainty,
             sigma_cut: None,
-            limit: self.lab.limit,
+            limit: self.context.limit,
         }
     }
 
@@ -195,8 +195,8 @@ impl<'a> Measured<'a> {
     }
 
     fn journal(&self, heading: &Heading) -> Result<Journal> {
-        let path = self.lab.cell(&self.name, "jsonl");
-        Journal::open(&path, heading, &self.lab.place)
+        let path = self.context.trial(&self.name, "jsonl");
+        Journal::open(&path, heading, &self.context.place)
     }
 
     fn go_on(&self, progress: &mut Progress<'_>) -> Result<Report> {
@@ -281,7 +281,7 @@ impl Trial for Measured<'_> {
 
 /// A network trained and then measured.
 pub(super) struct Trained<'a> {
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
     name: String,
     pub(super) network: NetworkConfig,
     frames: Arc<dyn Dataset>,
@@ -295,13 +295,13 @@ const FRAME: f64 = 0.2;
 
 impl<'a> Trained<'a> {
     pub(super) fn new(
-        lab: &'a ExperimentContext,
+        context: &'a ExperimentContext,
         name: impl Into<String>,
         network: NetworkConfig,
         frames: Arc<dyn Dataset>,
     ) -> Self {
         Self {
-            lab,
+            context,
             name: name.into(),
             network,
             frames,
@@ -310,7 +310,7 @@ impl<'a> Trained<'a> {
 
     /// The run's folder.
     pub(super) fn folder(&self) -> PathBuf {
-        self.lab.runs().join(&self.name)
+        self.context.runs().join(&self.name)
     }
 
     fn weights(&self) -> PathBuf {
@@ -321,16 +321,16 @@ impl<'a> Trained<'a> {
         let trainer = Trainer::new(
             &self.folder(),
             self.network.clone(),
-            self.lab.recipe.fit,
+            self.context.recipe.fit,
             self.config(),
             self.frames.clone(),
-            std::slice::from_ref(&self.lab.device.0),
+            std::slice::from_ref(&self.context.device.0),
         )?;
         train(&trainer, progress)
     }
 
     fn config(&self) -> TrainConfig {
-        let train = &self.lab.recipe.train;
+        let train = &self.context.recipe.train;
         TrainConfig {
             measure_every: train.steps.div_ceil(EPOCHS),
             // The plain fit: nothing is learned of weights.
@@ -345,7 +345,7 @@ impl<'a> Trained<'a> {
         let config = self.config();
         let start = config.start.as_deref();
         let start = start.map(|path| weights_hash(Some(path))).transpose()?;
-        let fit = &self.lab.recipe.fit;
+        let fit = &self.context.recipe.fit;
         let recipe = json!({
             "numerics": provenance::numerics(),
             "network": self.network,
@@ -354,7 +354,7 @@ impl<'a> Trained<'a> {
             "training": TrainConfig { start: None, ..config },
             "start": start,
             "frames": lsdc_eval::data::frames_record(&*self.frames),
-            "place": self.lab.place,
+            "place": self.context.place,
         });
         keep_to(&folder, &recipe)
     }
@@ -364,7 +364,7 @@ impl<'a> Trained<'a> {
         self.weights().exists()
     }
 
-    /// The trained network on the lab's frames.
+    /// The trained network on the context's frames.
     pub(super) fn measured(&self) -> Result<Measured<'a>> {
         self.measured_as(&self.name)
     }
@@ -372,9 +372,9 @@ impl<'a> Trained<'a> {
     /// The same under another name.
     pub(super) fn measured_as(&self, name: &str) -> Result<Measured<'a>> {
         let weights = self.weights();
-        let completer = open_completer(Some(&weights), &self.lab.device.0)?;
+        let completer = open_completer(Some(&weights), &self.context.device.0)?;
         let words = format!("trained, {}", weights_hash(Some(&weights))?);
-        Ok(Measured::new(self.lab, name).completer(completer, words))
+        Ok(Measured::new(self.context, name).completer(completer, words))
     }
 }
 
@@ -429,12 +429,12 @@ impl Trial for Trained<'_> {
     }
 
     fn run(&self, progress: &mut Progress<'_>) -> Result<()> {
-        let steps = self.lab.recipe.train.steps as f64;
+        let steps = self.context.recipe.train.steps as f64;
         let frames = self
-            .lab
+            .context
             .frames
             .len()
-            .min(self.lab.limit.unwrap_or(usize::MAX));
+            .min(self.context.limit.unwrap_or(usize::MAX));
         let measuring = FRAME * frames as f64;
         self.keep_to_recipe()?;
         if !self.weights().exists() {
@@ -455,7 +455,7 @@ impl Trial for Trained<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::tests::lab;
+    use crate::experiment::tests::context;
 
     #[test]
     fn weights_to_start_from_are_told_apart_by_their_contents() {
@@ -464,11 +464,11 @@ mod tests {
         std::fs::write(at("start"), b"one").unwrap();
         std::fs::write(at("copy"), b"one").unwrap();
         let kept = |start: &str| {
-            let mut lab = lab(folder.path());
-            lab.recipe.train.start = Some(at(start));
-            let frames = (lab.recipe.frames)().unwrap();
-            let network = lab.recipe.network.clone();
-            Trained::new(&lab, "a", network, frames).keep_to_recipe()
+            let mut context = context(folder.path());
+            context.recipe.train.start = Some(at(start));
+            let frames = (context.recipe.frames)().unwrap();
+            let network = context.recipe.network.clone();
+            Trained::new(&context, "a", network, frames).keep_to_recipe()
         };
         kept("start").unwrap();
         kept("copy").unwrap();

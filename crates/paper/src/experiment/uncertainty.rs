@@ -30,44 +30,44 @@ const PATTERNS: [Pattern; 18] = [
 ];
 
 pub(super) struct Uncertainty<'a> {
-    lab: &'a ExperimentContext,
-    cells: Vec<(String, Measured<'a>)>,
+    context: &'a ExperimentContext,
+    trials: Vec<(String, Measured<'a>)>,
 }
 
 impl<'a> Uncertainty<'a> {
-    pub(super) fn new(lab: &'a ExperimentContext) -> Self {
-        let cell = |pattern: Pattern| {
+    pub(super) fn new(context: &'a ExperimentContext) -> Self {
+        let trial = |pattern: Pattern| {
             let name = String::from(pattern.clone());
-            let cell = Measured::new(lab, format!("uncertainty-{}", name.replace(':', "-")))
+            let trial = Measured::new(context, format!("uncertainty-{}", name.replace(':', "-")))
                 .points(pattern)
                 .uncertainty();
-            (name, cell)
+            (name, trial)
         };
         Self {
-            lab,
-            cells: PATTERNS.map(cell).into(),
+            context,
+            trials: PATTERNS.map(trial).into(),
         }
     }
 }
 
 impl Study for Uncertainty<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        let cells = self.cells.iter();
-        cells.map(|(_, cell)| cell as &dyn Trial).collect()
+    fn trials(&self) -> Vec<&dyn Trial> {
+        let trials = self.trials.iter();
+        trials.map(|(_, trial)| trial as &dyn Trial).collect()
     }
 
     fn section(&self) -> Result<Section> {
         let mut section = Section::new("uncertainty", "Whether standard deviations hold");
-        section.about.push(self.lab.about());
+        section.about.push(self.context.about());
         let mut rows = Vec::new();
-        for (pattern, cell) in &self.cells {
-            let report = cell.report()?;
+        for (pattern, trial) in &self.trials {
+            let report = trial.report()?;
             let certainty = report.certainties().first().and_then(Option::as_ref);
             let certainty = certainty.ok_or_else(|| {
-                Error::config(format!("`{}` has no standard deviations", cell.name()))
+                Error::config(format!("`{}` has no standard deviations", trial.name()))
                     .hint("use weights with a prior")
             })?;
-            rows.push(row(pattern, cell.first()?[Metric::Rmse], certainty));
+            rows.push(row(pattern, trial.first()?[Metric::Rmse], certainty));
         }
         let number = |label: &str, unit, decimals, rising| Column {
             label: label.into(),

@@ -52,7 +52,6 @@ impl Trainer<BasisFunctions> {
         network.check()?;
         check_network(&network, &config)?;
         fit.check()?;
-        let encoder = encoder_of(&network)?;
         let normal = |input| Normalisation {
             input,
             ..Normalisation::default()
@@ -60,7 +59,7 @@ impl Trainer<BasisFunctions> {
         let subject = |normalisation: &Normalisation| {
             Ok(BasisFunctions {
                 imitated: imitated(&config, normalisation)?,
-                encoder: encoder.clone(),
+                encoder: encoder_of(&network)?,
                 network: network.clone(),
                 fit,
             })

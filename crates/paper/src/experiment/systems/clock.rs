@@ -1,4 +1,4 @@
-//! The cell that is timed: one of those that take part.
+//! The trial that is timed: one of those that take part.
 
 use super::entrants::{ComparedSystem, Field, OURS};
 use crate::experiment::cost::{SIZES, Subject, Timed};
@@ -41,7 +41,7 @@ impl<'a> Clock<'a> {
 
     fn timed(&self) -> Result<Option<Timed<'a>>> {
         let (label, subject) = match self.entrant() {
-            None => (OURS.to_owned(), Subject::Lab { full: false }),
+            None => (OURS.to_owned(), Subject::Ours { full: false }),
             Some(entrant) => {
                 let Some(predictor) = entrant.predictor()? else {
                     return Ok(None);
@@ -50,7 +50,7 @@ impl<'a> Clock<'a> {
             }
         };
         Ok(Some(Timed {
-            lab: self.field.lab,
+            context: self.field.context,
             name: self.name.clone(),
             label,
             subject,

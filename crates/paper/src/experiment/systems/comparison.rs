@@ -15,8 +15,8 @@ pub(in crate::experiment) struct Systems<'a> {
 }
 
 impl<'a> Systems<'a> {
-    pub(in crate::experiment) fn new(lab: &'a ExperimentContext) -> Result<Self> {
-        let field = Rc::new(Field::new(lab)?);
+    pub(in crate::experiment) fn new(context: &'a ExperimentContext) -> Result<Self> {
+        let field = Rc::new(Field::new(context)?);
         Ok(Self {
             conditions: Conditions::new(&field)?,
             clocks: Clock::all(&field),

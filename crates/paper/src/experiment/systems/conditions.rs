@@ -63,7 +63,7 @@ pub(super) struct Conditions<'a> {
 impl<'a> Conditions<'a> {
     pub(super) fn new(field: &Rc<Field<'a>>) -> Result<Self> {
         Ok(Self {
-            trained: Side::new(field, "500", "as trained", |cell| cell),
+            trained: Side::new(field, "500", "as trained", |trial| trial),
             counts: counts(field),
             others: [
                 patterns(field),
@@ -92,8 +92,8 @@ impl<'a> Conditions<'a> {
 fn counts<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
     let side = |count: usize| {
         let name = count.to_string();
-        Side::new(field, &name, &name, move |cell| {
-            cell.points(Pattern::Exactly(count))
+        Side::new(field, &name, &name, move |trial| {
+            trial.points(Pattern::Exactly(count))
         })
     };
     Group {
@@ -107,8 +107,8 @@ fn counts<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
 fn patterns<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
     let side = |pattern: Pattern| {
         let name = String::from(pattern.clone()).replace(':', "-");
-        Side::new(field, &name, pattern.to_string(), move |cell| {
-            cell.points(pattern.clone())
+        Side::new(field, &name, pattern.to_string(), move |trial| {
+            trial.points(pattern.clone())
         })
     };
     Group {
@@ -120,15 +120,15 @@ fn patterns<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
 }
 
 fn scales<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
-    let lab = field.lab;
+    let context = field.context;
     let side = |factor: f32| {
         let name = format!("x{factor}");
-        Side::new(field, &name, factor.to_string(), move |cell| {
+        Side::new(field, &name, factor.to_string(), move |trial| {
             let frames = Scaled {
-                frames: lab.frames.clone(),
+                frames: context.frames.clone(),
                 factor,
             };
-            cell.on(format!("{} x {factor}", lab.dataset), Arc::new(frames))
+            trial.on(format!("{} x {factor}", context.dataset), Arc::new(frames))
         })
     };
     Group {
@@ -141,7 +141,7 @@ fn scales<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
 
 fn noises<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
     let side = |(label, name, noise): (&str, &str, Noise)| {
-        Side::new(field, name, label, move |cell| cell.noise(Some(noise)))
+        Side::new(field, name, label, move |trial| trial.noise(Some(noise)))
     };
     Group {
         title: "Wrong points",
@@ -152,15 +152,17 @@ fn noises<'a>(field: &Rc<Field<'a>>) -> Group<'a> {
 }
 
 fn cameras<'a>(field: &Rc<Field<'a>>) -> Result<Group<'a>> {
-    let lab = field.lab;
-    let mut sides = vec![Side::new(field, "narrow", "half the view", move |cell| {
-        let frames = Narrow(lab.frames.clone());
-        cell.on(format!("{}, the middle", lab.dataset), Arc::new(frames))
+    let context = field.context;
+    let mut sides = vec![Side::new(field, "narrow", "half the view", move |trial| {
+        let frames = Narrow(context.frames.clone());
+        trial.on(format!("{}, the middle", context.dataset), Arc::new(frames))
     })];
-    if let Some(diode) = &lab.diode {
+    if let Some(diode) = &context.diode {
         let preset = Preset::named("diode-masked")?;
-        sides.push(Side::new(field, "diode", "DIODE", move |cell| {
-            cell.on("diode val".into(), diode.clone()).protocol(&preset)
+        sides.push(Side::new(field, "diode", "DIODE", move |trial| {
+            trial
+                .on("diode val".into(), diode.clone())
+                .protocol(&preset)
         }));
     }
     Ok(Group {
@@ -172,9 +174,10 @@ fn cameras<'a>(field: &Rc<Field<'a>>) -> Result<Group<'a>> {
 }
 
 fn sharp<'a>(field: &Rc<Field<'a>>) -> Side<'a> {
-    let lab = field.lab;
-    let side = Side::new(field, "sharp", "", move |cell| {
-        cell.resized(resolution::protocol(lab), "of the experiment")
+    let context = field.context;
+    let side = Side::new(field, "sharp", "", move |trial| {
+        trial
+            .resized(resolution::protocol(context), "of the experiment")
             .points(Pattern::Exactly(resolution::POINTS))
     });
     side.sharp()

@@ -23,14 +23,14 @@ impl ComparedSystem<'_> {
     pub(super) fn name(&self) -> &str {
         match self {
             Self::Given(name, _) => name,
-            Self::Trained(cell) => &cell.recipe.name,
+            Self::Trained(trial) => &trial.recipe.name,
         }
     }
 
     pub(super) fn config(&self) -> &SystemConfig {
         match self {
             Self::Given(_, predictor) => &predictor.trained().config,
-            Self::Trained(cell) => &cell.recipe.system,
+            Self::Trained(trial) => &trial.recipe.system,
         }
     }
 
@@ -38,14 +38,14 @@ impl ComparedSystem<'_> {
     pub(super) fn predictor(&self) -> Result<Option<Predictor>> {
         match self {
             Self::Given(_, predictor) => Ok(Some(predictor.clone())),
-            Self::Trained(cell) => cell.predictor(),
+            Self::Trained(trial) => trial.predictor(),
         }
     }
 
     /// How it was trained, in words.
     pub(super) fn training(&self) -> String {
         match self {
-            Self::Trained(cell) => cell.budget().to_string(),
+            Self::Trained(trial) => trial.budget().to_string(),
             Self::Given(_, predictor) => match Budget::told_by(predictor) {
                 Some(budget) => format!("given, {budget}"),
                 None => "given, trained elsewhere".to_owned(),
@@ -62,33 +62,33 @@ impl ComparedSystem<'_> {
 
 /// All that take part, and our network with the same training.
 pub(super) struct Field<'a> {
-    pub(super) lab: &'a ExperimentContext,
+    pub(super) context: &'a ExperimentContext,
     pub(super) entrants: Vec<ComparedSystem<'a>>,
     pub(super) same: Option<Trained<'a>>,
 }
 
 impl<'a> Field<'a> {
     /// The systems that were given, or those that the recipe names, with our network trained alike.
-    pub(super) fn new(lab: &'a ExperimentContext) -> Result<Self> {
-        if !lab.systems.is_empty() {
-            let given = lab.systems.iter().cloned();
+    pub(super) fn new(context: &'a ExperimentContext) -> Result<Self> {
+        if !context.systems.is_empty() {
+            let given = context.systems.iter().cloned();
             return Ok(Self {
-                lab,
+                context,
                 entrants: given
                     .map(|(name, predictor)| ComparedSystem::Given(name, predictor))
                     .collect(),
                 same: None,
             });
         }
-        let frames = (lab.recipe.frames)()?;
-        let recipes = lab.recipe.systems.iter();
-        let trained = recipes.map(|recipe| TrainedSystem::new(lab, recipe, frames.clone()));
+        let frames = (context.recipe.frames)()?;
+        let recipes = context.recipe.systems.iter();
+        let trained = recipes.map(|recipe| TrainedSystem::new(context, recipe, frames.clone()));
         let entrants = trained.map(ComparedSystem::Trained).collect();
-        let network = lab.recipe.network.clone();
+        let network = context.recipe.network.clone();
         Ok(Self {
-            lab,
+            context,
             entrants,
-            same: Some(Trained::new(lab, "systems-lsdc", network, frames)),
+            same: Some(Trained::new(context, "systems-lsdc", network, frames)),
         })
     }
 

@@ -23,17 +23,17 @@ use lsdc_eval::report::Section;
 use lsdc_files::error::Result;
 
 impl Study for Systems<'_> {
-    fn cells(&self) -> Vec<&dyn Trial> {
-        let mut cells: Vec<&dyn Trial> = Vec::new();
+    fn trials(&self) -> Vec<&dyn Trial> {
+        let mut trials: Vec<&dyn Trial> = Vec::new();
         for entrant in &self.field.entrants {
-            if let ComparedSystem::Trained(cell) = entrant {
-                cells.push(cell);
+            if let ComparedSystem::Trained(trial) = entrant {
+                trials.push(trial);
             }
         }
-        cells.extend(self.field.same.as_ref().map(|same| same as &dyn Trial));
-        cells.extend(self.conditions.sides().map(|side| side as &dyn Trial));
-        cells.extend(self.clocks.iter().map(|clock| clock as &dyn Trial));
-        cells
+        trials.extend(self.field.same.as_ref().map(|same| same as &dyn Trial));
+        trials.extend(self.conditions.sides().map(|side| side as &dyn Trial));
+        trials.extend(self.clocks.iter().map(|clock| clock as &dyn Trial));
+        trials
     }
 
     fn section(&self) -> Result<Section> {

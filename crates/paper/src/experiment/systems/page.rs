@@ -17,7 +17,7 @@ pub(super) fn section(systems: &Systems<'_>) -> Result<Section> {
 
     let (field, conditions) = (&systems.field, &systems.conditions);
     let means = conditions.trained.means()?;
-    let table = tables::as_trained(&field.lab.preset.points, &means);
+    let table = tables::as_trained(&field.context.preset.points, &means);
     section.judge(table, OURS);
     let entrants = field.entrants.iter();
     section
@@ -43,8 +43,8 @@ pub(super) fn section(systems: &Systems<'_>) -> Result<Section> {
 
 /// Who was trained how, and what all have in common.
 fn about(systems: &Systems<'_>) -> Vec<String> {
-    let lab = systems.field.lab;
-    let mut about = vec![format!("{} {}.", lab.about(), lab.preset.points)];
+    let context = systems.field.context;
+    let mut about = vec![format!("{} {}.", context.about(), context.preset.points)];
     for entrant in &systems.field.entrants {
         let here = match entrant {
             ComparedSystem::Given(..) => "",
@@ -65,7 +65,7 @@ fn about(systems: &Systems<'_>) -> Vec<String> {
         about.push(format!(
             "{SAME}: the network of the recipe, trained from random weights for {} as well, with \
              the plain fit. `lsdc` itself has the weights named above, which were trained for longer.",
-            Budget::of(&lab.recipe.train)
+            Budget::of(&context.recipe.train)
         ));
     }
     about.push(

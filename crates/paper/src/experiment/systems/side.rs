@@ -1,4 +1,4 @@
-//! The cell that is measured: all that take part, side by side under one condition.
+//! The trial that is measured: all that take part, side by side under one condition.
 
 use super::entrants::{Field, SAME};
 use crate::experiment::resolution::{SMALL, enlarged};
@@ -16,7 +16,7 @@ const UNTRAINED: [Method; 2] = [
     Method::Classic(Classic::Linear),
 ];
 
-/// How a condition differs from the protocol of the lab.
+/// How a condition differs from the protocol of the context.
 type Change<'a> = Box<dyn Fn(Measured<'a>) -> Measured<'a> + 'a>;
 
 /// All of them under one condition, once they are trained.
@@ -73,14 +73,14 @@ impl<'a> Side<'a> {
         let candidates = std::iter::once(self.method(Method::Lsdc))
             .chain(systems)
             .chain(UNTRAINED.map(|method| self.method(method)));
-        let all = Measured::new(self.field.lab, &self.name).candidates(candidates.collect());
+        let all = Measured::new(self.field.context, &self.name).candidates(candidates.collect());
         let mut parts = vec![(self.change)(all)];
         if let Some(same) = &self.field.same {
             let (_, own) = self.method(Method::Lsdc);
-            let cell = same
+            let trial = same
                 .measured_as(&format!("{}-same", self.name))?
                 .candidates(vec![(SAME.to_owned(), own)]);
-            parts.push((self.change)(cell));
+            parts.push((self.change)(trial));
         }
         Ok(parts)
     }

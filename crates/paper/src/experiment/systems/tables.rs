@@ -120,7 +120,7 @@ fn cost_of(systems: &Systems<'_>, clock: &Clock<'_>) -> Result<Row> {
     let device = Device::flex();
     let (label, parameters, never_run) = match clock.entrant() {
         None => {
-            let net = systems.field.lab.network.init(0, &device)?;
+            let net = systems.field.context.network.init(0, &device)?;
             (OURS, parameter_count(&net), 0)
         }
         Some(entrant) => {

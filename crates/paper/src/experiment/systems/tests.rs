@@ -1,4 +1,4 @@
-use crate::experiment::tests::{go_on, interrupted, lab};
+use crate::experiment::tests::{context, go_on, interrupted};
 use crate::experiment::{Experiment, SystemRecipe, run};
 use crate::systems::SystemConfig;
 use lsdc_train::training::{LossConfig, TrainConfig};
@@ -32,7 +32,7 @@ pub(in crate::experiment) fn recipes(train: &TrainConfig) -> Vec<SystemRecipe> {
 fn systems_are_trained_and_measured_alike_interrupted_or_not() {
     let whole = tempfile::tempdir().unwrap();
     let experiments = [Experiment::Systems];
-    let sections = run(&experiments, &lab(whole.path()), go_on);
+    let sections = run(&experiments, &context(whole.path()), go_on);
     let sections = sections.unwrap().unwrap();
     let table = &sections[0].tables[0];
     let labels: Vec<&str> = table.rows.iter().map(|row| row.label.as_str()).collect();
@@ -69,7 +69,7 @@ fn systems_are_trained_and_measured_alike_interrupted_or_not() {
     assert!((of(0, 2) / of(1, 2) - 1.0).abs() > 1e-2);
 
     let torn = tempfile::tempdir().unwrap();
-    let again = interrupted(&experiments, &lab(torn.path()), 20);
+    let again = interrupted(&experiments, &context(torn.path()), 20);
     let (last, first) = (again[0].tables.len() - 1, &sections[0]);
     // Times differ.
     assert_eq!(first.tables[..last], again[0].tables[..last]);

@@ -44,7 +44,7 @@ impl Display for Budget {
 
 /// A system trained by the experiment.
 pub(super) struct TrainedSystem<'a> {
-    lab: &'a ExperimentContext,
+    context: &'a ExperimentContext,
     pub(super) recipe: &'a SystemRecipe,
     name: String,
     frames: Arc<dyn Dataset>,
@@ -52,12 +52,12 @@ pub(super) struct TrainedSystem<'a> {
 
 impl<'a> TrainedSystem<'a> {
     pub(super) fn new(
-        lab: &'a ExperimentContext,
+        context: &'a ExperimentContext,
         recipe: &'a SystemRecipe,
         frames: Arc<dyn Dataset>,
     ) -> Self {
         Self {
-            lab,
+            context,
             recipe,
             name: format!("systems-{}", recipe.name),
             frames,
@@ -74,11 +74,11 @@ impl<'a> TrainedSystem<'a> {
         if !weights.exists() {
             return Ok(None);
         }
-        Predictor::open(&weights, &self.lab.device.0).map(Some)
+        Predictor::open(&weights, &self.context.device.0).map(Some)
     }
 
     fn folder(&self) -> PathBuf {
-        self.lab.runs().join(&self.name)
+        self.context.runs().join(&self.name)
     }
 
     fn weights(&self) -> PathBuf {
@@ -93,7 +93,7 @@ impl<'a> TrainedSystem<'a> {
                 "system": self.recipe.system,
                 "training": self.recipe.train,
                 "frames": lsdc_eval::data::frames_record(&*self.frames),
-                "place": self.lab.place,
+                "place": self.context.place,
             }),
         )
     }
@@ -124,7 +124,7 @@ impl Trial for TrainedSystem<'_> {
             recipe.system.clone(),
             recipe.train.clone(),
             self.frames.clone(),
-            std::slice::from_ref(&self.lab.device.0),
+            std::slice::from_ref(&self.context.device.0),
         )?;
         let outcome = train(&trainer, &mut |step| progress(step as f64 / steps))?;
         if outcome == Outcome::Finished {
