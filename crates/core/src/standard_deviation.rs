@@ -77,24 +77,24 @@ impl Completion {
         let Some(knot) = self.error_model() else {
             return self.normal_deviations(size);
         };
-        let (clues, from) = self.clues()?;
+        let (features, from) = self.features()?;
         let unit = student_t::bound(ONE_DEVIATION, knot.freedom) * self.mean_depth();
-        let scales: Vec<f64> = clues
+        let scales: Vec<f64> = features
             .par_iter()
-            .map(|clues| unit * knot.scale(clues))
+            .map(|features| unit * knot.scale(features))
             .collect();
         let mut values = vec![0.0; size.0 * size.1];
         Smooth::new(from, &scales).add_to(size, &mut values);
         Ok(values)
     }
 
-    /// The clues of each block of pixels of the field of a joint fit, and how many blocks there are above each other and
+    /// The features of each block of pixels of the field of a joint fit, and how many blocks there are above each other and
     /// side by side.
     ///
     /// # Errors
     /// A fit without a field, or too few observations.
     #[doc(hidden)]
-    pub fn clues(&self) -> Result<(Vec<PixelFeatures>, (usize, usize))> {
+    pub fn features(&self) -> Result<(Vec<PixelFeatures>, (usize, usize))> {
         /// Standard deviation of the window of affinities, as a share of the root of the number of blocks.
         const WINDOW: f64 = 1.0 / 64.0;
         /// Less than these tell no more: relief and noise over the mean depth, and the variance that weights add.
@@ -126,13 +126,13 @@ impl Completion {
         let area = (scene.width() * scene.height()) as f64;
         let spacing = (area / self.usable().places.len() as f64).sqrt();
         let blocks = (0..height * width).into_par_iter();
-        let clues = blocks.map_init(Vec::new, |nearest, block| {
+        let features = blocks.map_init(Vec::new, |nearest, block| {
             let (x, y) = ((block % width) as f64 + 0.5, (block / width) as f64 + 0.5);
             let place = [x * right - 0.5, y * down - 0.5];
             let local = noise.at(x * right, y * down).sqrt() / whole;
             near.find(place, 1, nearest);
             let away = nearest[0].0.sqrt() / spacing;
-            let clues: PixelFeatures = [
+            let features: PixelFeatures = [
                 1.0,
                 level,
                 0.5 * log(variances.field[block].max(LEAST_FIELD)),
@@ -143,9 +143,9 @@ impl Completion {
                 edges[block] as f32,
                 log(away + CLOSE),
             ];
-            clues
+            features
         });
-        Ok((clues.collect(), size))
+        Ok((features.collect(), size))
     }
 
     /// The mean depth of each block, and how much the depth differs in it and the eight around it, in metres.

@@ -75,8 +75,9 @@ pub(super) fn run(args: &Bench) -> Result<Exit> {
         #[cfg(feature = "train")]
         return training::run(args);
         #[cfg(not(feature = "train"))]
-        return Err(Error::config("this build cannot train")
-            .hint("it was built without the feature `train`; `cargo install --path .` installs one with it"));
+        return Err(super::network::needs_training(Error::config(
+            "this build cannot train",
+        )));
     }
     let outcome = complete(args, size(args, 640, 480))?;
     let mut lines = vec![work(

@@ -6,6 +6,6 @@ mod prepared;
 mod trainable;
 
 #[cfg(not(feature = "train"))]
-pub(super) use prepared::{open_completer, open_system, system_candidates};
+pub(super) use prepared::{needs_training, open_completer, open_system, system_candidates};
 #[cfg(feature = "train")]
 pub(super) use trainable::{open_completer, open_system, system_candidates, systems};

@@ -61,7 +61,14 @@ pub(in crate::cli) fn system_candidates(
 }
 
 fn missing(what: &str) -> Error {
-    Error::config(format!("this build cannot use the system `{what}`")).hint(
+    needs_training(Error::config(format!(
+        "this build cannot use the system `{what}`"
+    )))
+}
+
+/// Adds how to get a build with training and systems.
+pub(in crate::cli) fn needs_training(error: Error) -> Error {
+    error.hint(
         "it was built without the feature `train`; `cargo install --path .` installs one with it",
     )
 }

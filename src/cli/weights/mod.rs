@@ -84,11 +84,10 @@ pub(super) fn info(file: Option<&Path>, as_json: bool) -> Result<()> {
         #[cfg(feature = "train")]
         return system::info(path, as_json);
         #[cfg(not(feature = "train"))]
-        return Err(Error::weights(format!(
+        return Err(super::network::needs_training(Error::weights(format!(
             "`{}` holds a system that this build cannot use",
             path.display()
-        ))
-        .hint("it was built without the feature `train`; `cargo install --path .` installs one with it"));
+        ))));
     }
     let weights = open_weights(file)?;
     let fit = weights.fit()?.unwrap_or_default();

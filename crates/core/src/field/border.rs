@@ -78,13 +78,13 @@ impl Border {
             for rows in &tiles {
                 of_tiles[rows.tile] = Some(rows);
             }
-            let climb = Ancestors {
+            let ancestors = Ancestors {
                 factor,
                 of_tiles,
                 on_lines,
                 turns: &turns,
             };
-            climb.line(root, &mut lines, 0);
+            ancestors.line(root, &mut lines, 0);
         }
         Self {
             order,

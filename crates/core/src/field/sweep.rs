@@ -30,7 +30,7 @@ impl Factor {
         self.scatter(&swept, values);
         if let Half::Line(root) = plan.root {
             let mut packed = self.packed(values);
-            self.climb(root, &mut packed, 0, &swept);
+            self.up_the_tree(root, &mut packed, 0, &swept);
             self.unpack(&packed, values);
         }
     }
@@ -109,7 +109,7 @@ impl Factor {
 
     /// Substitutes forward up to a line, and returns what that adds to the variables that it keeps. `packed`
     /// holds the values of its lines from `base` on.
-    fn climb<const B: usize>(
+    fn up_the_tree<const B: usize>(
         &self,
         at: usize,
         packed: &mut [Row<B>],
@@ -126,13 +126,13 @@ impl Factor {
             let (first, second) = below.split_at_mut(split);
             let (one, two) = both(
                 line.tiles > FORK,
-                || self.climb(one, first, base, swept),
-                || self.climb(two, second, base + split, swept),
+                || self.up_the_tree(one, first, base, swept),
+                || self.up_the_tree(two, second, base + split, swept),
             );
             [one, two]
         } else {
             line.halves.map(|half| match half {
-                Half::Line(half) => self.climb(half, below, base, swept),
+                Half::Line(half) => self.up_the_tree(half, below, base, swept),
                 Half::Tile(tile) => {
                     let tile = &plan.tiles[tile];
                     let program = &plan.programs[plan.batches[tile.batch].program];

@@ -1,9 +1,9 @@
 //! How the errors of completed depth are distributed, given what is known of each pixel.
 //!
 //! The error of a pixel divided by its scale follows Student's t distribution: errors are small at most pixels and
-//! large at a few, where an edge was missed. The logarithm of the scale is a sum of [clues](Clues) of the pixel,
+//! large at a few, where an edge was missed. The logarithm of the scale is a sum of [features](PixelFeatures) of the pixel,
 //! each multiplied by an exponent. The posterior variance of the fit, which supposes that depth steps are normal
-//! and affinities right, is a clue, not the answer.
+//! and affinities right, is a feature, not the answer.
 
 use super::student_t;
 use crate::error::WeightsError;
@@ -11,7 +11,7 @@ use faer::linalg::solvers::Solve as _;
 use faer::{Mat, Side};
 use serde::{Deserialize, Serialize};
 
-/// The number of clues of a pixel.
+/// The number of features of a pixel.
 pub const PIXEL_FEATURES: usize = 9;
 
 /// What is known of a pixel, all as logarithms of ratios, so that scaling all depths changes none:
@@ -44,7 +44,7 @@ pub struct CalibrationNode {
     pub points: f64,
     /// The degrees of freedom of Student's t: the fewer, the heavier the tails.
     pub freedom: f64,
-    /// The exponent of each clue.
+    /// The exponent of each feature.
     pub exponents: [f64; PIXEL_FEATURES],
 }
 
@@ -104,14 +104,14 @@ impl CalibrationNode {
     const MOST: f64 = 200.0;
 
     /// The scale of the error of a pixel, in units of the mean depth.
-    pub fn scale(&self, clues: &PixelFeatures) -> f64 {
-        self.log_scale(clues).exp()
+    pub fn scale(&self, features: &PixelFeatures) -> f64 {
+        self.log_scale(features).exp()
     }
 
-    fn log_scale(&self, clues: &PixelFeatures) -> f64 {
-        let pairs = clues.iter().zip(&self.exponents);
+    fn log_scale(&self, features: &PixelFeatures) -> f64 {
+        let pairs = features.iter().zip(&self.exponents);
         pairs
-            .map(|(clue, exponent)| f64::from(*clue) * exponent)
+            .map(|(feature, exponent)| f64::from(*feature) * exponent)
             .sum()
     }
 
@@ -120,13 +120,13 @@ impl CalibrationNode {
     /// `None` for too few samples.
     pub fn learn(points: f64, samples: &[Sample]) -> Option<Self> {
         const ROUNDS: usize = 40;
-        /// Relative to the number of samples, so that a clue that never varies has no exponent.
+        /// Relative to the number of samples, so that a feature that never varies has no exponent.
         const RIDGE: f64 = 1e-4;
         let mut normal = Mat::<f64>::zeros(PIXEL_FEATURES, PIXEL_FEATURES);
-        for (clues, _) in samples {
+        for (features, _) in samples {
             for i in 0..PIXEL_FEATURES {
                 for j in 0..PIXEL_FEATURES {
-                    normal[(i, j)] += f64::from(clues[i]) * f64::from(clues[j]);
+                    normal[(i, j)] += f64::from(features[i]) * f64::from(features[j]);
                 }
             }
         }
@@ -147,11 +147,11 @@ impl CalibrationNode {
             let freedom = found.freedom;
             let step = (freedom + 3.0) / (2.0 * freedom);
             let mut right = Mat::<f64>::zeros(PIXEL_FEATURES, 1);
-            for (clues, error) in samples {
-                let square = found.square(clues, *error);
+            for (features, error) in samples {
+                let square = found.square(features, *error);
                 let slope = (freedom + 1.0) * square / (freedom + square) - 1.0;
                 for i in 0..PIXEL_FEATURES {
-                    right[(i, 0)] += step * slope * f64::from(clues[i]);
+                    right[(i, 0)] += step * slope * f64::from(features[i]);
                 }
             }
             for i in 0..PIXEL_FEATURES {
@@ -172,8 +172,8 @@ impl CalibrationNode {
     }
 
     /// The squared error in units of the squared scale.
-    fn square(&self, clues: &PixelFeatures, error: f32) -> f64 {
-        (f64::from(error) * (-self.log_scale(clues)).exp()).powi(2)
+    fn square(&self, features: &PixelFeatures, error: f32) -> f64 {
+        (f64::from(error) * (-self.log_scale(features)).exp()).powi(2)
     }
 
     fn likeliest_freedom(&self, samples: &[Sample]) -> f64 {
@@ -225,14 +225,14 @@ mod tests {
         let truth = knot(50.0, 4.0, -2.0);
         let samples: Vec<Sample> = (0..40_000)
             .map(|_| {
-                let mut clues = [0.0_f32; PIXEL_FEATURES];
-                for clue in &mut clues {
-                    *clue = rng.normal();
+                let mut features = [0.0_f32; PIXEL_FEATURES];
+                for feature in &mut features {
+                    *feature = rng.normal();
                 }
-                clues[0] = 1.0;
+                features[0] = 1.0;
                 let chi: f64 = (0..4).map(|_| f64::from(rng.normal()).powi(2)).sum();
                 let t = f64::from(rng.normal()) * (4.0 / chi).sqrt();
-                (clues, (t * truth.scale(&clues)) as f32)
+                (features, (t * truth.scale(&features)) as f32)
             })
             .collect();
         let found = CalibrationNode::learn(50.0, &samples).unwrap();

@@ -190,7 +190,7 @@ impl Fit {
         self.field.as_ref().map(of).transpose()
     }
 
-    /// The same, but roughly, at blocks of pixels and of few points without what cosines add: clues in a fraction of the time.
+    /// The same, but roughly, at blocks of pixels and of few points without what cosines add: features in a fraction of the time.
     ///
     /// # Errors
     /// Equations that are not positive definite.

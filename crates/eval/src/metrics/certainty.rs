@@ -14,7 +14,7 @@ pub const LEVELS: [f64; 2] = [0.6827, 0.9545];
 
 /// Degrees of freedom with which Student's t is normal.
 const NORMAL: f64 = 1e6;
-/// Parts of a unit that surprise is counted in.
+/// Parts of a unit that the negative log likelihood is counted in.
 const PARTS: f64 = 1e6;
 /// A standard deviation of less, in metres, is taken to be this in logarithms.
 const LEAST: f64 = 1e-6;

@@ -26,8 +26,8 @@ pub(super) fn steps(edges: &Tensor<4>, depths: &Tensor<3>) -> Tensor<1> {
         let level = (here.clone() + next.clone()).clamp_min(1e-3) / 2.0;
         let step = ((next - here).abs() - QUANTUM).clamp_min(0.0) / level;
         let square = (step.square() + FLAT * FLAT) / (STEP * STEP);
-        let surprise = strength.clone() * square - strength.log();
-        sum = sum + (surprise * both.clone()).sum();
+        let neg_log_likelihood = strength.clone() * square - strength.log();
+        sum = sum + (neg_log_likelihood * both.clone()).sum();
         pairs = pairs + both.sum();
     }
     sum / pairs.clamp_min(1.0)

@@ -1,7 +1,7 @@
 //! What is learned about basis functions once they are trained: which weights are likely, and how
 //! far predictions are off.
 
-use super::error_calibration::{ErrorCalibration, foresight};
+use super::error_calibration::{ErrorCalibration, error_calibration};
 use super::{Scenes, TrainConfig};
 use crate::predict;
 use burn::tensor::Device;
@@ -171,7 +171,7 @@ pub fn calibrate(
     weights.record_fit(&fit);
     if fit.method == FitMethod::Joint {
         let scenes = Scenes::of(frames, config.scenes.as_deref())?;
-        let foresight = learn_errors(
+        let learned = learn_errors(
             weights,
             frames,
             &held_out,
@@ -180,7 +180,7 @@ pub fn calibrate(
             device,
             |_, _| {},
         )?;
-        return Ok(foresight.held);
+        return Ok(learned.held);
     }
     Ok(None)
 }
@@ -233,7 +233,7 @@ pub fn learn_errors(
         .hint("calibrate all, with `--fit joint`"));
     };
     let completer = completer.with_fit(fit);
-    let found = foresight(
+    let found = error_calibration(
         &completer,
         frames,
         which,

@@ -38,7 +38,7 @@ type Errors = [Vec<Sample>; KNOTS];
 ///
 /// # Errors
 /// Frames that cannot be read, or too few to learn from.
-pub(super) fn foresight(
+pub(super) fn error_calibration(
     completer: &Completer,
     frames: &dyn Dataset,
     which: &[usize],
@@ -83,8 +83,8 @@ pub(super) fn foresight(
         for (_, errors) in found.iter().filter(|(scene, _)| part(scene) == own) {
             for ((count, samples), knot) in counts.iter_mut().zip(errors).zip(&other.0) {
                 let bounds = lsdc_eval::metrics::LEVELS.map(|l| student_t::bound(l, knot.freedom));
-                for (clues, error) in samples {
-                    let ratio = f64::from(error.abs()) / knot.scale(clues);
+                for (features, error) in samples {
+                    let ratio = f64::from(error.abs()) / knot.scale(features);
                     count.0 += 1;
                     count.1 += usize::from(ratio < bounds[0]);
                     count.2 += usize::from(ratio < bounds[1]);
@@ -117,7 +117,7 @@ fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
                 points
             };
             let completion = scene.complete(&points)?;
-            let (clues, (height, width)) = completion.clues()?;
+            let (features, (height, width)) = completion.features()?;
             let mean = completion.mean_depth();
             let mut rng = Rng::stream(seed, &["errors", &frame.id, &number.to_string(), name]);
             let (rows, columns) = (frame.depth.height(), frame.depth.width());
@@ -131,17 +131,15 @@ fn errors(completer: &Completer, frame: &Frame, seed: u64) -> Result<Errors> {
                 let x = across(block % width, width, columns);
                 let y = across(block / width, height, rows);
                 if frame.depth.at(x, y) > 0.0 {
-                    known.push((clues[block], frame.depth.at(x, y)));
+                    known.push((features[block], frame.depth.at(x, y)));
                     places.push([x as f64, y as f64]);
                 }
             }
             let depths = completion.at(&places)?;
             let pairs = known.into_iter().zip(depths);
-            samples.extend(
-                pairs.map(|((clues, truth), depth)| {
-                    (clues, (f64::from(depth - truth) / mean) as f32)
-                }),
-            );
+            samples.extend(pairs.map(|((features, truth), depth)| {
+                (features, (f64::from(depth - truth) / mean) as f32)
+            }));
         }
     }
     Ok(found)

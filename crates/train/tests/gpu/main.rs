@@ -28,9 +28,10 @@ fn gpu() -> Option<Device> {
         let names = named.map_or(vec!["wgpu".into(), "wgpu:software".into()], |name| {
             vec![name]
         });
-        names
-            .iter()
-            .find_map(|name| lsdc_train::device::device(name).ok())
+        let device = lsdc_train::device::device;
+        let name = names.iter().find(|name| device(name).is_ok())?;
+        // A second time, as commands that open weights and systems do.
+        Some(device(name).unwrap())
     });
     if FOUND.is_none() {
         let required = std::env::var_os("LSDC_REQUIRE_GPU").is_some();

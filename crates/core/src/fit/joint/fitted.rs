@@ -238,7 +238,7 @@ impl FieldFit {
 }
 
 /// The numbers of pixels at which the variance that weights add is found: where it is asked for, and where it is one of
-/// several clues.
+/// several features.
 const FINE: usize = 1100;
 const ROUGH: usize = 300;
 
