@@ -1,7 +1,7 @@
 //! What the targets share.
 
-#[cfg(feature = "program")]
-use lsdc::data::{DataConfig, DatasetKind, Split};
+#[cfg(feature = "evaluation")]
+use lsdc_eval::data::{DataConfig, DatasetKind, Split};
 use lsdc_recordings::{Frames, Recording, Survey, Wanted};
 use std::path::Path;
 use std::sync::Once;
@@ -21,7 +21,7 @@ pub fn with_file(data: &[u8], name: &str, read: impl FnOnce(&Path)) {
 }
 
 /// Puts the bytes into a file of this name and reads the dataset around it.
-#[cfg(feature = "program")]
+#[cfg(feature = "evaluation")]
 pub fn with_dataset(data: &[u8], name: &str, kind: DatasetKind) {
     with_file(data, name, |path| {
         let levels = Path::new(name).components().count();
