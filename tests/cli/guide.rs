@@ -4,20 +4,36 @@ use super::*;
 use lsdc_eval::data::{Camera, read_rgb, write_depth_png, write_npy};
 use std::fmt::Write as _;
 
-/// Lines of the shell in the guide.
+/// The pages of the user guide whose commands are run here.
+const PAGES: [&str; 8] = [
+    "guide",
+    "phone",
+    "depth-camera",
+    "lidar",
+    "colmap",
+    "slam",
+    "prediction",
+    "formats",
+];
+
+/// The text of a page.
+fn page(name: &str) -> String {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs");
+    std::fs::read_to_string(docs.join(name).with_extension("md")).unwrap()
+}
+
+/// Lines of the shell in the pages.
 fn commands() -> Vec<String> {
-    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guide.md");
-    let guide = std::fs::read_to_string(guide).unwrap();
-    let blocks = guide.split("```sh\n").skip(1);
+    let pages = PAGES.map(page).join("\n");
+    let blocks = pages.split("```sh\n").skip(1);
     let lines = blocks.flat_map(|block| block.split("```").next().unwrap().lines());
     lines.map(str::to_owned).collect()
 }
 
-/// The camera file of the guide.
+/// The camera file of the page on formats.
 fn camera() -> String {
-    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guide.md");
-    let guide = std::fs::read_to_string(guide).unwrap();
-    let block = guide.split("```toml\n").nth(1).unwrap();
+    let formats = page("formats");
+    let block = formats.split("```toml\n").nth(1).unwrap();
     block.split("```").next().unwrap().to_owned()
 }
 
